@@ -64,9 +64,6 @@ def physics(task: rp.Task, *, servos: bool) -> mujoco.MjModel:
     """Make the MuJoCo model of a robot: masses and joints without shapes; joints outside the task
     are fixed."""
     robot = ElementTree.fromstring(task.robot.description.xml)
-    for link in robot.findall("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(shape)
     for joint in robot.findall("joint"):
         if joint.get("name") not in task.joint_names:
             joint.set("type", "fixed")

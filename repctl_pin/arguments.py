@@ -254,6 +254,33 @@ def as_matrices(
     return arrays
 
 
+def evaluated(
+    function: Callable[..., ArrayLike],
+    q: Array,
+    shape: tuple[int, ...],
+    what: str,
+    *more: Array,
+) -> Array:
+    """Call a user's function of q, and of ``more``, which must return finite numbers of a shape.
+
+    Raises
+    ------
+    InputError
+        If it does not; the message calls its result ``what``, and gives q.
+    """
+    required = " × ".join(map(str, shape)) + " finite numbers"
+    try:
+        values, why = np.array(function(q, *more), dtype=float), ""
+    except (TypeError, ValueError, IndexError) as error:
+        values, why = np.full(shape, np.nan), f": {error}"
+    if not shape:
+        required = "one finite number"
+        values = values.reshape(()) if values.size == 1 else values
+    if values.shape != shape or not np.isfinite(values).all():
+        raise InputError(f"{what} must be {required}; at q = {row(q)} it is not{why}")
+    return values
+
+
 def flag(value: Any, name: str) -> bool:
     """Require True or False, or 1 or 0, and return it as a bool."""
     if isinstance(value, (bool, np.bool_)) or (

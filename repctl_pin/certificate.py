@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import Array, as_matrices, read_only
+from .arguments import Array, as_matrices, freeze, read_only
 from .errors import InputError, printable
 
 _THEOREM = 4
@@ -86,9 +86,7 @@ class ClosingRadius:
 
     def __post_init__(self) -> None:
         for name in ("start", "positions", "rotations"):
-            array = np.array(getattr(self, name), float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            freeze(self, **{name: np.array(getattr(self, name), float)})
 
     def __bool__(self) -> bool:
         return self.metres >= _LEAST_RADIUS
@@ -258,10 +256,8 @@ class Proof:
 
     def __post_init__(self) -> None:
         for name in ("worst", "half"):
-            array = np.array(getattr(self, name), float)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "excepted", tuple(map(str, self.excepted)))
+            freeze(self, **{name: np.array(getattr(self, name), float)})
+        freeze(self, excepted=tuple(map(str, self.excepted)))
         if self.seal and self.seal != self._fingerprint():
             raise InputError(
                 "a proof cannot be changed in part: its bounds hold together; "

@@ -22,11 +22,12 @@ class FitOptions:
     Attributes
     ----------
     samples : int, optional
-        Number of nodes of the fit. By default :func:`nearest_repeatable` takes 16,384, or 32 times
-        the unknowns divided by m if that is more; :func:`nearest_inverse_function` takes as many as
-        the unknowns require.
+        Number of nodes of the fit. By default :func:`nearest_repeatable` takes ``defaults.NODES``,
+        or 32 times the unknowns divided by m if that is more; :func:`nearest_inverse_function`
+        takes as many as the unknowns require.
     held_out : int, optional
-        Number of nodes of the evaluation; by default 16,384, or 8,192 for a cell.
+        Number of nodes of the evaluation; by default ``defaults.NODES``, or half as many for a
+        cell.
     seed : int
         Random seed of the fit nodes and of the held-out nodes; for a cell, of the search for a
         start configuration, too.

@@ -11,7 +11,7 @@ import pytest
 from arms import Q_PANDA
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.reference import fitted, rays
+from repctl_pin.extensions.cells import chart, reach
 
 CELLS = {
     "poses": ("pose", 0.3),
@@ -39,9 +39,9 @@ def cell_of(
 
 def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) -> Any:
     """The chart of polynomials that the joints at the ends of rays from the middle have."""
-    ends = rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
+    ends = reach.rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
     assert (ends.reached == 1).all()
-    return fitted(cell, ends.U, ends.Q, ends.N, degree)
+    return chart.Chart.fitted(cell, ends.U, ends.Q, ends.N, degree)
 
 
 def function_of(name: str) -> rp.InverseFunction:

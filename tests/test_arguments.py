@@ -150,7 +150,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "ExtendedJacobian, a joint that is not there": (
         lambda g: rp.ExtendedJacobian(g.task, lambda q: q[8])(g.q0),
-        "the value of the potential U .* index 8 is out of bounds",
+        "potential U must be one .* index 8 is out of bounds",
     ),
     "reach, task": (lambda g: rp.solve_ik("panda", g.q0, pin.SE3.Identity()), A_TASK),
     "reach, target": (
@@ -319,7 +319,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "joined": (lambda g: (g.potentials + g.waves).gradients(SHORT), r"\(K, 7\)"),
     "given": (
         lambda g: rp.CustomPotentials([lambda q: q[5]]).values(SHORT),
-        "h_1 does not return a number at .*; return one number",
+        "potential h_1 must be one finite number; at .* index 5 is out of bounds",
     ),
     "given, slope": (
         lambda g: rp.CustomPotentials([(sum, lambda q: q[5])]).gradients(SHORT),

@@ -20,7 +20,7 @@ from typing import Any
 from .._version import __version__
 from ..errors import RepctlError
 from ..plugins import all_extensions
-from ..show.text.lines import capital, with_options
+from ..show.text.lines import capital
 from ..threads import BLAS_THREADS
 from . import animate, check, design, follow, inspect, robots, study
 from .endings import exit_code
@@ -93,7 +93,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                 error.argument = options.option_names.get(
                     error.argument, error.argument
                 )
-                error.args = tuple(with_options(str(part)) for part in error.args)
                 raise
 
     code = exit_code(

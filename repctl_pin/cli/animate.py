@@ -15,7 +15,7 @@ from .options import Parser
 from .terminal import progress, report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from ..show.page.playback import Playback
 
@@ -27,7 +27,8 @@ EXAMPLE = """examples:
   repctl animate panda --motion motion.csv --only pseudoinverse,repeatable
   repctl animate panda --path circle:0.1"""
 
-_Shown = tuple["rp.Task", "list[Playback]", "dict[str, Any]"]
+_Shown = tuple[str, "rp.Task", int, "dict[str, Any]"]
+"""Page, task, number of cycles, and the drift by controller."""
 
 
 def add_options(parser: Parser) -> None:
@@ -76,35 +77,44 @@ def run(options: Options) -> int:
     """Write the animation page of motions."""
     _check(options)
     say = progress(options.json)
-    design = options.load_design() if options.saved else None
-    if design is None:
-        folder = options.output_folder(Path(options.what).stem)
-        task, tracks, more = (_from_study if options.motion is None else _from_csv)(
-            options, say
-        )
-    else:
+    if options.saved:
+        design = options.load_design()
+        name = design.task.robot.name
         folder = options.output_folder(
-            design.task.robot.name
-            if options.robot is None
-            else Path(options.robot).stem
+            name if options.robot is None else Path(options.robot).stem
         )
-        task, tracks, more = _from_design(design, options, say)
+        page, task, cycles, drift = _from_design(design, options, say)
+    else:
+        folder = options.output_folder(Path(options.what).stem)
+        source = _from_study if options.motion is None else _from_csv
+        page, task, cycles, drift = source(options, say)
+    with written_together(folder) as staged:
+        file = folder / write_whole(staged / "animation.html", page).name
+    result = {
+        "robot": task.robot.name,
+        "frame": task.frame,
+        "cycles": cycles,
+        "drift": drift,
+    }
+    return report(options, lambda: result, files=[file])
 
+
+def _drawn(
+    task: rp.Task,
+    tracks: Sequence[Playback],
+    options: Options,
+    say: Callable[[str], None],
+    **more: Any,
+) -> _Shown:
+    """Draw motions with further arguments of :func:`playback_page`."""
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS
 
     say("drawing")
     chains = traced_chains(task, task.from_robot(tracks[0].Q[0]))
     page = playback_page(chains, tracks, seconds=options.seconds, **more)
-    with written_together(folder) as staged:
-        file = folder / write_whole(staged / "animation.html", page).name
-    result = {
-        "robot": task.robot.name,
-        "frame": task.frame,
-        "cycles": tracks[0].cycles,
-        "drift": {KEYS.get(track.label, track.label): track.drift for track in tracks},
-    }
-    return report(options, lambda: result, files=[file])
+    drift = {KEYS.get(track.label, track.label): track.drift for track in tracks}
+    return page, task, tracks[0].cycles, drift
 
 
 def _check(options: Options) -> None:
@@ -116,10 +126,7 @@ def _check(options: Options) -> None:
 
 
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
-    """Read the motions to show from the CSV file ``--motion``.
-
-    Return the task, the motions, and further arguments of :func:`playback_page`.
-    """
+    """Show the motions of the CSV file ``--motion``."""
     from ..show.page.playback import read_playbacks
 
     robot = options.load_robot()
@@ -128,7 +135,7 @@ def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
     if options.only is not None:
         tracks = _only(options.only, tracks, options.motion)
     task = options.problem(robot, start="reference", path=False).task
-    return task, tracks, {"name": Path(options.motion).name}
+    return _drawn(task, tracks, options, say, name=Path(options.motion).name)
 
 
 def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
@@ -160,10 +167,8 @@ def _names(design: rp.Design) -> tuple[str, str]:
 def _from_design(
     design: rp.Design, options: Options, say: Callable[[str], None]
 ) -> _Shown:
-    """Follow the path with a saved design and with its desired inverse.
-
-    Return the task, the two motions, and further arguments of :func:`playback_page`.
-    """
+    """Follow the path with a saved design and with its desired inverse, and show both motions."""
+    from ..paths.several_paths import paths_of
     from ..show.page.own_loop import own_loop
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
@@ -182,42 +187,22 @@ def _from_design(
         playback_of(label, motion, COLOURS[key])
         for label, key, motion in zip(_names(design), keys, motions, strict=True)
     ]
+    points = [own.points() for own in paths_of(path)]
     own = own_loop(motions[0], laws)
-    return (
-        design.task,
-        tracks,
-        {"name": path.name, "paths": _points(path), "own": own},
+    return _drawn(
+        design.task, tracks, options, say, name=path.name, paths=points, own=own
     )
 
 
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
-    """Run a study, and take its motions under J⁺ and the nearest repeatable inverse.
+    """Run a study, and show its motions under J⁺ and the nearest repeatable inverse."""
+    from ..show.study_files import study_page
 
-    Return the task, the motions, and further arguments of :func:`playback_page`.
-    """
-    from ..show.page.own_loop import study_loop
-    from ..show.page.playback import playback_of
-    from ..show.palette import COLOURS
-
-    found = _study(options, say, cycles=options.cycles or CYCLES)
-    rows = (found.row("pseudoinverse"), found.row("repeatable"))
-    tracks = [
-        playback_of(row.label, row.motion, COLOURS[row.key])
-        for row in rows
-        if row.motion is not None
-    ]
-    more = {"paths": _points(found.path), "own": study_loop(found)}
-    return found.task, tracks, {"name": found.path.name, **more}
-
-
-def _points(path: rp.TaskPath) -> list[Any]:
-    """List the points (P, 3) of the paths of all frames, m."""
-    from ..paths.several_paths import paths_of
-
-    return [own.points() for own in paths_of(path)]
-
-
-def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> rp.Study:
-    """Run a study of the problem that the options describe."""
+    cycles = options.cycles or CYCLES
     more = options.of("steps", "degree")
-    return rp.study(options.problem(), **more, cycles=cycles, progress=say)
+    found = rp.study(options.problem(), **more, cycles=cycles, progress=say)
+    say("drawing")
+    page = study_page(found, seconds=options.seconds)
+    rows = (found.row("pseudoinverse"), found.row("repeatable"))
+    drift = {row.key: row.motion.drift for row in rows if row.motion is not None}
+    return page, found.task, cycles, drift

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import repctl_pin as rp
+
 from ..show.text.lines import fitted
 from .given import Options
 from .options import Parser
@@ -26,12 +32,150 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Inspect a robot and print the result."""
-    from ..show.text.inspection import inspection, inspection_text
     from ..studies.task_choice import redundant_kinds
 
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames
-    found = inspection(
+    found = _inspection(
         robot, {frame: redundant_kinds(robot, frame) for frame in frames}
     )
-    return report(options, lambda: found, lambda: fitted(inspection_text(found)))
+    return report(options, lambda: found, lambda: fitted(_text(found)))
+
+
+def _inspection(
+    robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]
+) -> dict[str, Any]:
+    """Collect the contents of a robot file in plain Python types.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    redundancy
+        For each frame to list, degree of redundancy r by task kind.
+
+    Returns
+    -------
+    dict
+        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``driven``, ``default_frame``,
+        ``frames`` (for each the joints that move it, its position at the reference pose, m, and its
+        redundancy), ``frames_left_out`` (how many more can be moved), ``meshes`` and ``warnings``.
+    """
+    positions = robot.reference_positions()
+    joints = {joint.name: joint for joint in robot.description.joints}
+    return {
+        "robot": robot.name,
+        "file": str(robot.description.path),
+        "links": len(robot.description.links),
+        "joints": [
+            {
+                "name": name,
+                "kind": joints[name].kind,
+                "lower": float(robot.lower[i]),
+                "upper": float(robot.upper[i]),
+                "speed": float(robot.velocity_limit[i]),
+                "reference": float(robot.reference[i]),
+            }
+            for i, name in enumerate(robot.joint_names)
+        ],
+        "locked": [
+            {
+                "name": name,
+                "why": f"mimics {joints[name].mimic}"
+                if joints[name].mimic
+                else joints[name].kind,
+            }
+            for name in robot.locked
+        ],
+        "driven": [
+            {
+                "name": j.name,
+                "by": j.mimic,
+                "multiplier": j.multiplier,
+                "offset": j.offset,
+            }
+            for j in robot.joints.values()
+            if j.mimic is not None and j.name not in robot.locked
+        ],
+        "default_frame": robot.default_frame,
+        "frames": {
+            frame: {
+                "chain": list(robot.chain(frame)),
+                "position": [round(float(x), 6) + 0.0 for x in positions[frame]],
+                "redundancy": dict(kinds),
+            }
+            for frame, kinds in redundancy.items()
+        },
+        "frames_left_out": len(set(robot.movable_frames) - set(redundancy)),
+        "meshes": len(robot.description.meshes),
+        "warnings": [*robot.description.notes, *robot.warnings],
+    }
+
+
+def _text(found: Mapping[str, Any]) -> str:
+    """Format the contents of a robot file, from :func:`_inspection`, for a terminal."""
+    from ..show.text.table import table
+
+    rows = []
+    for joint in found["joints"]:
+        numbers = [joint[key] for key in ("lower", "upper", "speed", "reference")]
+        rows.append([joint["name"], joint["kind"], *map(_number, numbers)])
+    lines = [
+        f"{found['robot']}: {len(rows)} movable joints, {found['links']} links, "
+        f"{found['meshes']} meshes",
+        f"from {found['file']}",
+        "",
+        table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),
+        "units: rad or m, rad/s or m/s; –: no limit in the URDF",
+    ]
+    locked = [f"{joint['name']} ({joint['why']})" for joint in found["locked"]]
+    if locked:
+        lines += ["", f"locked: {', '.join(locked)}"]
+    driven = [f"{joint['name']} (follows {joint['by']})" for joint in found["driven"]]
+    if driven:
+        lines += ["", f"mimic joints: {', '.join(driven)}"]
+    lines += _chains(found)
+    lines += ["", *_frames(found)]
+    lines += [f"note: {text}" for text in found["warnings"]]
+    return "\n".join(lines)
+
+
+def _chains(found: Mapping[str, Any]) -> list[str]:
+    """List the joints and task kinds of kinematic chains.
+
+    These are the chain of the default frame, and others with as many joints.
+    """
+    frames = found["frames"]
+    lines: list[str] = []
+    listed: list[list[str]] = []
+    most = len(frames[found["default_frame"]]["chain"])
+    for name, frame in frames.items():
+        chain = frame["chain"]
+        if len(chain) != most or chain in listed:
+            continue
+        listed.append(chain)
+        kinds = [f"{kind} r = {r}" for kind, r in frame["redundancy"].items()]
+        lines += ["", f"frame {name}, moved by {len(chain)}: {', '.join(chain)}"]
+        lines.append(f"  {', '.join(kinds) or 'no task at full rank'}")
+    return lines
+
+
+def _frames(found: Mapping[str, Any]) -> list[str]:
+    """Format a table of the frames and their positions, from which the user can choose a path."""
+    from ..show.text.table import table
+
+    rows = []
+    for name, frame in found["frames"].items():
+        label = f"{name} (default)" if name == found["default_frame"] else name
+        place = [f"{round(x, 4) + 0.0:.4f}" for x in frame["position"]]
+        rows.append([label, str(len(frame["chain"])), *place])
+    legend = (
+        "x, y, z in m from the base, at the reference pose; choose one with --frame"
+    )
+    if found["frames_left_out"]:
+        legend += f"; --all lists {found['frames_left_out']} more"
+    return [table(["frame", "joints", "x", "y", "z"], rows), legend]
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "–"

@@ -88,13 +88,8 @@ def report(
     elif not options.quiet:
         wrote = [printable(f"wrote {file}") for file in files or ()]
         said = text()
-        print(
-            *filter(
-                None,
-                [coloured([Span(said)] if isinstance(said, str) else said), *wrote],
-            ),
-            sep="\n",
-        )
+        shown = coloured([Span(said)] if isinstance(said, str) else said)
+        print(*filter(None, [shown, *wrote]), sep="\n")
     return 0
 
 

@@ -6,13 +6,25 @@ nodes, so that the result does not depend on the implementation."""
 
 from __future__ import annotations
 
+import os
+import pickle
+import sys
+import threading
+import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Protocol
+from concurrent.futures import Executor, Future, as_completed
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, read_only
+from ..errors import InputError
 from .criterion import Batch, Builder
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Sums = tuple[Any, ...]
 Sum = Callable[..., Sums]
@@ -151,3 +163,172 @@ def add(parts: Iterable[Sums]) -> Sums:
 def over(batches: Iterable[Batch], function: Sum, arguments: tuple[Any, ...]) -> Sums:
     """Sum the tuples ``function(batch, *arguments)`` of the given batches, item by item."""
     return add(function(b, *arguments) for b in batches)
+
+
+# ---- in other processes, or on a cluster ----
+
+_PIECES = 32
+"""Maximum number of chunks."""
+
+_held = threading.local()
+"""State of this worker: identifier of the fit, batches by chunk number, and identifier of the last
+sum that it answered."""
+
+_Work = Callable[[Iterable[Batch]], Sums]
+_Answer = tuple[str, dict[int, Sums]]
+"""Name of the worker, and its sums by chunk number."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Piece:
+    """Chunk of nodes that one worker evaluates, with the pickled builder of its batches.
+
+    Iteration builds the batches.
+    """
+
+    builder: bytes
+    Q: Array
+    weights: Array
+    batch: int
+
+    def __iter__(self) -> Iterator[Batch]:
+        yield from pickle.loads(self.builder).batches(self.Q, self.weights, self.batch)
+
+
+def hand_out(
+    builder: Builder,
+    Q: Array,
+    weights: Array,
+    batch: int,
+    executor: Executor | Client,
+    *,
+    stream: bool,
+    tick: Tick,
+) -> Batches:
+    """Distribute nodes to the workers of an executor or a Dask cluster, in chunks of whole batches.
+
+    The parameters are those of :class:`Local`.
+
+    Raises
+    ------
+    InputError
+        If ``executor`` is neither an Executor nor a Dask Client, or the design cannot be pickled
+        for another process.
+    """
+    try:
+        payload = pickle.dumps(builder)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InputError(
+            f"the design cannot be sent to another process ({error}); "
+            "write its functions at the top level of a module, "
+            "not as lambdas or inside other functions"
+        ) from None
+    count = -(-len(Q) // batch)
+    size = -(-count // min(_PIECES, count)) * batch
+    pieces = [
+        _Piece(payload, Q[i : i + size], weights[i : i + size], batch)
+        for i in range(0, len(Q), size)
+    ]
+    dask = sys.modules.get("distributed")
+    if dask is not None and isinstance(executor, dask.Client):
+        executor = executor.get_executor(pure=False)  # never an earlier sum's result
+    if not isinstance(executor, Executor):
+        raise InputError(
+            "executor= takes a concurrent.futures Executor or a Dask Client, "
+            f"not {type(executor).__name__}"
+        )
+    return _InExecutor(pieces, executor, stream, tick)
+
+
+class _InExecutor:
+    """Batches that the workers of an executor build, evaluate and store.
+
+    The nodes are divided into chunks (:class:`_Piece`). A worker that has evaluated a chunk stores
+    its batches. For the next sum, each worker is asked for the chunks that it stores. Chunks that
+    no worker returns, such as those of a worker that ended, are built again by any free worker.
+    Only the computing time depends on the distribution.
+    """
+
+    def __init__(
+        self, pieces: list[_Piece], executor: Executor, stream: bool, tick: Tick
+    ) -> None:
+        self._pieces = pieces
+        self._executor = executor
+        self._stream = stream
+        self._tick = tick
+        self._run = uuid.uuid4().hex
+        self._workers: set[str] = set()  # those that store chunks
+
+    def total(self, function: Sum, *arguments: Any) -> Sums:
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
+        work = partial(over, function=function, arguments=arguments)
+        submit = self._executor.submit
+        found: dict[int, Sums] = {}
+        key = self._run, uuid.uuid4().hex
+        held = [submit(_evaluate_held, key, work) for _ in self._workers]
+        self._collect(held, found)
+        built = [
+            submit(_evaluate_piece, self._run, i, piece, self._stream, work)
+            for i, piece in enumerate(self._pieces)
+            if i not in found
+        ]
+        self._collect(built, found)
+        return add(found[i] for i in range(len(self._pieces)))
+
+    def close(self) -> None:
+        """Ask the workers to free the memory of their batches."""
+        for _ in self._workers:
+            self._executor.submit(_forget, self._run)
+
+    def _collect(self, futures: list[Future[_Answer]], found: dict[int, Sums]) -> None:
+        try:
+            for future in as_completed(futures):
+                worker, parts = future.result()
+                found.update(parts)
+                if not self._stream:
+                    self._workers.add(worker)
+                self._tick(len(found) / len(self._pieces))
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+# ---- what runs on a worker ----
+
+
+def _evaluate_piece(
+    run: str, number: int, piece: _Piece, stream: bool, work: _Work
+) -> _Answer:
+    """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set."""
+    if stream:
+        return _me(), {number: work(piece)}
+    if getattr(_held, "run", None) != run:
+        _held.run = run
+        _held.batches = {}
+        _held.answered = None
+    if number not in _held.batches:
+        _held.batches[number] = list(piece)
+    return _me(), {number: work(_held.batches[number])}
+
+
+def _evaluate_held(key: tuple[str, str], work: _Work) -> _Answer:
+    """Evaluate the chunks that this worker stores, once per sum.
+
+    ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum returns
+    no sums.
+    """
+    run, sum_id = key
+    if getattr(_held, "run", None) != run or _held.answered == sum_id:
+        return _me(), {}
+    _held.answered = sum_id
+    return _me(), {i: work(batches) for i, batches in _held.batches.items()}
+
+
+def _forget(run: str) -> None:
+    if getattr(_held, "run", None) == run:
+        _held.run, _held.batches = None, {}
+
+
+def _me() -> str:
+    return f"{os.getpid()}.{threading.get_ident()}"

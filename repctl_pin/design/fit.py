@@ -16,7 +16,7 @@ from ..model.task import Task
 from ..potentials.basis import PotentialBasis
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
-from .batches import BarrierCost, Batches, Local
+from .batches import BarrierCost, Batches, Local, hand_out
 from .continuation import Continuation, FitProblem
 from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent
@@ -89,8 +89,6 @@ def fit(problem: FitProblem) -> Design:
             return Local(
                 builder, Q, weights, options.batch, stream=options.stream, tick=tick
             )
-        from .workers import hand_out  # only with an executor
-
         return hand_out(
             builder, Q, weights, options.batch, where, stream=options.stream, tick=tick
         )

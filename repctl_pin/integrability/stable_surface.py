@@ -22,7 +22,7 @@ from .derivative import SHORTEST_STEP, derivative, differentiate
 from .lie_bracket import measure
 from .repeatability import points_of
 
-STABLE, CANDIDATE, SINGULAR = "stable", "candidate", "singular"
+_STABLE, _CANDIDATE, _AT_SINGULARITY = "stable", "candidate", "singular"
 
 _ON_SURFACE = 1e-11  # ‖s‖ that counts as 0 if the derivative is exact
 _RANK = (
@@ -67,17 +67,17 @@ class Surfaces:
     @property
     def stable(self) -> Array:
         """Points on stable surfaces (·, n)."""
-        return self.points[self.kind == STABLE]
+        return self.points[self.kind == _STABLE]
 
     @property
     def candidate(self) -> Array:
         """Points on candidate surfaces that are not stable (·, n)."""
-        return self.points[self.kind == CANDIDATE]
+        return self.points[self.kind == _CANDIDATE]
 
     @property
     def singular(self) -> Array:
         """Points at which the search ended at a singularity (·, n)."""
-        return self.points[self.kind == SINGULAR]
+        return self.points[self.kind == _AT_SINGULARITY]
 
     def summary(self) -> str:
         """Summarise the points in one line."""
@@ -196,9 +196,9 @@ def stable_surface(
     points = np.vstack([Q, singular])
     on = slice(len(Q))
     rate, tolerance, residual = np.full((3, len(points)), np.nan)
-    kind = np.full(len(points), SINGULAR, dtype="U9")
+    kind = np.full(len(points), _AT_SINGULARITY, dtype="U9")
     if len(Q):
-        kind[on] = CANDIDATE
+        kind[on] = _CANDIDATE
         rate[on], tolerance[on] = _rates(strategy, function, Q)
         s, error = function(Q)
         residual[on] = np.linalg.norm(s, axis=1)
@@ -206,8 +206,8 @@ def stable_surface(
         if len(tangent):
             left, walked = _walk(strategy, function, Q[tangent])
             stays = left <= 1e-7 + 100 * (residual[on] + error)[tangent]
-            kind[tangent[stays]] = STABLE
-            kind[tangent[walked < 1 / 4]] = SINGULAR
+            kind[tangent[stays]] = _STABLE
+            kind[tangent[walked < 1 / 4]] = _AT_SINGULARITY
     return Surfaces(points, kind, rate, tolerance, residual)
 
 

@@ -46,7 +46,7 @@ def absolute_angles(task: Task) -> Array:
             "the task already has joint coordinates; "
             "compute the absolute angles of the original task"
         )
-    if task.drive is not None:
+    if not task.drive.identity:
         raise InputError(
             "absolute angles require independent joints, but some joints of this chain "
             "mimic others; pass a custom T to in_coordinates()"

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import Array
 from .end_effectors import arm_ends, is_sensor, task_links
-from .model import frame_id, path_between
+from .model import frame_id, frame_placements, path_between
 from .task import Task
 
 
@@ -68,12 +67,7 @@ def _joint(task: Task, link: str) -> int:
 
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
     """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes."""
-    robot, model = task.robot, task.robot.model
-    data = model.createData()
-    ids = [frame_id(model, link) for link in links]
-    out = np.empty((len(Q), len(links), 3))
-    for q, row in zip(robot.coupling.joints(task.to_robot(Q)), out, strict=True):
-        pin.framesForwardKinematics(model, data, q)
-        base = data.oMf[robot.base_id]
-        row[:] = [base.actInv(data.oMf[i]).translation for i in ids]
-    return out
+    robot = task.robot
+    ids = [frame_id(robot.model, link) for link in links]
+    Q = robot.coupling.joints(task.to_robot(Q))
+    return frame_placements(robot.model, ids, Q, robot.base_id)[:, :, :3, 3]

@@ -17,7 +17,7 @@ from ..arguments import Array, as_configurations, require_type, vector
 from .model import link_frames
 from .robot import read_surroundings
 from .task import Task
-from .validate import MAX_SHAPES
+from .urdf import MAX_SHAPES
 
 if TYPE_CHECKING:
     from .collision_model import Pair
@@ -166,16 +166,13 @@ class Bodies:
                 f"the surroundings have {count} shapes: "
                 f"all are measured, the first {MAX_SHAPES} are drawn"
             )
-        overlap = [pair for pair in self.touching if self.standing & {*pair}]
-        if overlap:
-            notes.append(
-                f"{_listed(overlap)} overlap at every sampled configuration; they are not checked"
-            )
-        inside = [pair for pair in self.touching if not self.standing & {*pair}]
-        if inside:
-            notes.append(
-                f"{_listed(inside)} overlap at every sampled configuration; they are not checked"
-            )
+        outer = [pair for pair in self.touching if self.standing & {*pair}]
+        inner = [pair for pair in self.touching if not self.standing & {*pair}]
+        notes += [
+            f"{_listed(pairs)} overlap at every sampled configuration; they are not checked"
+            for pairs in (outer, inner)
+            if pairs
+        ]
         if self.disabled:
             pairs = (
                 "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
@@ -213,9 +210,7 @@ class Bodies:
         Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
-        return self._model.least(
-            Q if self._drive is None else self._drive.joints(Q), hulls=hulls
-        )
+        return self._model.least(self._drive.joints(Q), hulls=hulls)
 
 
 def _beside(task: Task, surroundings: str | Path) -> Task:

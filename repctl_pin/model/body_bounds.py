@@ -1,8 +1,8 @@
-"""Lower bounds on pairwise body distances, batched over configurations (broad phase)."""
+"""Bounds on pairwise body distances: from below, and on how fast each joint changes them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import coal
 import numpy as np
@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from .urdf import Joint
 
 _Index = NDArray[np.intp]
 
@@ -108,13 +109,14 @@ class BodyBounds:
         bodies: Sequence[coal.CollisionGeometry],
         pairs: _Index,
     ) -> None:
-        self._joints = _JointPlacements(model)
+        self._model, self._pairs = model, pairs
+        self._placements = _JointPlacements(model)
         self._joint = np.array(joint, np.intp)
         centers = [
             at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)
         ]
         boxes = [body.aabb_local for body in bodies]
-        self._centers = np.array(centers).reshape(-1, 3)
+        self._centers = np.array(centers).reshape(-1, 3)  # relative to the joint
         self._radii = np.array([body.aabb_radius for body in bodies])
         self._turns = np.array([at.rotation for at in place]).reshape(-1, 3, 3)
         self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(
@@ -137,7 +139,7 @@ class BodyBounds:
         Bounding boxes, which are tighter and slower, are used only where the bound from the spheres
         is below half the smallest distance between two centres.
         """
-        R, p = self._joints(Q)
+        R, p = self._placements(Q)
         centers = (
             np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers)
             + p[:, self._joint]
@@ -168,3 +170,36 @@ class BodyBounds:
         return np.minimum(
             self._radii[body], np.einsum("mi,mi->m", box, self._half[body])
         )
+
+    def reach(self, joints: Mapping[str, Joint]) -> Array:
+        """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
+
+        A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because it is
+        1-Lipschitz in the points of its bodies. A revolute joint moves a point by at most its
+        distance from the joint's origin; this is bounded along the chain from the joint to the
+        body, so that it holds at every configuration within the limits of the prismatic joints.
+        ``joints`` are the joints of the robot, by name.
+        """
+        model = self._model
+        movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
+        far_on_joint = np.linalg.norm(self._centers, axis=1) + self._radii
+        reach = np.zeros((len(self._pairs), model.nq))
+        for row, (a, b) in zip(reach, self._pairs.tolist(), strict=True):
+            for body, other in ((a, b), (b, a)):
+                far = float(far_on_joint[body])
+                for j in sorted(movers[body] - movers[other], reverse=True):
+                    joint = joints[model.names[j]]
+                    if joint.kind == "prismatic":
+                        row[j - 1] = 1.0
+                        far += _stroke(joint)
+                    else:
+                        row[j - 1] = far
+                    far += float(np.linalg.norm(model.jointPlacements[j].translation))
+        return reach
+
+
+def _stroke(joint: Joint) -> float:
+    """Bound the position of a prismatic joint, m; infinite for a mimic joint."""
+    if joint.mimic is not None:
+        return float(np.inf)
+    return max(abs(joint.lower), abs(joint.upper))

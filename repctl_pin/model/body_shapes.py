@@ -1,4 +1,4 @@
-"""Collision geometry for coal: primitives, and meshes with their convex hulls."""
+"""Collision geometry for coal: primitives, meshes with convex hulls, and points inside meshes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coal
 import numpy as np
@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError, needed
-from .shapes import Solid, find_mesh
-
-if TYPE_CHECKING:
-    from .mesh_interior import MeshInterior, MeshParts
+from .shapes import Shape, find_mesh
+from .surfaces import unit
 
 _LARGEST_FILE = 100_000_000
 """Maximum size of a mesh file, bytes."""
@@ -93,7 +91,7 @@ class BodyShape:
         return self._parts.witnesses
 
     @cached_property
-    def interior(self) -> MeshInterior | None:
+    def interior(self) -> _MeshInterior | None:
         """Interior of a mesh, for containment tests.
 
         None for a convex body, which coal treats as solid, and for a mesh of the surroundings
@@ -101,21 +99,17 @@ class BodyShape:
         """
         if self._parts is None or (self.standing and not self._parts.closed.any()):
             return None
-        from .mesh_interior import MeshInterior  # only bodies of meshes need it
-
-        return MeshInterior(self._parts, gaps=not self.standing)
+        return _MeshInterior(self._parts, gaps=not self.standing)
 
     @cached_property
-    def _parts(self) -> MeshParts | None:
+    def _parts(self) -> _MeshParts | None:
         if self.points is None or self.faces is None:
             return None
-        from .mesh_interior import mesh_parts
-
-        return mesh_parts(self.points, self.faces)
+        return _mesh_parts(self.points, self.faces)
 
 
 def body_shape(
-    solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
+    solid: Shape, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
 ) -> BodyShape:
     """Create the collision body of a shape of the URDF; ``standing`` marks the surroundings.
 
@@ -130,7 +124,8 @@ def body_shape(
     if path is None:
         raise UnusableShape(
             f"mesh {solid.filename!r} is missing; "
-            "give the folder of its package by package_dirs, or replace the mesh by a box"
+            "give the folder of its package (--package-dir, package_dirs=), "
+            "or replace the mesh by a box"
         )
     collada = ["collada"] if path.suffix.lower() == ".dae" else []
     needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
@@ -140,7 +135,7 @@ def body_shape(
         raise UnusableShape(f"mesh {solid.filename!r} {error}") from error
 
 
-def _primitive(solid: Solid) -> BodyShape:
+def _primitive(solid: Shape) -> BodyShape:
     """Create the body of a box, sphere, cylinder or capsule.
 
     One edge of a box and the length of a cylinder or capsule can be 0.
@@ -247,7 +242,8 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
         )
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
-        vertices = np.asarray(mesh.vertices, float) * scale
+        meters = unit(path.read_bytes()) if path.suffix.lower() == ".dae" else 1.0
+        vertices = np.asarray(mesh.vertices, float) * meters * scale
         faces = np.asarray(mesh.faces, np.intp)
     except Exception as error:  # trimesh's readers raise errors of many kinds
         raise UnusableShape(
@@ -335,3 +331,157 @@ def _cloud(points: Array) -> coal.StdVec_Vec3s:
     cloud = coal.StdVec_Vec3s()
     cloud.extend(list(points))
     return cloud
+
+
+# ---- inside a mesh: signed ray crossings ----
+
+_SAME = 1e-8
+"""Relative tolerance, in mesh sizes, within which vertices are merged."""
+
+_DIRECTIONS = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3, 3)))[0]
+"""Frames (3, 3, 3) whose z axes are the rays, in general position so that no ray meets an edge."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _MeshParts:
+    """Connected parts of a mesh, with coincident vertices merged.
+
+    Attributes
+    ----------
+    points, faces
+        Vertices (V, 3), m, and triangles (F, 3).
+    part
+        Part number of each triangle (F,).
+    closed
+        True for each closed part (P,): every edge occurs equally often in both directions.
+    """
+
+    points: Array
+    faces: NDArray[np.intp]
+    part: NDArray[np.intp]
+    closed: NDArray[np.bool_]
+
+    @property
+    def witnesses(self) -> Array:
+        """One vertex of each part (P, 3), m."""
+        _, first = np.unique(self.part, return_index=True)
+        return self.points[self.faces[first, 0]]
+
+
+def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
+    """Split a mesh into connected parts, after merging coincident vertices."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    grid = max(float(np.ptp(points, axis=0).max()), 1e-300) * _SAME
+    _, first, merged = np.unique(
+        np.round(points / grid), axis=0, return_index=True, return_inverse=True
+    )
+    points = points[first]
+    faces = merged.reshape(-1)[faces]
+    thin = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    if not thin.all():
+        faces = faces[~thin]
+    tails = faces.reshape(-1)
+    heads = np.roll(faces, -1, axis=1).reshape(-1)
+    size = (len(points), len(points))
+    passed: Any = coo_array((np.ones(len(tails)), (tails, heads)), shape=size).tocsr()
+    _, label = connected_components(passed, directed=False)
+    _, part = np.unique(label[faces[:, 0]], return_inverse=True)
+    uneven = (passed - passed.T).tocoo()
+    closed = np.ones(part.max() + 1, bool)
+    part_of_vertex = np.zeros(len(points), np.intp)
+    part_of_vertex[faces] = part[:, None]
+    closed[part_of_vertex[uneven.row[uneven.data != 0]]] = False
+    return _MeshParts(points, faces, part, closed)
+
+
+class _MeshInterior:
+    r"""Interior of a mesh: points from which rays cross more faces outwards than inwards.
+
+    With s = 1 for a crossed face whose normal points along the ray, and s = −1 for one against it,
+    a point is inside a closed mesh if Σ s > 0. This also holds where closed parts overlap, and
+    excludes cavities.
+
+    Parameters
+    ----------
+    parts
+        Parts of the mesh.
+    gaps
+        True to include parts with gaps: a point is then inside if two of three rays say so. False
+        to ignore them.
+    """
+
+    def __init__(self, parts: _MeshParts, *, gaps: bool) -> None:
+        kept = parts.faces if gaps else parts.faces[parts.closed[parts.part]]
+        turns = _DIRECTIONS if gaps and not parts.closed.all() else _DIRECTIONS[:1]
+        self._rays = (
+            [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
+        )
+
+    def contains(self, points: Array) -> bool:
+        """Test whether any of the points (K, 3) is inside."""
+        return any(self._contains(point) for point in points)
+
+    def _contains(self, point: Array) -> bool:
+        votes = sum(ray.crossings(point) > 0 for ray in self._rays)
+        return 2 * votes > len(self._rays)
+
+
+class _Ray:
+    """Crossings of a mesh by rays in one direction, from any point.
+
+    The faces are sorted into strips along x, so that few are tested per ray. Their corners
+    (F, 3, 3) are in axes whose z axis is the direction of the rays.
+    """
+
+    def __init__(self, turn: Array, points: Array, faces: NDArray[np.intp]) -> None:
+        self._turn = turn
+        corners = (points @ turn)[faces]
+        low, high = corners.min(axis=1), corners.max(axis=1)  # (F, 3)
+        self._bottom = low.min(axis=0)
+        self._top = high.max(axis=0)
+        self._edges = np.linspace(
+            self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1
+        )
+        ends = zip(self._edges[:-1], self._edges[1:], strict=True)
+        meets = [(low[:, 0] <= end) & (high[:, 0] >= start) for start, end in ends]
+        self._strips = [(corners[on], low[on].T, high[on].T) for on in meets]
+
+    def crossings(self, point: Array) -> int:
+        """Sum ±1 over the faces that the ray from a point (3,) crosses.
+
+        It is −1 for a face whose normal points against the ray.
+        """
+        p = point @ self._turn
+        if (p < self._bottom).any() or (p > self._top).any():
+            return 0
+        strip = (
+            min(
+                int(np.searchsorted(self._edges, p[0], side="right")), len(self._strips)
+            )
+            - 1
+        )
+        corners, (left, front, _), (right, back, top) = self._strips[strip]
+        x, y, z = p.tolist()
+        near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= top)
+        return sum(_looks_up(corner) for corner in (corners[near] - p).tolist())
+
+
+def _looks_up(corners: list[list[float]]) -> int:
+    """Return whether a triangle above the origin faces up (1) or down (−1); 0 if not above it.
+
+    The three corners are given as x, y, z.
+    """
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
+    # twice the signed areas of the triangles formed by the origin and each edge
+    bc = bx * cy - by * cx
+    ca = cx * ay - cy * ax
+    ab = ax * by - ay * bx
+    height = bc * az + ca * bz + ab * cz
+    if bc > 0 and ca > 0 and ab > 0:
+        return int(height > 0)
+    if bc < 0 and ca < 0 and ab < 0:
+        return -int(height < 0)
+    return 0

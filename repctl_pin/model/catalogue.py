@@ -152,7 +152,7 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     InputError
         If the file cannot be read, or has no such state.
     """
-    from .rules import finite
+    from .urdf_rules import finite
 
     root = _read_srdf(srdf)
     states = {group.get("name"): group for group in root.iter("group_state")}

@@ -72,6 +72,17 @@ def axis_turn(R: Array, goal: Array) -> Array:
     return np.array([-y * ratio, x * ratio])
 
 
+def axis_turns(R: Array, goals: Array) -> Array:
+    """Compute :func:`axis_turn` of tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad."""
+    aim = np.einsum("Kab,Ka->Kb", R, goals[..., :, 2])  # the goal's axis in tool axes
+    sine = np.hypot(aim[:, 0], aim[:, 1])
+    angle = np.arctan2(sine, aim[:, 2])
+    axis = np.stack([-aim[:, 1], aim[:, 0]], axis=-1)
+    parallel = sine < 1e-12  # angle 0, or half a turn about any axis
+    axis[parallel], sine[parallel] = [1.0, 0.0], 1.0
+    return axis * (angle / sine)[:, None]
+
+
 def rotation_vectors(R: Array) -> Array:
     """Compute the rotation vectors of rotations (K, 3, 3): (K, 3), rad, angles from 0 to π."""
     axis = 0.5 * (
@@ -82,7 +93,7 @@ def rotation_vectors(R: Array) -> Array:
     angle = np.arctan2(sine, cosine)
     vectors = (
         axis
-        * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-9)[:, None]
+        * np.divide(angle, sine, out=np.ones_like(sine), where=~(sine <= 1e-9))[:, None]
     )
     for k in np.flatnonzero(
         cosine < -0.9

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import InputError
 from .body_bounds import BodyBounds
-from .body_reach import body_reach
 from .body_shapes import (
     BodyShape,
     UnusableShape,
@@ -28,7 +27,7 @@ from .catalogue import disabled_pairs
 from .model import fixed_placements, link_frames, origin
 from .shapes import find_mesh
 from .task import Task
-from .validate import Description
+from .urdf import Description
 
 Pair = tuple[str, str]
 _Mask = NDArray[np.bool_]
@@ -140,11 +139,8 @@ class _CollisionModel:
         return found, which
 
     def reach(self) -> Array:
-        """Bound how far each joint moves the bodies of a pair, see :func:`body_reach`: (P, N)."""
-        shapes = [body.measured for body in self._bodies]
-        return body_reach(
-            self._model, self._joints, self._joint, self._place, shapes, self.pairs
-        )
+        """Bound how far each joint moves the bodies of a pair, see :meth:`BodyBounds.reach`."""
+        return self._bounds.reach(self._joints)
 
     def kept(self, distance: float) -> Array:
         """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked."""
@@ -470,7 +466,7 @@ def _sample_configurations(task: Task) -> Array:
     Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
     Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
     _, drive = task.bodies_model()
-    return Q if drive is None else drive.joints(Q)
+    return drive.joints(Q)
 
 
 def collision_model(task: Task) -> _CollisionModel:

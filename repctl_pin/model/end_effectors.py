@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from .validate import Description, Joint
+from .urdf import Description, Joint
 
 _TURN, _SLIDE = math.pi, 0.1
 """Maximum range of a finger joint: half a turn, rad, or 0.1 m."""

@@ -101,14 +101,13 @@ def joint_tree(task: Task) -> _JointTree:
     frame = model.frames[frame_id(model, task.frame)]
     joints = list(range(1, model.njoints))
     places = [model.jointPlacements[j] for j in joints]
-    S = np.eye(task.n) if drive is None else drive.S
     return _JointTree(
         np.array([model.parents[j] - 1 for j in joints]),
         np.array([place.rotation for place in places]),
         np.array([place.translation for place in places]),
         *joint_axes(model, joints),
-        S,
-        np.zeros(len(joints)) if drive is None else drive.offset,
+        drive.S,
+        drive.offset,
         np.array([j - 1 for j in model.supports[frame.parentJoint] if j > 0]),
         frame.placement.rotation,
         frame.placement.translation,
@@ -245,6 +244,4 @@ def joint_axes(
 def joint_coupling(task: Task, joints: Sequence[int]) -> tuple[Array, Array]:
     """Find S (P, n) and the offset (P,) of ``θ = S q + offset``, the positions of joints."""
     rows = [j - 1 for j in joints]
-    if task.drive is None:
-        return np.eye(task.n)[rows], np.zeros(len(rows))
     return task.drive.S[rows], task.drive.offset[rows]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..errors import InputError
-from .chain_formulas import axis_turn, require_rotation, rotation_vectors
+from .chain_formulas import axis_turn, axis_turns, require_rotation, rotation_vectors
 
 _AND = " + "
 """Text between the names of the kinds of several frames."""
@@ -99,16 +99,15 @@ class Kind(str):
             turn = pin.log3(target.rotation @ here.rotation.T)
         return np.concatenate([p, turn])
 
-    def errors(self, p: Array, R: Array, goals: Array) -> Array:
-        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to goals (K, 4, 4)."""
-        away = goals[:, :3, 3] - p
+    def errors(self, p: Array, R: Array, p_goal: Array, R_goal: Array) -> Array:
+        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to p_goal, R_goal."""
+        away = p_goal - p
         if not self.turns:
             return away[:, self.rows]
         if self.tool_axes:
-            pairs = zip(R, goals[:, :3, :3], strict=True)
-            turns = np.array([axis_turn(*pair) for pair in pairs]).reshape(-1, 2)
+            turns = axis_turns(R, R_goal)
         else:
-            turns = rotation_vectors(goals[:, :3, :3] @ np.swapaxes(R, 1, 2))
+            turns = rotation_vectors(R_goal @ np.swapaxes(R, 1, 2))
         return np.hstack([away, turns])
 
     @staticmethod

@@ -1,16 +1,58 @@
-"""Joints, limits, frames and poses of a robot, as tasks and drawings need them."""
+"""Joints of a robot as tasks and drawings need them: limits, poses, and the mimic joints."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from .catalogue import Entry
-from .coupling import Coupling
 from .model import frame_id
-from .validate import Description, Joint
+from .urdf import Description, Joint
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Coupling:
+    """Map from n free joints to all N joints of a model.
+
+    Attributes
+    ----------
+    S : (N, n) array
+        One nonzero entry per row: 1 for a free joint, the multiplier for a mimic joint.
+    offset : (N,) array
+        Offsets o of the mimic joints, rad or m.
+    """
+
+    S: Array
+    offset: Array
+
+    @cached_property
+    def identity(self) -> bool:
+        """True if all joints are free, in this order; the methods then return their argument."""
+        same = np.array_equal(self.S, np.eye(self.S.shape[1]))
+        return same and not self.offset.any()
+
+    def joints(self, Q: Array) -> Array:
+        """Compute the positions of all joints (..., N) from those of the free joints (..., n)."""
+        return Q if self.identity else Q @ self.S.T + self.offset
+
+    def rates(self, Qdot: Array) -> Array:
+        """Compute the velocities of all joints (..., N) from those of the free joints (..., n)."""
+        return Qdot if self.identity else Qdot @ self.S.T
+
+    def derivatives(self, J: Array) -> Array:
+        """Convert derivatives along all joints (..., N) to those along the free joints (..., n)."""
+        return J if self.identity else J @ self.S
+
+    def leader(self, joint: int) -> int:
+        """Return the index of the free joint that drives joint number ``joint`` of the model."""
+        return int(np.argmax(self.S[joint] != 0))
 
 
 class Mechanism:
@@ -79,3 +121,99 @@ class Mechanism:
     def base_id(self) -> int:
         """Frame id of ``base`` in the model."""
         return 0 if self.base is None else frame_id(self.model, self.base)
+
+
+def couple(
+    names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]
+) -> Coupling:
+    """Create the coupling of a model's joints (N names) to its free joints (n names)."""
+    S = np.zeros((len(names), len(free)))
+    offset = np.zeros(len(names))
+    for row, name in enumerate(names):
+        joint = joints[name]
+        if name in free:
+            S[row, free.index(name)] = 1.0
+        else:
+            assert joint.mimic is not None, "a joint is free, a mimic joint, or locked"
+            S[row, free.index(joint.mimic)], offset[row] = (
+                joint.multiplier,
+                joint.offset,
+            )
+    return Coupling(S, offset)
+
+
+def limits(
+    joint: Joint, followers: Sequence[Joint], notes: list[str]
+) -> tuple[float, float, float]:
+    """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
+
+    Returns the lower, the upper and the speed limit, rad or m and per second. If no position of the
+    joint satisfies the limits of a mimic joint (``followers``), these are ignored, and a sentence
+    about it is appended to ``notes``.
+    """
+    lower = joint.lower
+    upper = joint.upper
+    velocity = joint.velocity
+    for follower in followers:
+        ends = [
+            (end - follower.offset) / follower.multiplier
+            for end in (follower.lower, follower.upper)
+        ]
+        low = max(lower, min(ends))
+        high = min(upper, max(ends))
+        if low < high:
+            lower, upper = low, high
+        else:
+            notes.append(
+                f"limits [{follower.lower:g}, {follower.upper:g}] of joint {follower.name!r} "
+                f"ignored: no position of {joint.name!r}, which it mimics, satisfies them"
+            )
+        velocity = min(velocity, follower.velocity / abs(follower.multiplier))
+    return lower, upper, velocity
+
+
+def pose(
+    joints: Sequence[str],
+    lower: Array,
+    upper: Array,
+    turns: NDArray[np.bool_],
+    named: Mapping[str, float],
+    notes: list[str],
+) -> Array:
+    """Create a pose within the joint limits: the named values, else mid-range.
+
+    Parameters
+    ----------
+    joints : n names
+    lower, upper : (n,) arrays
+        Limits, rad or m.
+    turns : (n,) array of bool
+        True if a joint is revolute.
+    named
+        Values by joint name, rad or m.
+    notes
+        Receives a line for every value that had to be moved within the limits.
+
+    Returns
+    -------
+    (n,) array
+    """
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    middle = (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0)) / 2
+    q = np.where(bounded, middle, np.clip(0.0, lower, upper))
+    for i, name in enumerate(joints):
+        if name not in named:
+            continue
+        q[i] = _inside(named[name], lower[i], upper[i], bool(turns[i]))
+        if abs(q[i] - named[name]) > 1e-3:
+            notes.append(
+                f"reference pose: {name} = {named[name]:g} is outside its limits; using {q[i]:g}"
+            )
+    return q
+
+
+def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
+    """Move a value within joint limits: by a full turn if revolute, else to the nearer limit."""
+    ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
+    inside = [value + way for way in ways if lower <= value + way <= upper]
+    return float(inside[0] if inside else np.clip(value, lower, upper))

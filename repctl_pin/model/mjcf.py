@@ -20,7 +20,7 @@ from lxml import etree
 
 from ..arguments import Array
 from ..errors import UrdfError
-from .rules import NO_LIMIT
+from .urdf_rules import NO_LIMIT
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _CONNECT, _WELD, _JOINT = range(3)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from ..arguments import Array
 from ..errors import unknown
-from .shapes import Solid
-from .validate import Description, Joint
+from .shapes import Shape
+from .urdf import Description, Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -24,20 +24,43 @@ def frame_id(model: pin.Model, name: str) -> int:
     later, and it raises on a name that a joint and a link share.
     """
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
-    ids |= {
-        f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY
-    }
+    ids |= link_ids(model)
     if name not in ids:
         raise unknown("frame", name, link_frames(model))
     return ids[name]
 
 
+def link_ids(model: pin.Model) -> dict[str, int]:
+    """Return the frame ids of all links, by link name."""
+    body = pin.FrameType.BODY
+    return {f.name: i for i, f in enumerate(model.frames) if f.type == body}
+
+
 def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
     """Return the frames of all links, by link name."""
-    return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
+    return {name: model.frames[i] for name, i in link_ids(model).items()}
 
 
-def origin(solid: Solid) -> pin.SE3:
+def frame_placements(
+    model: pin.Model, ids: Iterable[int], Q: Array, base: int = 0
+) -> Array:
+    """Place frames at every row of Q (T, N), relative to the frame ``base``: (T, F, 4, 4), m."""
+    data = model.createData()
+    root = model.frames[base]
+    frames = [model.frames[i] for i in ids]
+    parents = np.array([frame.parentJoint for frame in frames], int)
+    joints, which = np.unique(parents, return_inverse=True)
+    placed = np.empty((len(Q), len(joints), 4, 4))
+    for q, row in zip(Q, placed, strict=True):
+        pin.forwardKinematics(model, data, q)
+        to_base = (data.oMi[root.parentJoint] * root.placement).inverse()
+        for place, j in zip(row, joints.tolist(), strict=True):
+            place[:] = (to_base * data.oMi[j]).homogeneous
+    on_joint = [frame.placement.homogeneous for frame in frames]
+    return placed[:, which] @ np.array(on_joint).reshape(-1, 4, 4)
+
+
+def origin(solid: Shape) -> pin.SE3:
     """Compute the placement of a shape relative to its link."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
 

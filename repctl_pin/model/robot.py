@@ -23,15 +23,20 @@ from .catalogue import (
     reference_posture,
     urdf_folder,
 )
-from .coupling import couple, limits, pose
 from .end_effectors import arm_ends, is_sensor, task_links
 from .kind import Kind, KindName, task_kind
-from .mechanism import Mechanism
-from .model import frame_id, link_frames, lock_joints, path_between
+from .mechanism import Mechanism, couple, limits, pose
+from .model import (
+    frame_id,
+    frame_placements,
+    link_ids,
+    lock_joints,
+    path_between,
+)
 from .shapes import find_mesh
 from .task import Task
-from .validate import Description, check_surroundings, read_urdf
-from .xml import short
+from .urdf import Description, check_surroundings, read_urdf
+from .urdf_xml import short
 
 
 class Robot(Mechanism):
@@ -139,7 +144,7 @@ class Robot(Mechanism):
         self.revolute = turns[mine]
         self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
         self.reference = self.poses["reference"]
-        self.frames = tuple(link_frames(model))
+        self.frames = tuple(link_ids(model))
         self.warnings = (*notes, *self._missing_meshes())
         if base is not None:
             self._frame_id(base)  # raises if there is no such link
@@ -363,13 +368,10 @@ class Robot(Mechanism):
 
         Returns a dictionary by link name.
         """
-        data = self.model.createData()
-        pin.framesForwardKinematics(
-            self.model, data, self.coupling.joints(self.reference)
-        )
-        base = data.oMf[self.base_id]
-        ids = {name: frame_id(self.model, name) for name in self.frames}
-        return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
+        ids = link_ids(self.model)
+        q = self.coupling.joints(self.reference)
+        placed = frame_placements(self.model, ids.values(), q[None], self.base_id)
+        return dict(zip(ids, placed[0, :, :3, 3], strict=True))
 
     def _missing_meshes(self) -> list[str]:
         """Return a list with a warning about missing meshes, or an empty list.
@@ -387,7 +389,8 @@ class Robot(Mechanism):
         which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
         return [
             f"{len(missing)} of {len(names)} meshes are missing ({which}); "
-            "those links are drawn as tubes; give the folders of their packages by package_dirs"
+            "those links are drawn as tubes; give the folders of their packages "
+            "(--package-dir, package_dirs=)"
         ]
 
     def _frame_id(self, frame: str) -> int:

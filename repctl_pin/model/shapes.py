@@ -9,14 +9,14 @@ from pathlib import Path
 
 from lxml import etree
 
-from .rules import numbers
+from .urdf_rules import numbers
 
 Color = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Solid:
-    """A ``<visual>`` or ``<collision>``: a shape and its placement on its link.
+class Shape:
+    """A ``<visual>`` or ``<collision>``, or a shape that is drawn: its kind, size and link.
 
     Attributes
     ----------
@@ -30,27 +30,34 @@ class Solid:
         Box: three edges; cylinder and capsule: radius, and length along z; sphere: radius. All are
         in m. Empty for a mesh.
     color
-        Red, green, blue and opacity, 0 to 1; None if the file gives none.
+        Red, green, blue and opacity, 0 to 1; None if the URDF gives none. A mesh is then drawn in
+        the colours of its file.
     xyz, rpy
         Origin of the shape on its link: position, m, and roll, pitch and yaw, rad.
     filename
         Mesh file name as written in the URDF; ``""`` for primitives.
     scale
-        Scale of a mesh along its own axes.
+        Scale of a mesh along its own axes, negative if mirrored.
+    path
+        Mesh file, if it was looked up and found.
+    standing
+        True for a drawn shape of the surroundings.
     """
 
     name: str
     link: str
     kind: str
-    size: tuple[float, ...]
-    color: Color | None
-    xyz: tuple[float, ...]
-    rpy: tuple[float, ...]
-    filename: str
-    scale: tuple[float, ...]
+    size: tuple[float, ...] = ()
+    color: Color | None = None
+    xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
+    filename: str = ""
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    path: Path | None = None
+    standing: bool = False
 
 
-def shapes_of(robot: etree._Element, tag: str) -> list[Solid]:
+def shapes_of(robot: etree._Element, tag: str) -> list[Shape]:
     """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF."""
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):
@@ -64,7 +71,7 @@ def shapes_of(robot: etree._Element, tag: str) -> list[Solid]:
 
 def _solid(
     link: str, k: int, element: etree._Element, colors: dict[str, Color]
-) -> Solid:
+) -> Shape:
     shape = element.find("geometry")[0]
     origin = element.find("origin")
     sizes = {"box": ("size",), "sphere": ("radius",)}.get(
@@ -73,7 +80,7 @@ def _solid(
     values = (
         [] if shape.tag == "mesh" else [numbers(shape, size) or () for size in sizes]
     )
-    return Solid(
+    return Shape(
         name=f"{link}_{k}",
         link=link,
         kind=shape.tag,

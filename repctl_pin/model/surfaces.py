@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import read_only
+from ..arguments import Array, read_only
 from ..errors import InputError
-from .visuals import Shape
+from .shapes import Shape
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
 """Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""
@@ -52,22 +52,15 @@ class Surface:
     points, normals : (V, 3) arrays
         Vertices, m, and their unit normals.
     colors : (V, 3) array
-        Red, green and blue of each vertex, 0 to 1, from the mesh file.
+        Red, green and blue of each vertex, 0 to 1, from the mesh file or its textures.
     faces : (F, 3) array of int
-        Vertex numbers of each triangle, sorted by texture.
-    uv : (V, 2) array or None
-        Texture coordinates; None without textures.
-    groups : tuple of (start, count, image)
-        Ranges of face corners with one texture: first corner, number of corners, and JPEG file,
-        None without a texture.
+        Vertex numbers of each triangle.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     colors: NDArray[np.float64]
     faces: NDArray[np.int64]
-    uv: NDArray[np.float64] | None
-    groups: tuple[tuple[int, int, bytes | None], ...]
 
 
 Surfaces = dict[Path, Surface | InputError]
@@ -75,7 +68,7 @@ Surfaces = dict[Path, Surface | InputError]
 
 
 _ALONE = (".stl", ".dae", ".ply", ".off", ".glb")
-"""Formats of which a file without textures depends on no other file."""
+"""Formats of which a file depends on no other file than its textures."""
 
 _KEPT_FACES = 300_000
 _kept: dict[tuple[Path, int, int], Surface] = {}
@@ -95,7 +88,7 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
     key = path, changed, most
     if key not in _kept:
         surface = _read(path, most)
-        if path.suffix.lower() not in _ALONE or surface.uv is not None:
+        if path.suffix.lower() not in _ALONE:
             return surface
         if sum(len(each.faces) for each in _kept.values()) > _KEPT_FACES:
             _kept.clear()
@@ -136,9 +129,10 @@ def _read(path: Path, most: int) -> Surface:
         raise InputError(
             f"mesh {path} cannot be read ({type(error).__name__}: {error})"
         ) from error
-    if not any(len(piece["points"]) for piece in pieces):
+    if not any(len(points) for points, *_ in pieces):
         raise InputError(f"mesh {path} holds no triangles")
-    return _join(pieces, scale)
+    points, normals, colors = map(np.concatenate, zip(*pieces, strict=True))
+    return _join(points, normals, colors, scale)
 
 
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
@@ -227,10 +221,10 @@ def unit(data: bytes) -> float:
     return meters
 
 
-def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
-    """Extract one mesh of a trimesh scene, as arrays with one row per face corner (3F).
+def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Array]:
+    """Extract the points of one mesh of a trimesh scene, their normals and colours.
 
-    Points are in the file's frame and unit.
+    Each array has one row per face corner (3F). Points are in the file's frame and unit.
     """
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
@@ -245,50 +239,25 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
     faces, flat = faces[real], flat[real]
     corners = faces.ravel()
     places = points.take(corners, 0)
-    colors, uv, image = _look(mesh, corners)
-    normals = smooth(places, flat)
-    return {
-        "points": places,
-        "normals": normals,
-        "colors": colors,
-        "uv": uv,
-        "image": image,
-    }
+    return places, smooth(places, flat), _colors(mesh, corners)
 
 
-def _look(
-    mesh: Any, corners: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], Any, bytes | None]:
-    """Read the colours (3F, 3) of face corners, their texture coordinates and the texture.
+def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Read the colours (3F, 3) of face corners, from 0 to 1; a texture is sampled there."""
+    from trimesh.visual.color import uv_to_color
 
-    The coordinates and the texture are None for a mesh without texture.
-    """
     visual = mesh.visual
-    if visual.kind == "texture":
-        material = visual.material
-        color = np.asarray(material.main_color, float)[:3] / 255
-        image = getattr(material, "baseColorTexture", None) or getattr(
-            material, "image", None
-        )
-        if image is not None and visual.uv is not None:
-            return (
-                np.ones((len(corners), 3)),
-                np.asarray(visual.uv, float)[corners],
-                _compressed(image),
-            )
-        return np.broadcast_to(color, (len(corners), 3)), None, None
     if visual.kind in ("vertex", "face"):
-        return np.asarray(visual.vertex_colors, float)[corners, :3] / 255, None, None
-    return np.full((len(corners), 3), 0.8), None, None
-
-
-def _compressed(image: Any) -> bytes:
-    """Convert an image to JPEG, at most 1024 pixels wide and high."""
-    image = image.convert("RGB")
-    image.thumbnail((1024, 1024))
-    file = io.BytesIO()
-    image.save(file, "JPEG", quality=85)
-    return file.getvalue()
+        return np.asarray(visual.vertex_colors, float)[corners, :3] / 255
+    if visual.kind != "texture":
+        return np.full((len(corners), 3), 0.8)
+    material = visual.material
+    pictures = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
+    image = next(filter(None, pictures), None)
+    if image is None or visual.uv is None:
+        color = np.asarray(material.main_color, float)[:3] / 255
+        return np.broadcast_to(color, (len(corners), 3))
+    return uv_to_color(visual.uv, image)[corners, :3] / 255
 
 
 def smooth(
@@ -307,51 +276,44 @@ def smooth(
         Normals of the faces, whose lengths are proportional to the areas.
     """
     grid = 1e-6 * (_extent(corners) or 1.0)
-    order, starts = grouped(np.round(corners / grid).astype(np.int64))
-    counts = np.diff(starts, append=len(order))
-    place = np.repeat(np.arange(len(starts)), counts)  # of each corner in ``order``
-    face = order // 3
+    point = distinct(np.round(corners / grid).astype(np.int64))[1]  # of each corner
+    count = np.bincount(point)
+    face = np.arange(len(corners)) // 3
     unit_normal = _unit(flat, np.zeros_like(flat))
-    total = _sums(place, flat.take(face, 0), len(starts))  # of all faces at a point
-    direction = _unit(total, total)
-    steep = _dot(unit_normal.take(face, 0), direction.take(place, 0)) < _HALF
-    mixed = (
-        np.bincount(place, steep, len(starts)) > 0
-    )  # some may meet at more than the angle
-    few = counts <= _MANY
-    point = np.empty_like(place)  # of each corner
-    point[order] = place
-    normals = np.where(few[:, None], direction, 0.0).take(point, 0)
-    many = ~few[place]
-    normals[order[many]] = unit_normal[face[many]]
-    _by_pairs(normals, unit_normal, flat, (order, starts, counts), mixed & few)
+    own = unit_normal.take(face, 0)
+    total = _sums(point, flat.take(face, 0), len(count))  # of all faces at a point
+    normals = _unit(total, total).take(point, 0)
+    steep = _dot(own, normals) < _HALF
+    mixed = np.bincount(point, steep) > 0  # some may meet at more than the angle
+    many = count > _MANY
+    normals[many[point]] = own[many[point]]
+    uneven = np.flatnonzero((mixed & ~many)[point])
+    _by_pairs(normals, uneven, point[uneven], unit_normal, flat)
     return normals
 
 
 def _by_pairs(
     normals: NDArray[np.float64],
+    corner: NDArray[np.intp],
+    point: NDArray[np.intp],
     unit_normal: NDArray[np.float64],
     flat: NDArray[np.float64],
-    points: tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]],
-    mixed: NDArray[np.bool_],
 ) -> None:
-    """Write averaged normals of the corners at the ``mixed`` points into ``normals``.
+    """Write averaged normals of some corners, given with their points, into ``normals``.
 
-    At a mixed point, some faces may meet at more than the crease angle. Each corner there averages
-    the normals of the faces within that angle of its own. ``points`` hold the corners in groups:
-    their order, and the start and count of each point.
+    Each corner averages the normals of the faces at its point that are within the crease angle of
+    its own.
     """
-    order, starts, counts = points
-    start, count = starts[mixed], counts[mixed]
-    each = np.repeat(count, count)  # partners of each corner
-    ahead = np.arange(len(each)) - np.repeat(np.cumsum(count) - count, count)
-    corner = order[np.repeat(start, count) + ahead]
-    mine = np.repeat(np.arange(len(each)), each)
-    first = np.repeat(np.repeat(start, count) - (np.cumsum(each) - each), each)
-    partner = order[first + np.arange(len(mine))] // 3
+    order = np.argsort(point, kind="stable")
+    corner, point = corner[order], point[order]
+    starts = np.searchsorted(point, point)  # of the corners at the same point
+    counts = np.searchsorted(point, point, side="right") - starts
+    mine = np.repeat(np.arange(len(corner)), counts)
+    before = np.repeat(np.cumsum(counts) - counts, counts)
+    partner = corner[starts[mine] + np.arange(len(mine)) - before] // 3
     own = unit_normal.take(corner // 3, 0)
     near = _dot(own.take(mine, 0), unit_normal.take(partner, 0)) > _CREASE
-    total = _sums(mine[near], flat.take(partner[near], 0), len(each))
+    total = _sums(mine[near], flat.take(partner[near], 0), len(corner))
     normals[corner] = _unit(total, own)
 
 
@@ -383,86 +345,38 @@ def _unit(
     return np.divide(vectors, length, out=zero.copy(), where=length > 0)
 
 
-def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Sort the rows of an array (K, k) so that equal rows are consecutive, in their original order.
+def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the distinct rows of an array (K, k).
 
-    The rows are sorted by a hash, which numpy does several times as fast as by their columns; where
-    two different rows share a hash, they are sorted by their columns after all.
+    The rows are compared by a hash of 64 bits, which numpy sorts several times as fast; that two
+    different rows share it is as unlikely as 1e-7 for a million rows.
 
     Returns
     -------
-    order : (K,) array of int
-        Indices of the rows in sorted order.
-    starts : (G,) array of int
-        Indices into ``order`` at which each of G groups of equal rows begins.
+    first : (G,) array of int
+        Index of the first one of each group of equal rows; the groups are in any order.
+    group : (K,) array of int
+        Group of each row.
     """
-    bits = len(rows).bit_length()
-    factors = np.random.default_rng(0).integers(
-        2**62, size=rows.shape[1], dtype=np.int64
-    )
-    hashed = (rows @ (2 * factors + 1)) >> bits  # modulo 2^64
-    order = np.sort(hashed << bits | np.arange(len(rows))) & (2**bits - 1)
-    differs = _differs(rows.take(order, 0))
-    if (differs != _differs(hashed[order, None])).any():
-        order = np.lexsort(rows.T)
-        differs = _differs(rows[order])
-    return order, np.flatnonzero(differs)
+    random = np.random.default_rng(0)
+    factors = random.integers(2**62, size=rows.shape[1], dtype=np.int64)
+    hashed = rows @ (2 * factors + 1)  # modulo 2^64
+    _, first, group = np.unique(hashed, return_index=True, return_inverse=True)
+    return first, group
 
 
-def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mark the rows that differ from the row before: mask (K,); the first counts as different."""
-    differs = np.ones(len(rows), bool)
-    differs[1:] = False
-    for column in rows.T:  # faster than any() over so short an axis
-        differs[1:] |= column[1:] != column[:-1]
-    return differs
-
-
-def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
-    """Join meshes into one surface, grouped by texture, with each distinct vertex stored once."""
-    images = list(dict.fromkeys(piece["image"] for piece in pieces))
-    pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
-    groups, start = [], 0
-    for image in images:
-        count = sum(len(p["points"]) for p in pieces if p["image"] == image)
-        groups.append((start, count, image))
-        start += count
-    points, normals, colors = (
-        np.concatenate([p[k] for p in pieces]) for k in ("points", "normals", "colors")
-    )
-    textured = any(image is not None for image in images)
+def _join(points: Array, normals: Array, colors: Array, scale: float) -> Surface:
+    """Make the surface of face corners (3F, 3), with each distinct vertex stored once."""
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0
-    rows = np.empty((len(points), 11 if textured else 9), np.int64)
-    rows[:, :3] = np.round(points / lattice)
-    rows[:, 3:6] = np.round(normals * 127)
-    rows[:, 6:9] = np.round(colors * 255)
-    if textured:
-        uv = np.concatenate(
-            [
-                np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"]
-                for p in pieces
-            ]
-        )
-        rows[:, 9:] = np.round(uv * 2**14)
+    steps = np.hstack([points / lattice, normals * 127, colors * 255])
     # each distinct row once, in the order in which the faces first name them: such indices compress
     # well
-    order, starts = grouped(rows)
-    firsts = order[starts]
-    kept = np.zeros(len(rows), bool)
-    kept[firsts] = True
-    first = np.flatnonzero(kept)
-    number = np.cumsum(kept) - 1
-    same = np.empty_like(order)
-    same[order] = np.repeat(number[firsts], np.diff(starts, append=len(order)))
-    at = np.round(points.take(first, 0) / lattice) * lattice * scale
-    faces = same.reshape(-1, 3)
-    shown_uv = uv[first] if textured else None
+    firsts, group = distinct(np.round(steps).astype(np.int64))
+    first = np.sort(firsts)
     return Surface(
-        at,
+        np.round(points.take(first, 0) / lattice) * lattice * scale,
         normals.take(first, 0),
         colors.take(first, 0),
-        faces,
-        shown_uv,
-        tuple(groups),
+        np.searchsorted(first, firsts)[group].reshape(-1, 3),
     )

@@ -30,9 +30,8 @@ from .chain_formulas import (
     chain_hessians,
     require_rotation,
 )
-from .coupling import Coupling
 from .kind import Kind
-from .mechanism import Mechanism
+from .mechanism import Coupling, Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 
 if TYPE_CHECKING:
@@ -75,8 +74,8 @@ class Task:
     model : pinocchio.Model
         Model of the chain; all other joints are fixed at the reference pose. With ``base``, it
         starts there and has no masses.
-    drive : Coupling or None
-        Map from q to the positions of the model's joints; None if these are q.
+    drive : Coupling
+        Map from q to the positions of the model's joints.
 
     Examples
     --------
@@ -157,25 +156,19 @@ class Task:
         return self._scratch.own.data
 
     def _couple(self) -> None:
-        self.drive, self._body_drive = (
-            self._drive(self.model),
-            self._drive(self._bodies),
-        )
+        self.drive = self._drive(self.model)
+        self._body_drive = self._drive(self._bodies)
 
-    def _drive(self, model: pin.Model) -> Coupling | None:
-        """Create the map from q to the joints of a model; None if it is the identity."""
+    def _drive(self, model: pin.Model) -> Coupling:
+        """Create the map from q to the joints of a model."""
         rows = [
             self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]
         ]
-        all_ = self.robot.coupling
-        S, offset = all_.S[np.ix_(rows, self._columns)], all_.offset[rows]
+        whole = self.robot.coupling
+        S = whole.S[np.ix_(rows, self._columns)]
         if self.coordinates is not None:
             S = S @ self.coordinates.T
-        return (
-            None
-            if np.array_equal(S, np.eye(self.n)) and not offset.any()
-            else Coupling(S, offset)
-        )
+        return Coupling(S, whole.offset[rows])
 
     def in_coordinates(self, T: ArrayLike) -> Task:
         """Create the same task in joint coordinates ψ, ``q = T ψ``; every method then takes ψ.
@@ -257,7 +250,7 @@ class Task:
     def jacobian(self, q: ArrayLike) -> Array:
         """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω."""
         J = self._task_rows(self._scratch.own.jacobian(self._vector(q)))
-        return J if self.drive is None else J @ self.drive.S
+        return self.drive.derivatives(J)
 
     def hessian(self, q: ArrayLike) -> Array:
         """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
@@ -288,14 +281,13 @@ class Task:
         Js = J.take(self.rows, axis=1)
         if R is not None:
             Js[:, 3:] = np.swapaxes(R, 1, 2)[:, :2] @ J[:, 3:]
-        return Js if self.drive is None else Js @ self.drive.S
+        return self.drive.derivatives(Js)
 
     def twists(self, Q: ArrayLike, Qdot: ArrayLike) -> Array:
         """Evaluate the frame's twist (v, ω) at every row of Q and q̇ (K, n): (K, 6), base axes."""
         J, _ = self._twists(Q)
         Qdot = as_configurations(Qdot, self.n, repr(self))
-        rates = Qdot if self.drive is None else Qdot @ self.drive.S.T
-        return np.einsum("Kij,Kj->Ki", J, rates)
+        return np.einsum("Kij,Kj->Ki", J, self.drive.rates(Qdot))
 
     def hessians(self, Q: ArrayLike) -> Array:
         """Evaluate H at every row of Q (K, n): an array (K, m, n, n).
@@ -303,10 +295,8 @@ class Task:
         See :func:`chain_hessians`."""
         J, R = self._twists(Q)
         H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
-        if self.drive is None:
-            return H
-        S = self.drive.S
-        return np.einsum("Kaps,pi,sk->Kaik", H, S, S, optimize=True)
+        along = np.swapaxes(self.drive.derivatives(H), -1, -2)
+        return np.swapaxes(self.drive.derivatives(along), -1, -2)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
         """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
@@ -324,7 +314,7 @@ class Task:
         which = [order[id(target)] for target in targets]
         to = np.array([goal.homogeneous for goal in goals.values()]).reshape(-1, 4, 4)
         p, R = self._placements(Q)
-        return self.kind.errors(p, R, to[which])
+        return self.kind.errors(p, R, to[which, :3, 3], to[which, :3, :3])
 
     def positions(self, Q: ArrayLike) -> Array:
         """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""
@@ -347,10 +337,10 @@ class Task:
             [j - 1 for j in self._first]
         ]
 
-    def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
+    def bodies_model(self) -> tuple[pin.Model, Coupling]:
         """Return the model of all links, with a fixed root and only the joints that q moves.
 
-        The second result maps q to the positions of these joints; None if these are q.
+        The second result maps q to the positions of these joints.
         """
         return self._bodies, self._body_drive
 
@@ -363,23 +353,23 @@ class Task:
         drive = self._body_drive
         Q = as_configurations(Q, self.n, repr(self))
         Ms = np.empty((len(Q), model.nv, model.nv))
-        for q, M in zip(Q if drive is None else drive.joints(Q), Ms, strict=True):
+        for q, M in zip(drive.joints(Q), Ms, strict=True):
             upper = np.triu(pin.crba(model, data, q))
             M[:] = upper + np.triu(upper, 1).T
-        return Ms if drive is None else drive.S.T @ Ms @ drive.S
+        return drive.S.T @ Ms @ drive.S
 
     def dynamics(self) -> Callable[[Array, Array, Array], Array]:
         """Create the inverse dynamics (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N.
 
         The function has separate scratch memory."""
-        model, drive = self._bodies, self._drive(self._bodies)
+        model, drive = self.bodies_model()
         data = model.createData()
-        if drive is None:
-            return lambda q, qdot, qddot: pin.rnea(model, data, q, qdot, qddot).copy()
-        S = drive.S
-        return lambda q, qdot, qddot: (
-            S.T @ pin.rnea(model, data, drive.joints(q), S @ qdot, S @ qddot)
-        )
+
+        def torques(q: Array, qdot: Array, qddot: Array) -> Array:
+            motion = drive.joints(q), drive.rates(qdot), drive.rates(qddot)
+            return drive.derivatives(pin.rnea(model, data, *motion)).copy()
+
+        return torques
 
     # ---- between the chain and the robot --------------------------------------------------------
 
@@ -547,11 +537,11 @@ class Task:
             values = vector(
                 q, self.n, f"q of {self!r}"
             )  # ddot is faster than np.isfinite
-        return values if self.drive is None else self.drive.joints(values)
+        return self.drive.joints(values)
 
     def _matrix(self, Q: ArrayLike) -> Array:
         Q = np.ascontiguousarray(as_configurations(Q, self.n, repr(self)))
-        return Q if self.drive is None else self.drive.joints(Q)
+        return self.drive.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
         return {k: v for k, v in self.__dict__.items() if k != "_scratch"}

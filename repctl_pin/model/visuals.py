@@ -1,4 +1,4 @@
-"""Visible shapes of a robot and their placements at a configuration.
+"""Visible shapes of a robot, their placements at configurations, and their corners.
 
 Mesh files are located here and read where they are drawn. A robot without shapes, and a link whose
 mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Surroundings
@@ -6,21 +6,32 @@ are drawn by their collision shapes."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .coupling import Coupling
-from .mechanism import Mechanism
-from .model import fixed_placements, link_frames, origin
-from .shapes import Color, find_mesh
-from .validate import MAX_SHAPES, Joint
+from .mechanism import Coupling, Mechanism
+from .model import (
+    fixed_placements,
+    frame_placements,
+    link_frames,
+    link_ids,
+    origin,
+)
+from .shapes import Color, Shape, find_mesh
+from .urdf import MAX_SHAPES, Description, Joint
+
+if TYPE_CHECKING:
+    from .surfaces import Surface, Surfaces
 
 _PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
 """Default colour of a shape."""
@@ -32,38 +43,12 @@ JOINT: Color = (0.25, 0.28, 0.33, 1.0)
 _AROUND: Color = (0.62, 0.66, 0.71, 0.45)
 """Colour of the surroundings, transparent so that the arm stays visible."""
 
+_RIM = 24
+"""Number of corners of the polygon that approximates a circle."""
 
-@dataclass(frozen=True)
-class Shape:
-    """Visible shape in its own frame.
-
-    Attributes
-    ----------
-    kind
-        ``mesh``, ``box``, ``cylinder``, ``sphere`` or ``capsule``.
-    path
-        Mesh file; None for primitives.
-    scale
-        Scale of a mesh along its own axes, negative if mirrored; never part of a placement.
-    size
-        box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m.
-    color
-        Red, green, blue and opacity, 0 to 1.
-    textured
-        True if the mesh keeps the materials of its own file, because the URDF gives none.
-    standing
-        True for a shape of the surroundings.
-    """
-
-    name: str
-    kind: str
-    link: str = ""
-    path: Path | None = None
-    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
-    size: tuple[float, ...] = ()
-    color: Color = _PLAIN
-    textured: bool = False
-    standing: bool = False
+_KEPT = 256
+_hulls: dict[tuple[Path, int], Array] = {}
+"""Cache of mesh hulls, by file path and modification time; the terminal and the page share it."""
 
 
 _Placed = tuple[Shape, pin.SE3]
@@ -83,36 +68,32 @@ class Visuals:
 
     shapes: tuple[Shape, ...]
     _model: pin.Model = field(repr=False)
-    _joint: NDArray[np.intp] = field(repr=False)  # (S,)
-    _on_joint: Array = field(repr=False)  # (S, 4, 4)
+    _frame: NDArray[np.intp] = field(repr=False)  # (S,), frame ids
+    _on_frame: Array = field(repr=False)  # (S, 4, 4)
     _coupling: Coupling = field(repr=False)
     _base: int = field(repr=False)  # frame id
 
     @classmethod
     def of(cls, robot: Mechanism) -> Visuals:
         """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``."""
+        ids = link_ids(robot.model)
         links = link_frames(robot.model)
         riding: list[_Placed] = []
         missing = set()  # links whose mesh is missing
         for shape, place in _find_shapes(robot):
             if shape.kind == "mesh" and shape.path is None:
                 missing.add(shape.link)
-            elif shape.color[3] > 0:
+            elif shape.color is None or shape.color[3] > 0:
                 riding.append((shape, place))
         moving = any(links[shape.link].parentJoint > 0 for shape, _ in riding)
         riding += _skeleton(robot, links, missing if moving else links)
-        around = list(_surroundings(robot))
-        joints = [links[shape.link].parentJoint for shape, _ in riding] + [0] * len(
-            around
-        )
-        placed = [links[shape.link].placement * M for shape, M in riding] + [
-            M for _, M in around
-        ]
+        placed = [*riding, *_surroundings(robot)]
+        frames = [0 if shape.standing else ids[shape.link] for shape, _ in placed]
         return cls(
-            shapes=tuple(shape for shape, _ in [*riding, *around]),
+            shapes=tuple(shape for shape, _ in placed),
             _model=robot.model,
-            _joint=np.array(joints, np.intp),
-            _on_joint=np.array([M.homogeneous for M in placed]).reshape(-1, 4, 4),
+            _frame=np.array(frames, np.intp),
+            _on_frame=np.array([M.homogeneous for _, M in placed]).reshape(-1, 4, 4),
             _coupling=robot.coupling,
             _base=robot.base_id,
         )
@@ -135,44 +116,18 @@ class Visuals:
             raise InputError(
                 f"Q has shape {Q.shape}, but this robot has {n} joints; give Q as (T, {n})"
             )
-        model = self._model
-        data = self._model.createData()
-        base = self._model.frames[self._base]
-        joints, which = np.unique(self._joint, return_inverse=True)
-        oMi = np.empty((len(Q), len(joints), 4, 4))
-        for q, rows in zip(self._coupling.joints(Q), oMi, strict=True):
-            pin.forwardKinematics(model, data, q)
-            to_base = (data.oMi[base.parentJoint] * base.placement).inverse()
-            for row, j in zip(rows, joints.tolist(), strict=True):
-                row[:] = (to_base * data.oMi[j]).homogeneous
-        return oMi[:, which] @ self._on_joint
+        Q = self._coupling.joints(Q)
+        frames = frame_placements(self._model, self._frame.tolist(), Q, self._base)
+        return frames @ self._on_frame
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
     """Iterate over a robot's visible shapes; the path of a missing mesh is None."""
-    for seen in robot.description.shapes:
-        path = (
-            find_mesh(seen.filename, robot.description.path, robot.package_dirs)
-            if seen.filename
-            else None
-        )
-        own = (
-            seen.kind == "mesh"
-            and seen.color is None
-            and path is not None
-            and path.suffix.lower() != ".stl"
-        )
-        shape = Shape(
-            seen.name,
-            seen.kind,
-            seen.link,
-            path,
-            seen.scale,
-            seen.size,
-            seen.color or _PLAIN,
-            own,
-        )
-        yield shape, origin(seen)
+    for shape in robot.description.shapes:
+        path = _mesh_file(shape, robot.description, robot)
+        own_colors = path is not None and path.suffix.lower() != ".stl"
+        color = shape.color or (None if own_colors else _PLAIN)
+        yield replace(shape, path=path, color=color), origin(shape)
 
 
 def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
@@ -185,28 +140,18 @@ def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
     if around is None:
         return
     places = fixed_placements(around)
-    for solid in around.collisions[:MAX_SHAPES]:
-        path = (
-            find_mesh(solid.filename, around.path, robot.package_dirs)
-            if solid.filename
-            else None
-        )
-        if path is not None or solid.kind != "mesh":
-            name = f"surroundings/{solid.name}"
-            M = places[solid.link] * origin(solid)
-            yield (
-                Shape(
-                    name,
-                    solid.kind,
-                    solid.link,
-                    path,
-                    solid.scale,
-                    solid.size,
-                    _AROUND,
-                    standing=True,
-                ),
-                M,
-            )
+    for shape in around.collisions[:MAX_SHAPES]:
+        path = _mesh_file(shape, around, robot)
+        if path is not None or shape.kind != "mesh":
+            name = f"surroundings/{shape.name}"
+            M = places[shape.link] * origin(shape)
+            yield replace(shape, name=name, path=path, color=_AROUND, standing=True), M
+
+
+def _mesh_file(shape: Shape, of: Description, robot: Mechanism) -> Path | None:
+    """Find the mesh file of a shape; None if it has none, or it is missing."""
+    name = shape.filename
+    return find_mesh(name, of.path, robot.package_dirs) if name else None
 
 
 def _skeleton(
@@ -223,18 +168,13 @@ def _skeleton(
     draw
         Names of the links to draw.
     """
-    thick = 0.02 * (_extent(robot, links) or 1.0)
+    thick = 0.02 * (_extent(robot) or 1.0)
     for joint in robot.description.joints:
         place = _joint_origin(robot.model, links, joint)
         length = float(np.linalg.norm(place.translation))
         if joint.parent in draw and length > thick:
-            tube = Shape(
-                f"{joint.name}_tube",
-                "capsule",
-                joint.parent,
-                size=(thick, length),
-                color=_TUBE,
-            )
+            size = thick, length
+            tube = Shape(f"{joint.name}_tube", joint.parent, "capsule", size, _TUBE)
             yield tube, pin.SE3(_turn_z_to(place.translation), place.translation / 2)
         if joint.child in draw and joint.kind != "fixed":
             yield from _joint_bones(joint, place, thick, joint.parent in draw)
@@ -250,36 +190,20 @@ def _joint_bones(
     name = joint.name
     along = pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
     if joint.kind != "prismatic":
-        yield (
-            Shape(
-                f"{name}_joint",
-                "cylinder",
-                joint.child,
-                size=(1.7 * thick, 4.4 * thick),
-                color=JOINT,
-            ),
-            along,
-        )
+        size: tuple[float, ...] = (1.7 * thick, 4.4 * thick)
+        yield Shape(f"{name}_joint", joint.child, "cylinder", size, JOINT), along
         return
     size = (3.4 * thick, 3.4 * thick, 5 * thick)
     reach = 50 * thick
-    yield Shape(f"{name}_slider", "box", joint.child, size=size, color=JOINT), along
+    yield Shape(f"{name}_slider", joint.child, "box", size, JOINT), along
     low = max(joint.lower, -reach)
     high = min(joint.upper, reach)
     if rail and high > low:
         middle = (
             place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along
         )
-        yield (
-            Shape(
-                f"{name}_rail",
-                "cylinder",
-                joint.parent,
-                size=(0.8 * thick, high - low),
-                color=_TUBE,
-            ),
-            middle,
-        )
+        size = 0.8 * thick, high - low
+        yield Shape(f"{name}_rail", joint.parent, "cylinder", size, _TUBE), middle
 
 
 def _joint_origin(
@@ -295,14 +219,11 @@ def _joint_origin(
     return parent.placement.inverse() * model.jointPlacements[child.parentJoint]
 
 
-def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
+def _extent(robot: Mechanism) -> float:
     """Compute the diagonal of the box around all link origins at the reference pose, m."""
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.coupling.joints(robot.reference))
-    points = [
-        (data.oMi[f.parentJoint] * f.placement).translation for f in links.values()
-    ]
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    q = robot.coupling.joints(robot.reference)
+    placed = frame_placements(robot.model, link_ids(robot.model).values(), q[None])
+    return float(np.linalg.norm(np.ptp(placed[0, :, :3, 3], axis=0)))
 
 
 def _turn_z_to(direction: ArrayLike) -> Array:
@@ -311,3 +232,69 @@ def _turn_z_to(direction: ArrayLike) -> Array:
     if z[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
     return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), z).matrix()
+
+
+# ---- corners of the drawn bodies ----
+
+
+def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
+    """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3) each, m.
+
+    A shape that cannot be read has one corner, at its origin. ``surfaces`` are the contents of the
+    mesh files; if None, the files are read.
+    """
+    return [_hull_corners(shape, surfaces) * np.array(shape.scale) for shape in shapes]
+
+
+def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
+    """Collect the corners of a shape's convex hull before scaling: (P, 3)."""
+    if shape.kind != "mesh":
+        return _primitive_corners(shape)
+    assert shape.path is not None
+    try:
+        key = (shape.path, shape.path.stat().st_mtime_ns)
+    except OSError:
+        return np.zeros((1, 3))
+    if key not in _hulls:
+        if len(_hulls) >= _KEPT:
+            _hulls.clear()
+        if surfaces is None:
+            from .surfaces import (
+                read_surfaces,  # an arm without meshes has no need of it
+            )
+
+            surfaces = read_surfaces([shape])
+        _hulls[key] = _mesh_corners(surfaces[shape.path])
+    return _hulls[key]
+
+
+def _mesh_corners(surface: Surface | InputError) -> Array:
+    """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
+    if isinstance(surface, InputError):
+        return np.zeros((1, 3))
+    try:
+        points = surface.points[ConvexHull(surface.points).vertices]
+    except (QhullError, ValueError):  # flat
+        points = surface.points
+    return np.unique(points, axis=0)
+
+
+def _primitive_corners(shape: Shape) -> Array:
+    """Collect the corners of a box, or of a polytope that approximates a round shape: (P, 3), m."""
+    ends = np.array([-0.5, 0.5])
+    if shape.kind == "box":
+        return np.array(list(product(*(edge * ends for edge in shape.size))))
+    angles = 2 * np.pi * np.arange(_RIM) / _RIM
+    radius = shape.size[0]
+    length = shape.size[1] if len(shape.size) > 1 else 0.0
+    tilts = np.zeros(1) if shape.kind == "cylinder" else np.linspace(0, np.pi / 2, 7)
+    rings = [
+        np.c_[
+            radius * np.cos(tilt) * np.cos(angles),
+            radius * np.cos(tilt) * np.sin(angles),
+            np.full(_RIM, side * (length / 2 + radius * np.sin(tilt))),
+        ]
+        for tilt in tilts
+        for side in (-1, 1)
+    ]
+    return np.vstack(rings)

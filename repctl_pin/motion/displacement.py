@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..model.arm_links import arm_links, link_origins, other_ends
-from ..model.body_corners import corners
+from ..model.shapes import Shape
 from ..model.task import Task
-from ..model.visuals import Shape, Visuals
+from ..model.visuals import Visuals, corners
 from .joint_motion import JointMotion
 
 _MOST_CYCLES = 100

@@ -19,9 +19,9 @@ from ..arguments import (
     shown,
 )
 from ..errors import InputError
-from ..model.rules import NO_EFFORT
 from ..model.several_frames import one_frame
 from ..model.task import Task
+from ..model.urdf_rules import NO_EFFORT
 
 _PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": (

@@ -209,7 +209,7 @@ def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
             _require_reach(single, own, limits=limits)
         return
     center, length = _longest_reach(task, limits=limits)
-    rows = [row for row in task.rows if row < 3]
+    rows = task.kind.rows[task.kind.linear]
     away = float(np.linalg.norm((target.translation - center)[rows]))
     if away > length * (1 + 1e-12):
         raise InputError(

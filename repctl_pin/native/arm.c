@@ -77,6 +77,11 @@ SHARED void place(const Arm *arm, const double q[], double p[], double R[], doub
     place_frame(arm->frame + f, q, p + 3 * f, R + 9 * f, J ? J + row : NULL);
 }
 
+/* Placements of all frames at q. */
+SHARED void find_poses(const Arm *arm, const double q[], Pose pose[]) {
+  for (int f = 0; f < FRAMES; f++) place_frame(FRAME(f), q, pose[f].p, pose[f].R, NULL);
+}
+
 /* ---- the task error ---- */
 
 /* Test whether R is a rotation to 1e-6: two orthonormal rows, the third their cross product. */
@@ -159,7 +164,7 @@ static void axis_turn(const double R[9], const double goal[9], double e[2]) {
 }
 
 /* e = (p* - p, log(R* R^T)), or its rows of the task; for AXIS, the shortest rotation of the tool's axis. */
-static void frame_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]) {
+SHARED void frame_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]) {
   for (int i = 0; i < ROWS && i < 3; i++) {
     const int row = arm->kind == POSITION ? arm->rows[i] : i;
     e[i] = target->p[row] - p[row];
@@ -194,7 +199,7 @@ SHARED int usable(const Arm *arm, const Pose *target) {
 }
 
 /* b <- b + dt xdot, with xdot of the frame's twist (v, omega). */
-static void add_frame_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]) {
+SHARED void add_frame_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]) {
   for (int i = 0; i < ROWS; i++) {
     double rate = twist[arm->kind == POSITION ? arm->rows[i] : i];
     if (arm->kind == AXIS && i > 2) rate = R[i - 3] * twist[3] + R[i] * twist[4] + R[i + 3] * twist[5];

@@ -1,9 +1,10 @@
 /* An arm as tables: chain, potentials, limits, design region; and the functions on them.
 
    The library and every exported file share this text. In the library the sizes are read from the tables; an exported
-   file defines EXPORTED, the sizes N, M, FRAMES, MOST_N, MOST_JOINTS, TERMS and WIDTH as numbers, and of a single frame
-   ROWS and JOINTS, too; SHARED and EXPORT as static, the types Pose, Options and Report as those of its header, and its
-   tables as constants. So N - M is written for r, and names here do not end as those of an exported header do. */
+   file defines EXPORTED, the sizes N, M, FRAMES, MOST_N, MOST_FRAMES, MOST_JOINTS, TERMS and WIDTH as numbers, and of a
+   single frame ROWS and JOINTS, too; SHARED and EXPORT as static, the types Pose, Options and Report as those of its
+   header, and its tables as constants. So N - M is written for r, and names here do not end as those of an exported
+   header do. */
 
 #ifndef REPCTL_ARM_H
 #define REPCTL_ARM_H
@@ -19,6 +20,7 @@
 #define MOST_JOINTS (arm->joints)
 #define FRAMES (arm->frames)
 #define MOST_N 64 /* joints of an arm in structs */
+#define MOST_FRAMES (MOST_N / 2) /* frames of a task in structs: each has two coordinates at least */
 #define TERMS (part->count)
 #define WIDTH ((N - M) * (part->k + 1))
 
@@ -45,6 +47,7 @@ typedef struct {
 #define UNROLLED
 #endif
 
+#define FRAME(f) (FRAMES == 1 ? arm : arm->frame + (f)) /* the struct Arm of a frame */
 #define WHOLE_STEP (-1.0)
 
 enum { POSE, AXIS, POSITION };              /* kinds of a task */
@@ -111,11 +114,14 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 /* ---- the arm at q ---- */
 
 SHARED void place(const Arm *arm, const double q[], double p[], double R[], double J[][N]);
+SHARED void find_poses(const Arm *arm, const double q[], Pose pose[]);
 SHARED double angle_per_sine(double square, double cosine);
 SHARED int rotation(const double R[9]);
 SHARED double angle_per_sine(double square, double cosine);
 SHARED int usable(const Arm *arm, const Pose *target);
 SHARED void task_error(const Arm *arm, const double p[], const double R[], const Pose *target, double e[]);
+SHARED void frame_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]);
+SHARED void add_frame_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]);
 SHARED void add_rate(const Arm *arm, const double R[], const double twist[], double dt, double b[]);
 SHARED void potentials(const Arm *arm, const double q[], const double p[], const double R[], double J[][N],
                        double h[], double V[][N]);

@@ -24,8 +24,9 @@
    stride. */
 typedef struct {
   Course course;
-  double q[MOST_N], qdot[MOST_N], G[MOST_N * 6], B[MOST_N * 6], B_ahead[MOST_N * 6];
-  double twist[6], rate[6], later[6], bend[MOST_N], room[MOST_N];
+  double *G, *B, *B_ahead; /* N M, N RATES, N RATES: in memory of the caller */
+  double q[MOST_N], qdot[MOST_N], bend[MOST_N], room[MOST_N];
+  double twist[6 * MOST_FRAMES], rate[6 * MOST_FRAMES], later[6 * MOST_FRAMES];
 } Now;
 
 /* Speed from which a deceleration a after a delay stops within a distance; a can be infinite. */
@@ -47,11 +48,11 @@ static double arrival_speed(double distance, double a, double jerk, double lag) 
 }
 
 /* Compute B x for a velocity x in the coordinates of the course. */
-static void joint_rates(const Arm *arm, const double *B, const double twist[6], double x[]) {
+static void joint_rates(const Arm *arm, const double *B, const double twist[], double x[]) {
   (void)arm;
   for (int i = 0; i < N; i++) {
     x[i] = 0.0;
-    for (int a = 0; a < 6; a++) x[i] += B[i * 6 + a] * twist[a];
+    for (int a = 0; a < RATES; a++) x[i] += B[i * RATES + a] * twist[a];
   }
 }
 
@@ -59,9 +60,9 @@ static void joint_rates(const Arm *arm, const double *B, const double twist[6], 
 static void joint_columns(const Arm *arm, const double *G, const double *E, double *B) {
   (void)arm;
   for (int i = 0; i < N; i++)
-    for (int b = 0; b < 6; b++) {
-      B[i * 6 + b] = 0.0;
-      for (int a = 0; a < M; a++) B[i * 6 + b] += G[i * M + a] * E[a * 6 + b];
+    for (int b = 0; b < RATES; b++) {
+      B[i * RATES + b] = 0.0;
+      for (int a = 0; a < M; a++) B[i * RATES + b] += G[i * M + a] * E[a * RATES + b];
     }
 }
 
@@ -70,7 +71,7 @@ static int state_now(const Arm *arm, const Governor *g, Now *now) {
   const Plan *plan = &g->plan[g->taken];
   const double t = (double)g->tick * g->dt;
   const Piece *piece = piece_of(plan, t);
-  double ahead[N], qddot[N], spare[6], x[N], E[M * 6], G[N * M];
+  double ahead[N], qddot[N], spare[RATES], x[N], E[M * RATES], G[N * M];
   for (int i = 0; i < N; i++) {
     now->q[i] = g->history[2][i];
     now->qdot[i] = qddot[i] = 0.0;
@@ -95,7 +96,7 @@ static int state_now(const Arm *arm, const Governor *g, Now *now) {
 }
 
 /* Find the largest speeds along a direction, in shares of it per s: by the speed limits, and by the joint limits. */
-static void fastest_along(const Arm *arm, const Governor *g, const Now *now, const double way[6], double *by_speed,
+static void fastest_along(const Arm *arm, const Governor *g, const Now *now, const double way[], double *by_speed,
             double *by_room) {
   double x[N], ahead[N];
   joint_rates(arm, now->B, way, x);
@@ -151,10 +152,10 @@ static double release_way(double speed, double a, double jerk) {
 }
 
 /* Choose the derivative of the twist after the next stride, on the way to another twist. */
-static void next_rate(const Arm *arm, const Governor *g, const Now *now, const double wish[6], double later[6]) {
+static void next_rate(const Arm *arm, const Governor *g, const Now *now, const double wish[], double later[]) {
   const double T = g->stride;
-  double gap[6], change[6], x[N], fits = HUGE_VAL, jerk = HUGE_VAL, most = HUGE_VAL, share;
-  for (int i = 0; i < 6; i++) gap[i] = wish[i] - now->twist[i] - T / 2.0 * now->rate[i];
+  double gap[RATES], change[RATES], x[N], fits = HUGE_VAL, jerk = HUGE_VAL, most = HUGE_VAL, share;
+  for (int i = 0; i < RATES; i++) gap[i] = wish[i] - now->twist[i] - T / 2.0 * now->rate[i];
   joint_rates(arm, now->B, gap, x);
   for (int i = 0; i < N; i++) {
     const double size = fabs(x[i]) > TINY ? fabs(x[i]) : TINY;
@@ -166,14 +167,14 @@ static void next_rate(const Arm *arm, const Governor *g, const Now *now, const d
   share = approach_speed(1.0, AIM_JERK * jerk, T);
   if (!(fits > 0.0)) fits = 0.0;
   if (fits < share) share = fits;
-  for (int i = 0; i < 6; i++) change[i] = share * gap[i] - now->rate[i];
+  for (int i = 0; i < RATES; i++) change[i] = share * gap[i] - now->rate[i];
   joint_rates(arm, now->B, change, x);
   for (int i = 0; i < N; i++) {
     const double size = fabs(x[i]) > TINY ? fabs(x[i]) : TINY;
     if (AIM_JERK * g->limits.jerk[i] * T / size < most) most = AIM_JERK * g->limits.jerk[i] * T / size;
   }
   if (most > 1.0) most = 1.0;
-  for (int i = 0; i < 6; i++) later[i] = now->rate[i] + most * change[i];
+  for (int i = 0; i < RATES; i++) later[i] = now->rate[i] + most * change[i];
 }
 
 /* Measure the samples of a plan: the largest shares of the limits that are used before and after a time, and whether
@@ -265,7 +266,7 @@ static int plan_take(Governor *g) {
 
 /* Add a stop to a plan, as short as the limits allow; take the plan if it serves. */
 static int try_stop(const Arm *arm, Governor *g, Plan *plan, const Now *now, const Course *course,
-                           const double twist[6], const double rate[6]) {
+                           const double twist[], const double rate[]) {
   const int motions = plan->motions, pieces = plan->pieces;
   const double begin = plan->time;
   double x[N], q[N], qdot[N], fast = 0.0, shortest = 0.0, jerk = 0.0;
@@ -289,7 +290,7 @@ static int try_stop(const Arm *arm, Governor *g, Plan *plan, const Now *now, con
       plan->q[i] = q[i];
       plan->qdot[i] = qdot[i];
     }
-    motion_brake(&plan->motion[motions], course, twist, rate, T);
+    motion_brake(arm, &plan->motion[motions], course, twist, rate, T);
     if (!plan_append_long(arm, g, plan, fast * T / 2.0)) return plan_failure(g);
     if (!can_leave(arm, plan->q, now)) return SINGULAR;
     if (!affords(g, plan)) return SLOWED;
@@ -306,14 +307,14 @@ static int try_stop(const Arm *arm, Governor *g, Plan *plan, const Now *now, con
 }
 
 /* Plan a stride, the end of its acceleration, and a stop; take the plan if it serves. */
-static int try_stride(const Arm *arm, Governor *g, const Now *now, const double later[6]) {
+static int try_stride(const Arm *arm, Governor *g, const Now *now, const double later[]) {
   Plan *plan = &g->plan[1 - g->taken];
   Motion *motion = plan->motion;
   Course course;
-  double twist[6], rate[6], x[N], release = g->dt;
+  double twist[RATES], rate[RATES], x[N], release = g->dt;
   int bounded = 1;
   plan_begin(arm, plan, &now->course, now->q, now->qdot);
-  motion_change(motion, &now->course, now->twist, now->rate, later, g->stride);
+  motion_change(arm, motion, &now->course, now->twist, now->rate, later, g->stride);
   if (!plan_append(arm, g, plan, 0, 1)) return plan_failure(g);
   motion_course_at(arm, motion, g->stride, &course);
   motion_rates(arm, motion, g->stride, twist, rate);
@@ -323,20 +324,19 @@ static int try_stride(const Arm *arm, Governor *g, const Now *now, const double 
     if (fabs(x[i]) / (AIM_JERK * g->limits.jerk[i]) > release) release = fabs(x[i]) / (AIM_JERK * g->limits.jerk[i]);
   }
   if (bounded) {
-    const double zero[6] = {0.0};
-    Course start = course;
+    static const double zero[6 * MOST_FRAMES] = {0.0};
     motion++;
-    motion_change(motion, &start, twist, rate, zero, release);
+    motion_change(arm, motion, &course, twist, rate, zero, release);
     if (!plan_append(arm, g, plan, release > 0.02, 1)) return plan_failure(g);
     motion_course_at(arm, motion, release, &course);
     motion_rates(arm, motion, release, twist, rate);
   } else
-    for (int i = 0; i < 6; i++) rate[i] = 0.0;
+    for (int i = 0; i < RATES; i++) rate[i] = 0.0;
   return try_stop(arm, g, plan, now, &course, twist, rate);
 }
 
 /* Plan to come to rest at a displacement, if it is near; return 1 if the plan is taken. */
-static int try_landing(const Arm *arm, Governor *g, const Now *now, const double way[6], const double x[], double a,
+static int try_landing(const Arm *arm, Governor *g, const Now *now, const double way[], const double x[], double a,
                            double jerk, double speed, double closing, double rise) {
   static const double longer[2][3] = {{1.0, 1.15, 1.4}, {0.95, 1.0, 1.05}};
   Plan *plan = &g->plan[1 - g->taken];
@@ -359,7 +359,7 @@ static int try_landing(const Arm *arm, Governor *g, const Now *now, const double
   if (T < 3.0 * g->dt) T = 3.0 * g->dt;
   plan_begin(arm, plan, &now->course, now->q, now->qdot);
   plan->lands = 1;
-  motion_land(plan->motion, &now->course, now->twist, now->rate, way, T);
+  motion_land(arm, plan->motion, &now->course, now->twist, now->rate, way, T);
   if (!plan_append_long(arm, g, plan, travel) || !can_leave(arm, plan->q, now)) return 0;
   if (!affords(g, plan)) return 0;
   if (!shares_used(arm, g, plan, 0.0, &before, &after) || !(before <= 1.0) || !(after <= 1.0)) return 0;
@@ -375,27 +375,27 @@ static int is_slow(const Arm *arm, const Governor *g, const double x[]) {
 }
 
 /* Tell whether the velocity is the one asked for. */
-static int reached_status(const Arm *arm, const Governor *g, const Now *now, const double way[6]) {
-  double away[6], x[N];
-  for (int i = 0; i < 6; i++) away[i] = way[i] - now->twist[i];
+static int reached_status(const Arm *arm, const Governor *g, const Now *now, const double way[]) {
+  double away[RATES], x[N];
+  for (int i = 0; i < RATES; i++) away[i] = way[i] - now->twist[i];
   joint_rates(arm, now->B, away, x);
   return is_slow(arm, g, x) ? OK : SLOWED;
 }
 
 /* Go on in a direction for a stride, as fast as the limits allow. */
-static int drive(const Arm *arm, Governor *g, const Now *now, const double way[6], double asked, int lands) {
-  double by_speed, by_room, speed, wish[6], later[6];
+static int drive(const Arm *arm, Governor *g, const Now *now, const double way[], double asked, int lands) {
+  double by_speed, by_room, speed, wish[RATES], later[RATES];
   int cause, i = 0;
-  while (i < 6 && way[i] == 0.0) i++;
-  if (i == 6) return reached_status(arm, g, now, way);
+  while (i < RATES && way[i] == 0.0) i++;
+  if (i == RATES) return reached_status(arm, g, now, way);
   fastest_along(arm, g, now, way, &by_speed, &by_room);
   speed = (by_speed < by_room ? by_speed : by_room) * g->pace;
   if (asked < speed) speed = asked;
-  for (i = 0; i < 6; i++) wish[i] = way[i] * speed;
+  for (i = 0; i < RATES; i++) wish[i] = way[i] * speed;
   next_rate(arm, g, now, wish, later);
   cause = try_stride(arm, g, now, later);
   if (cause == SLOWED) {
-    for (i = 0; i < 6; i++) later[i] = (now->later[i] + later[i]) / 2.0;
+    for (i = 0; i < RATES; i++) later[i] = (now->later[i] + later[i]) / 2.0;
     try_stride(arm, g, now, later);
     return cause;
   }
@@ -410,9 +410,9 @@ static int drive(const Arm *arm, Governor *g, const Now *now, const double way[6
   return lands ? SLOWED : reached_status(arm, g, now, way);
 }
 
-/* Direct the frame so that the joints approach those of the target, along the leaf. */
-static void way_of_joints(const Arm *arm, Governor *g, const Now *now, double way[6], double x[]) {
-  double p[3], R[9], J[M][N], rate[M], d[N], size = 0.0, miss = 0.0;
+/* Direct the frames so that the joints approach those of the target, along the leaf. */
+static void way_of_joints(const Arm *arm, Governor *g, const Now *now, double way[], double x[]) {
+  double p[3 * FRAMES], R[9 * FRAMES], J[M][N], rate[M], d[N], size = 0.0, miss = 0.0;
   for (int i = 0; i < N; i++) {
     const double apart = g->line.q[i] - now->q[i];
     if (!(fabs(apart) <= size)) size = fabs(apart);
@@ -461,8 +461,8 @@ static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status)
 static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *target) {
   const Plan *plan = &g->plan[g->taken];
   const int rests = (double)(g->tick - 3) * g->dt >= plan->time;
-  const int lands = plan->lands && equal_poses(target, &g->landing);
-  double way[6], x[N], travel = 0.0, a, jerk, speed, rise, left, by_speed, by_room;
+  const int lands = plan->lands && equal_poses(arm, target, g->landing);
+  double way[RATES], x[N], travel = 0.0, a, jerk, speed, rise, left, by_speed, by_room;
   int status;
   if (lands) look_for(arm, g, target); /* only in ticks without a plan */
   if (lands && !rests) return SLOWED;
@@ -481,7 +481,7 @@ static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *ta
   closing_speed(arm, now, x, &speed, &rise);
   fastest_along(arm, g, now, way, &by_speed, &by_room);
   if (!g->by_joints && !g->exhausted && try_landing(arm, g, now, way, x, a, jerk, by_speed, speed, rise)) {
-    g->landing = *target;
+    copy_poses(arm, target, g->landing);
     g->pace = 1.0;
     return SLOWED;
   }
@@ -492,18 +492,18 @@ static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *ta
   return status;
 }
 
-/* Move by a twist of the frame for a stride. */
+/* Move by twists of the frames for a stride. */
 static int follow(const Arm *arm, Governor *g, const Now *now, const double *twist) {
-  double rate[M], left_out[M], way[6], E[M * 6], x[N];
+  double rate[M], left_out[M], way[RATES], E[M * RATES], x[N];
   int status;
   for (int a = 0; a < M; a++) rate[a] = 0.0;
-  if (twist) add_rate(arm, now->course.place.R, twist, 1.0, rate);
+  if (twist) course_rates(arm, &now->course, twist, rate);
   course_rates_of(arm, &now->course, rate, way);
   status = drive(arm, g, now, way, 1.0, 0);
   course_task_rates(arm, &now->course, E);
   for (int a = 0; a < M; a++) {
     left_out[a] = rate[a];
-    for (int b = 0; b < 6; b++) left_out[a] -= E[a * 6 + b] * way[b];
+    for (int b = 0; b < RATES; b++) left_out[a] -= E[a * RATES + b] * way[b];
   }
   for (int i = 0; i < N; i++) {
     x[i] = 0.0;
@@ -519,10 +519,10 @@ static int is_small(const double *x, int count) {
 }
 
 /* Tell whether the last plan heeds an input, or whether it is newer. */
-static int is_heeded(const Governor *g, const Pose *target, const double *twist) {
-  if (target) return g->heeds_target && equal_poses(target, &g->heard);
+static int is_heeded(const Arm *arm, const Governor *g, const Pose *target, const double *twist) {
+  if (target) return g->heeds_target && equal_poses(arm, target, g->heard);
   if (g->heeds_target) return 0;
-  for (int i = 0; i < 6; i++)
+  for (int i = 0; i < RATES; i++)
     if ((twist ? twist[i] : 0.0) != g->heard_twist[i]) return 0;
   return 1;
 }
@@ -554,7 +554,7 @@ static int start_at_rest(const Arm *arm, Governor *g, const double q[], double d
   course_begin(arm, q, &g->line.course);
   plan_begin(arm, &g->plan[0], &g->line.course, q, still);
   g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
-  for (int i = 0; i < 6; i++) g->heard_twist[i] = 0.0;
+  for (int i = 0; i < RATES; i++) g->heard_twist[i] = 0.0;
   g->tick = 3; /* all differences are 0 */
   g->next = 0;
   g->pace = g->longer = 1.0;
@@ -574,14 +574,17 @@ SHARED int govern_from(const Arm *arm, Governor *g, const double q[], double dt,
 
 /* Compute the next joints to command, towards a target or by a twist; without both it stops. */
 SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, double q_next[]) {
-  int usable = !(target && twist);
+  int accepted = !(target && twist);
   if (!g->started) return g->status == OK ? BAD_NUMBER : g->status;
-  if (target && !(is_small(target->p, 3) && (arm->kind == POSITION || rotation(target->R)))) usable = 0;
-  if (twist && !is_small(twist, 6)) usable = 0;
-  if (usable && g->tick >= g->next) {
+  if (target && !usable(arm, target)) accepted = 0;
+  for (int f = 0; f < FRAMES && target; f++) accepted &= is_small(target[f].p, 3);
+  if (twist && !is_small(twist, RATES)) accepted = 0;
+  if (accepted && g->tick >= g->next) {
+    double G[N * M], B[2 * N * RATES];
     Now now;
+    now.G = G, now.B = B, now.B_ahead = B + N * RATES;
     g->left = MOST_EVALUATIONS;
-    if (!target || !g->heeds_target || !equal_poses(target, &g->heard)) g->stuck = g->by_joints = 0;
+    if (!target || !g->heeds_target || !equal_poses(arm, target, g->heard)) g->stuck = g->by_joints = 0;
     if (!state_now(arm, g, &now))
       g->status = SINGULAR;
     else if (target)
@@ -590,8 +593,8 @@ SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double 
       g->status = follow(arm, g, &now, twist);
     g->next = g->tick + g->ticks;
     g->heeds_target = target != NULL;
-    if (target) g->heard = *target;
-    for (int i = 0; i < 6; i++) g->heard_twist[i] = twist ? twist[i] : 0.0;
+    if (target) copy_poses(arm, target, g->heard);
+    for (int i = 0; i < RATES; i++) g->heard_twist[i] = twist ? twist[i] : 0.0;
   }
   g->tick++;
   for (int i = 0; i < N; i++) {
@@ -600,7 +603,7 @@ SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double 
   }
   plan_at(arm, &g->plan[g->taken], (double)g->tick * g->dt, g->history[2]);
   for (int i = 0; i < N; i++) q_next[i] = g->history[2][i];
-  if (!usable) return BAD_NUMBER;
-  if (g->status == OK && !is_heeded(g, target, twist)) return SLOWED;
+  if (!accepted) return BAD_NUMBER;
+  if (g->status == OK && !is_heeded(arm, g, target, twist)) return SLOWED;
   return g->status;
 }

@@ -1,4 +1,4 @@
-/* The governor: motions of the frame on straight lines, joints that follow them on a leaf, and the limits kept.
+/* The governor: motions of the frames on straight lines, joints that follow them on a leaf, and the limits kept.
 
    A plan is a short motion and a stop after it. It is followed only if all its samples, up to rest, were checked, so
    there is always a known stop. An exported header declares the same structs. */
@@ -20,16 +20,17 @@ typedef struct {
 #define DEGREE 10 /* of the polynomials of a plan */
 #define PIECES 24 /* their maximum number */
 
-/* Placement of the frame, and its coordinates in a cell, which are not used without one. */
+/* Placements of the frames, and the coordinates of a single one in a cell, which are not used without one. */
 typedef struct {
-  Pose place;
+  Pose place[MOST_FRAMES];
   double y[6];
 } Course;
 
-/* Motion of the frame on a straight line: phi(t) = sum C[k] t^k; p + phi_v, exp(phi_w) R, or y + phi in a cell. */
+/* Motion of the frames on straight lines: phi(t) = sum C[k] t^k, 6 numbers per frame; p + phi_v, exp(phi_w) R, or
+   y + phi in a cell. */
 typedef struct {
   Course start;
-  double C[6][6], begin, duration;
+  double C[6][6 * MOST_FRAMES], begin, duration;
 } Motion;
 
 /* q(t) = sum C[k] u^k, u from -1 to 1 between two times. */
@@ -38,7 +39,7 @@ typedef struct {
   int degree;
 } Piece;
 
-/* Motions of the frame, one after the other to rest, and the joints that follow from them. */
+/* Motions of the frames, one after the other to rest, and the joints that follow from them. */
 typedef struct {
   Course start;
   Motion motion[3];
@@ -51,7 +52,7 @@ typedef struct {
 typedef struct {
   Motion motion;
   Course course;
-  Pose target;
+  Pose target[MOST_FRAMES];
   double start[MOST_N], q[MOST_N], share, step;
   int begun, known, found;
 } Line;
@@ -61,8 +62,8 @@ typedef struct {
 typedef struct {
   Limits limits;
   Plan plan[2];
-  Pose landing, heard;
-  double heard_twist[6], dt, stride, leaf[MOST_N], lower[MOST_N], upper[MOST_N], history[3][MOST_N];
+  Pose landing[MOST_FRAMES], heard[MOST_FRAMES];
+  double heard_twist[6 * MOST_FRAMES], dt, stride, leaf[MOST_N], lower[MOST_N], upper[MOST_N], history[3][MOST_N];
   double pace, longer, reach;
   Line line;
   long long tick, next, ticks;
@@ -74,23 +75,28 @@ typedef struct {
 } Governor;
 #endif
 
-/* ---- motions of the frame ---- */
+#define RATES (6 * FRAMES) /* coordinates of all frames, twists */
+
+/* ---- motions of the frames ---- */
 
 SHARED int has_bounds(const Arm *arm);
 SHARED int course_holds(const Arm *arm, const Pose *target);
 SHARED void course_begin(const Arm *arm, const double q[], Course *course);
 SHARED void course_at(const Arm *arm, const double q[], Course *course);
-SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[6]);
-SHARED void course_way(const Arm *arm, const Course *course, const Pose *target, double way[6]);
+SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[]);
+SHARED void course_way(const Arm *arm, const Course *course, const Pose *target, double way[]);
+SHARED void course_rates(const Arm *arm, const Course *course, const double twist[], double rate[]);
 SHARED void course_task_rates(const Arm *arm, const Course *course, double E[]);
 SHARED void motion_course_at(const Arm *arm, const Motion *motion, double t, Course *course);
-SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double twist[6], double rate[6]);
-SHARED void motion_begin(Motion *motion, const Course *start, const double twist[6], const double rate[6], double time);
-SHARED void motion_change(Motion *motion, const Course *start, const double twist[6], const double rate[6],
-                          const double later[6], double time);
-SHARED void motion_brake(Motion *motion, const Course *start, const double twist[6], const double rate[6], double time);
-SHARED void motion_land(Motion *motion, const Course *start, const double twist[6], const double rate[6],
-                        const double way[6], double time);
+SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double twist[], double rate[]);
+SHARED void motion_begin(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                         double time);
+SHARED void motion_change(const Arm *arm, Motion *motion, const Course *start, const double twist[],
+                          const double rate[], const double later[], double time);
+SHARED void motion_brake(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                         double time);
+SHARED void motion_land(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                        const double way[], double time);
 SHARED double longest_landing(double speed, double a);
 
 /* ---- plans of the joints ---- */
@@ -99,14 +105,15 @@ SHARED const Piece *piece_of(const Plan *plan, double t);
 SHARED void piece_at(const Arm *arm, const Piece *piece, double t, double q[]);
 SHARED void piece_derivatives(const Arm *arm, const Piece *piece, double t, double qdot[], double qddot[]);
 SHARED void plan_at(const Arm *arm, const Plan *plan, double t, double q[]);
-SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[6], double rate[6]);
+SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[], double rate[]);
 SHARED void plan_course_at(const Arm *arm, const Plan *plan, double t, Course *course);
 SHARED void plan_begin(const Arm *arm, Plan *plan, const Course *start, const double q[], const double qdot[]);
 SHARED int plan_append(const Arm *arm, Governor *g, Plan *plan, int table, int count);
 
 /* ---- configurations of targets ---- */
 
-SHARED int equal_poses(const Pose *a, const Pose *b);
+SHARED void copy_poses(const Arm *arm, const Pose *from, Pose *to);
+SHARED int equal_poses(const Arm *arm, const Pose *a, const Pose *b);
 SHARED void look_for(const Arm *arm, Governor *g, const Pose *target);
 SHARED int is_there(const Arm *arm, Governor *g, const double q[]);
 SHARED double regularity(const Arm *arm, const double q[]);

@@ -1,4 +1,4 @@
-/* Plans: motions of the frame, and polynomials of the joints that follow them on a leaf. */
+/* Plans: motions of the frames, and polynomials of the joints that follow them on a leaf. */
 
 #include <math.h>
 #include <stddef.h>
@@ -114,7 +114,7 @@ SHARED void plan_at(const Arm *arm, const Plan *plan, double t, double q[]) {
     for (int i = 0; i < N; i++) q[i] = plan->q[i];
 }
 
-SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[6], double rate[6]) {
+SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[], double rate[]) {
   for (int k = 0; k < plan->motions; k++) {
     const Motion *motion = &plan->motion[k];
     if (t <= motion->begin + motion->duration) {
@@ -122,11 +122,11 @@ SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[
       return;
     }
   }
-  for (int i = 0; i < 6; i++) twist[i] = rate[i] = 0.0;
+  for (int i = 0; i < RATES; i++) twist[i] = rate[i] = 0.0;
 }
 
 SHARED void plan_course_at(const Arm *arm, const Plan *plan, double t, Course *course) {
-  *course = plan->start;
+  if (!plan->motions) *course = plan->start;
   for (int k = 0; k < plan->motions; k++) {
     const Motion *motion = &plan->motion[k];
     const double end = motion->begin + motion->duration;
@@ -180,7 +180,7 @@ static int plan_interpolate(const Arm *arm, Governor *g, const Motion *motion, d
       Q[j][i] = guess + NODE_AHEAD[table][j][j] * ((end - begin) * plan->qdot[i]);
     }
     motion_course_at(arm, motion, begin + NODE_SHARE[table][j] * (end - begin), &target);
-    if (!solved_near(arm, g, &target.place, Q[j])) return 0;
+    if (!solved_near(arm, g, target.place, Q[j])) return 0;
   }
   for (int i = 0; i < N; i++) last[i] = Q[piece->degree][i];
   for (int k = 0; k <= piece->degree; k++)

@@ -1,4 +1,5 @@
-/* Motions of the frame on straight lines: in space, or in the coordinates of the cell that is the region. */
+/* Motions of the frames on straight lines: in space, or, of one frame, in the coordinates of the cell that is the
+   region. */
 
 #include <math.h>
 #include <stddef.h>
@@ -39,9 +40,8 @@ static void turn_rotation(const double w[3], const double R0[9], double R[9]) {
       R[3 * i + k] = E[3 * i] * R0[k] + E[3 * i + 1] * R0[3 + k] + E[3 * i + 2] * R0[6 + k];
 }
 
-/* Convert a rotation vector and its two derivatives to the angular velocity and its derivative. */
-static void angular_rates(const double w[3], const double w1[3], const double w2[3], double omega[3],
-                          double alpha[3]) {
+/* Convert the two derivatives of a rotation vector, in place, to the angular velocity and its derivative. */
+static void angular_rates(const double w[3], double w1[3], double w2[3]) {
   const double s = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
   const double rate = 2.0 * (w[0] * w1[0] + w[1] * w1[1] + w[2] * w1[2]);
   double a, b, da, db, c1[3], c2[3], cc1[3], cc2[3], d[3];
@@ -63,8 +63,8 @@ static void angular_rates(const double w[3], const double w1[3], const double w2
   cross(w, c2, cc2);
   cross(w1, c1, d);
   for (int i = 0; i < 3; i++) {
-    omega[i] = w1[i] + a * c1[i] + b * cc1[i];
-    alpha[i] = w2[i] + a * c2[i] + b * (d[i] + cc2[i]) + rate * (da * c1[i] + db * cc1[i]);
+    w1[i] = w1[i] + a * c1[i] + b * cc1[i];
+    w2[i] = w2[i] + a * c2[i] + b * (d[i] + cc2[i]) + rate * (da * c1[i] + db * cc1[i]);
   }
 }
 
@@ -87,42 +87,52 @@ SHARED int course_holds(const Arm *arm, const Pose *target) {
 
 /* Find the course at q, without one before. */
 SHARED void course_begin(const Arm *arm, const double q[], Course *course) {
-  place(arm, q, course->place.p, course->place.R, NULL);
+  find_poses(arm, q, course->place);
   for (int i = 0; i < 6; i++) course->y[i] = 0.0;
 #ifdef CHART
-  if (CELL_OF(arm)) cell_coordinates(arm, CELL_OF(arm), &course->place, course->y);
+  if (CELL_OF(arm)) cell_coordinates(arm, CELL_OF(arm), course->place, course->y);
 #endif
 }
 
 /* Find the course at q next to a course, which gives its coordinates up to full turns. */
 SHARED void course_at(const Arm *arm, const double q[], Course *course) {
-  const Course before = *course;
+  double before[6];
+  for (int i = 0; i < 6; i++) before[i] = course->y[i];
   course_begin(arm, q, course);
   if (CELL_OF(arm)) {
     const double turn = 6.283185307179586;
-    for (int i = 0; i < 6; i++) course->y[i] -= turn * rint((course->y[i] - before.y[i]) / turn);
+    for (int i = 0; i < 6; i++) course->y[i] -= turn * rint((course->y[i] - before[i]) / turn);
   }
 }
 
 /* Move a course by phi: p + phi_v, exp(phi_w) R, or y + phi in a cell. */
-static void course_shifted(const Arm *arm, const Course *start, const double phi[6], Course *course) {
-  const Course from = *start; /* it may be the same one */
+static void course_shifted(const Arm *arm, const Course *start, const double phi[], Course *course) {
   (void)arm;
-  for (int i = 0; i < 6; i++) course->y[i] = CELL_OF(arm) ? from.y[i] + phi[i] : 0.0;
+  for (int i = 0; i < 6; i++) course->y[i] = CELL_OF(arm) ? start->y[i] + phi[i] : 0.0;
 #ifdef CHART
   if (CELL_OF(arm)) {
-    cell_place(arm, CELL_OF(arm), course->y, &course->place);
+    cell_place(arm, CELL_OF(arm), course->y, course->place);
     return;
   }
 #endif
-  for (int i = 0; i < 3; i++) course->place.p[i] = from.place.p[i] + phi[i];
-  turn_rotation(phi + 3, from.place.R, course->place.R);
+  for (int f = 0; f < FRAMES; f++) {
+    for (int i = 0; i < 3; i++) course->place[f].p[i] = start->place[f].p[i] + phi[6 * f + i];
+    turn_rotation(phi + 6 * f + 3, start->place[f].R, course->place[f].R);
+  }
+}
+
+/* Convert the velocity of one frame's rows to its twist, 0 in the coordinates that the task does not have. */
+static void frame_twist(const Arm *arm, const double R[9], const double rate[], double twist[6]) {
+  for (int i = 0; i < ROWS && i < 3; i++) twist[arm->kind == POSITION ? arm->rows[i] : i] = rate[i];
+  for (int i = 0; i < 3; i++) {
+    if (arm->kind == POSE) twist[3 + i] = rate[3 + i];
+    if (arm->kind == AXIS) twist[3 + i] = R[3 * i] * rate[3] + R[3 * i + 1] * rate[4];
+  }
 }
 
 /* Convert a task velocity to one of the coordinates, 0 in those that the task does not have or the cell fixes. */
-SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[6]) {
-  const double *R = course->place.R;
-  for (int i = 0; i < 6; i++) way[i] = 0.0;
+SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[]) {
+  for (int i = 0; i < RATES; i++) way[i] = 0.0;
 #ifdef CHART
   if (CELL_OF(arm)) {
     const Chart *cell = CELL_OF(arm);
@@ -130,21 +140,18 @@ SHARED void course_rates_of(const Arm *arm, const Course *course, const double r
       double d[M];
       if (!(cell->lower[i] < cell->upper[i])) continue;
       for (int a = 0; a < M; a++) d[a] = a == i;
-      cell_rates(arm, cell, R, course->y, d);
+      cell_rates(arm, cell, course->place->R, course->y, d);
       for (int a = 0; a < M; a++) way[i] += d[a] * rate[a];
     }
     return;
   }
 #endif
-  for (int i = 0; i < M && i < 3; i++) way[arm->kind == POSITION ? arm->rows[i] : i] = rate[i];
-  for (int i = 0; i < 3; i++) {
-    if (arm->kind == POSE) way[3 + i] = rate[3 + i];
-    if (arm->kind == AXIS) way[3 + i] = R[3 * i] * rate[3] + R[3 * i + 1] * rate[4];
-  }
+  for (int f = 0; f < FRAMES; rate += FRAME(f)->m, f++)
+    frame_twist(FRAME(f), course->place[f].R, rate, way + 6 * f);
 }
 
 /* Compute the displacement to a target, or to the nearest placement in the cell. */
-SHARED void course_way(const Arm *arm, const Course *course, const Pose *target, double way[6]) {
+SHARED void course_way(const Arm *arm, const Course *course, const Pose *target, double way[]) {
   double e[M];
 #ifdef CHART
   if (CELL_OF(arm)) {
@@ -159,61 +166,66 @@ SHARED void course_way(const Arm *arm, const Course *course, const Pose *target,
     return;
   }
 #endif
-  task_error(arm, course->place.p, course->place.R, target, e);
+  for (int f = 0, row = 0; f < FRAMES; row += FRAME(f)->m, f++)
+    frame_error(FRAME(f), course->place[f].p, course->place[f].R, target + f, e + row);
   course_rates_of(arm, course, e, way);
 }
 
-/* Evaluate the task velocity per unit of each coordinate, E (M, 6). */
+/* Convert the frames' twists to a task velocity. */
+SHARED void course_rates(const Arm *arm, const Course *course, const double twist[], double rate[]) {
+  for (int a = 0; a < M; a++) rate[a] = 0.0;
+  for (int f = 0; f < FRAMES; rate += FRAME(f)->m, f++)
+    add_frame_rate(FRAME(f), course->place[f].R, twist + 6 * f, 1.0, rate);
+}
+
+/* Evaluate the task velocity per unit of each coordinate, E (M, RATES). */
 SHARED void course_task_rates(const Arm *arm, const Course *course, double E[]) {
-  for (int b = 0; b < 6; b++) {
-    double twist[6] = {0.0}, rate[M];
-    for (int a = 0; a < M; a++) rate[a] = 0.0;
-    if (!CELL_OF(arm)) twist[b] = 1.0;
+  for (int b = 0; b < RATES; b++) {
+    double twist[RATES], rate[M];
+    for (int i = 0; i < RATES; i++) twist[i] = i == b && !CELL_OF(arm);
 #ifdef CHART
     if (CELL_OF(arm) && b < M) cell_twist(arm, CELL_OF(arm), course->y, b, twist);
 #endif
-    add_rate(arm, course->place.R, twist, 1.0, rate);
-    for (int a = 0; a < M; a++) E[a * 6 + b] = rate[a];
+    course_rates(arm, course, twist, rate);
+    for (int a = 0; a < M; a++) E[a * RATES + b] = rate[a];
   }
 }
 
 /* ---- motions: polynomials of the coordinates in time ---- */
 
-static void displacement(const Motion *motion, double t, double phi[6]) {
-  for (int i = 0; i < 6; i++)
+static void displacement(const Arm *arm, const Motion *motion, double t, double phi[]) {
+  (void)arm;
+  for (int i = 0; i < RATES; i++)
     phi[i] = ((((motion->C[5][i] * t + motion->C[4][i]) * t + motion->C[3][i]) * t + motion->C[2][i]) * t
               + motion->C[1][i]) * t;
 }
 
 SHARED void motion_course_at(const Arm *arm, const Motion *motion, double t, Course *course) {
-  double phi[6];
-  displacement(motion, t, phi);
+  double phi[RATES];
+  displacement(arm, motion, t, phi);
   course_shifted(arm, &motion->start, phi, course);
 }
 
 /* Evaluate the velocity of a motion in the coordinates of its course, and its derivative. */
-SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double twist[6], double rate[6]) {
-  double phi[6], first[6], second[6];
-  (void)arm;
-  displacement(motion, t, phi);
-  for (int i = 0; i < 6; i++) {
+SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double twist[], double rate[]) {
+  double phi[RATES];
+  displacement(arm, motion, t, phi);
+  for (int i = 0; i < RATES; i++) {
     const double c2 = motion->C[2][i], c3 = motion->C[3][i], c4 = motion->C[4][i], c5 = motion->C[5][i];
-    first[i] = (((5.0 * c5 * t + 4.0 * c4) * t + 3.0 * c3) * t + 2.0 * c2) * t + motion->C[1][i];
-    second[i] = ((20.0 * c5 * t + 12.0 * c4) * t + 6.0 * c3) * t + 2.0 * c2;
+    twist[i] = (((5.0 * c5 * t + 4.0 * c4) * t + 3.0 * c3) * t + 2.0 * c2) * t + motion->C[1][i];
+    rate[i] = ((20.0 * c5 * t + 12.0 * c4) * t + 6.0 * c3) * t + 2.0 * c2;
   }
-  for (int i = 0; i < 6; i++) {
-    twist[i] = first[i];
-    rate[i] = second[i];
-  }
-  if (!CELL_OF(arm)) angular_rates(phi + 3, first + 3, second + 3, twist + 3, rate + 3);
+  for (int i = 3; i < RATES && !CELL_OF(arm); i += 6)
+    angular_rates(phi + i, twist + i, rate + i);
 }
 
 /* Begin a motion with a twist and its derivative. */
-SHARED void motion_begin(Motion *motion, const Course *start, const double twist[6], const double rate[6],
-                      double time) {
+SHARED void motion_begin(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                         double time) {
+  (void)arm;
   motion->start = *start;
   motion->duration = time;
-  for (int i = 0; i < 6; i++) {
+  for (int i = 0; i < RATES; i++) {
     motion->C[0][i] = motion->C[3][i] = motion->C[4][i] = motion->C[5][i] = 0.0;
     motion->C[1][i] = twist[i];
     motion->C[2][i] = rate[i] / 2.0;
@@ -221,28 +233,28 @@ SHARED void motion_begin(Motion *motion, const Course *start, const double twist
 }
 
 /* Change the derivative of the twist linearly to another one. */
-SHARED void motion_change(Motion *motion, const Course *start, const double twist[6], const double rate[6],
-                       const double later[6], double time) {
-  motion_begin(motion, start, twist, rate, time);
-  for (int i = 0; i < 6; i++) motion->C[3][i] = (later[i] - rate[i]) / (6.0 * time);
+SHARED void motion_change(const Arm *arm, Motion *motion, const Course *start, const double twist[],
+                          const double rate[], const double later[], double time) {
+  motion_begin(arm, motion, start, twist, rate, time);
+  for (int i = 0; i < RATES; i++) motion->C[3][i] = (later[i] - rate[i]) / (6.0 * time);
 }
 
 /* Bring a twist and its derivative to 0: cubic in time. */
-SHARED void motion_brake(Motion *motion, const Course *start, const double twist[6], const double rate[6],
-                      double time) {
-  motion_begin(motion, start, twist, rate, time);
-  for (int i = 0; i < 6; i++) {
+SHARED void motion_brake(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                         double time) {
+  motion_begin(arm, motion, start, twist, rate, time);
+  for (int i = 0; i < RATES; i++) {
     motion->C[3][i] = -twist[i] / (time * time) - 2.0 * rate[i] / (3.0 * time);
     motion->C[4][i] = twist[i] / (2.0 * time * time * time) + rate[i] / (4.0 * time * time);
   }
 }
 
 /* Come to rest after a displacement: quintic in time. */
-SHARED void motion_land(Motion *motion, const Course *start, const double twist[6], const double rate[6],
-                     const double way[6], double time) {
+SHARED void motion_land(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                        const double way[], double time) {
   const double square = time * time, cube = square * time;
-  motion_begin(motion, start, twist, rate, time);
-  for (int i = 0; i < 6; i++) {
+  motion_begin(arm, motion, start, twist, rate, time);
+  for (int i = 0; i < RATES; i++) {
     const double D = way[i] - time * twist[i] - square / 2.0 * rate[i], V = -twist[i] - time * rate[i];
     motion->C[3][i] = (10.0 * D - 4.0 * time * V - square / 2.0 * rate[i]) / cube;
     motion->C[4][i] = (-15.0 * D + 7.0 * time * V + square * rate[i]) / (cube * time);

@@ -11,22 +11,30 @@
 #define NEAR_SINGULAR 0.05 /* regularity below which the way does not lead nearer to a singularity */
 #define PUSH 0.5          /* sine of the angle by which it leads away from the singularity, at most */
 
-SHARED int equal_poses(const Pose *a, const Pose *b) {
-  for (int i = 0; i < 3; i++)
-    if (a->p[i] != b->p[i]) return 0;
-  for (int i = 0; i < 9; i++)
-    if (a->R[i] != b->R[i]) return 0;
+SHARED void copy_poses(const Arm *arm, const Pose *from, Pose *to) {
+  (void)arm;
+  for (int f = 0; f < FRAMES; f++) to[f] = from[f];
+}
+
+SHARED int equal_poses(const Arm *arm, const Pose *a, const Pose *b) {
+  (void)arm;
+  for (int f = 0; f < FRAMES; f++) {
+    for (int i = 0; i < 3; i++)
+      if (a[f].p[i] != b[f].p[i]) return 0;
+    for (int i = 0; i < 9; i++)
+      if (a[f].R[i] != b[f].R[i]) return 0;
+  }
   return 1;
 }
 
 /* Begin with the straight line from the start to a target. */
 static void line_begin(const Arm *arm, Governor *g, const Pose *target) {
   Line *line = &g->line;
-  const double zero[6] = {0.0};
-  double way[6];
+  static const double zero[6 * MOST_FRAMES] = {0.0};
+  double way[RATES];
   course_way(arm, &line->course, target, way);
-  motion_begin(&line->motion, &line->course, way, zero, 1.0);
-  line->target = *target;
+  motion_begin(arm, &line->motion, &line->course, way, zero, 1.0);
+  copy_poses(arm, target, line->target);
   line->share = 0.0;
   line->step = line->begun = 1;
   line->known = line->found = 0;
@@ -59,14 +67,14 @@ static int line_solved(const Arm *arm, const Governor *g, const Pose *target, do
 SHARED void look_for(const Arm *arm, Governor *g, const Pose *target) {
   Line *line = &g->line;
   int left = MOST_AT_ONCE;
-  if (!line->begun || !equal_poses(target, &line->target)) line_begin(arm, g, target);
+  if (!line->begun || !equal_poses(arm, target, line->target)) line_begin(arm, g, target);
   while (!line->known && left > 0) {
     const double end = line->share + line->step < 1.0 ? line->share + line->step : 1.0;
     double q[N];
     Course course;
     for (int i = 0; i < N; i++) q[i] = line->q[i];
     motion_course_at(arm, &line->motion, end, &course);
-    if (!line_solved(arm, g, &course.place, q, &left)) {
+    if (!line_solved(arm, g, course.place, q, &left)) {
       line->step /= 2.0;
       line->known = line->step < 1e-3;
       continue;
@@ -89,7 +97,7 @@ SHARED int is_there(const Arm *arm, Governor *g, const double q[]) {
 
 /* Smallest sine of the angle between a row of J and the other rows of J_V; 0 is singular. */
 SHARED double regularity(const Arm *arm, const double q[]) {
-  double p[3], R[9], J[M][N], G[N * M], worst = 0.0;
+  double p[3 * FRAMES], R[9 * FRAMES], J[M][N], G[N * M], worst = 0.0;
   if (find_inverse(arm, q, G) != OK) return 0.0;
   place(arm, q, p, R, J);
   for (int a = 0; a < M; a++) {
@@ -116,7 +124,7 @@ static void project(const Arm *arm, double V[][N], int count, double x[]) {
 /* Direct q towards a goal on its leaf: (I - V V+)(goal - q), and along a singularity if one is near. */
 SHARED void leaf_direction(const Arm *arm, const double q[], const double goal[], double d[]) {
   double V[N - M][N], h[N - M], slope[N], at[N], square = 0.0, size = 0.0, along = 0.0, push;
-  double p[3], R[9], J[M][N];
+  double p[3 * FRAMES], R[9 * FRAMES], J[M][N];
   const double here = regularity(arm, q);
   place(arm, q, p, R, J);
   potentials(arm, q, p, R, J, h, V);

@@ -15,12 +15,11 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError, SingularityError
-from ..model.model import frame_id
+from ..model.model import SHARED, frame_id
 from ..model.several_frames import one_frame
 from ..model.task import Task, require_task
 from .basis import PotentialBasis
 
-_SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _SINGULAR = 1e-6
 
 
@@ -137,13 +136,13 @@ class ArmAngle(PotentialBasis):
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Evaluate elbow and wrist relative to the shoulder (3,), each with its Jacobian (3, n)."""
         model, data = self.task.model, self.task._data
-        q, drive = self.task._vector(q), self.task.drive
+        q = self.task._vector(q)
         J = [
-            pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3].copy()
+            self.task.drive.derivatives(
+                pin.computeFrameJacobian(model, data, q, i, SHARED)[:3]
+            )
             for i in self._ids
         ]
-        if drive is not None:
-            J = [one @ drive.S for one in J]
         pin.framesForwardKinematics(model, data, q)
         p = [data.oMf[i].translation.copy() for i in self._ids]
         return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])

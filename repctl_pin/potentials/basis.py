@@ -107,7 +107,7 @@ class SumMap(Potentials):
         return np.sum([part.gradients(Q) for part in self.maps], axis=0)
 
 
-class CurvedSumMap(SumMap):
+class _CurvedSumMap(SumMap):
     """Sum of several maps of r potentials each, all with second derivatives."""
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
@@ -253,7 +253,7 @@ class Joined(PotentialBasis):
             part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)
         ]
         curved = [part for part in maps if isinstance(part, CurvedPotentials)]
-        return CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
+        return _CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
 
     def __str__(self) -> str:
         return " + ".join(map(str, self.parts))

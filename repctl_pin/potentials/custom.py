@@ -7,7 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_configurations, list_of_names, require_type, row
+from ..arguments import (
+    Array,
+    as_configurations,
+    evaluated,
+    list_of_names,
+    require_type,
+)
 from ..errors import InputError
 from .basis import PotentialBasis
 
@@ -123,42 +129,19 @@ class CustomPotentials(PotentialBasis):
         return D
 
     def _value(self, j: int, q: Array) -> float:
-        try:
-            value = float(self._functions[j](q))
-        except (TypeError, ValueError, IndexError) as error:
-            raise InputError(
-                f"potential {self._names[j]} does not return a number at q = {row(q)}: {error}",
-                remedy="return one number",
-            ) from None
-        if not np.isfinite(value):
-            raise InputError(
-                f"potential {self._names[j]} is {value} at q = {row(q)}; "
-                "it must be finite in the region"
-            )
-        return value
+        what = f"potential {self._names[j]}"
+        return float(evaluated(self._functions[j], q, (), what))
 
     def _gradient(self, j: int, q: Array) -> Array:
         given = self._gradients[j]
-        if given is None:
-            return np.array(
-                [
-                    (self._value(j, q + d) - self._value(j, q - d)) / (2 * _STEP)
-                    for d in _STEP * np.eye(len(q))
-                ]
-            )
-        try:
-            slope = np.asarray(given(q), float)
-        except (TypeError, ValueError, IndexError) as error:
-            raise InputError(
-                f"the gradient of potential {self._names[j]} is not a list of numbers "
-                f"at q = {row(q)} ({error}); return one number per joint"
-            ) from None
-        if slope.shape != q.shape or not np.isfinite(slope).all():
-            raise InputError(
-                f"the gradient of potential {self._names[j]} must be {len(q)} finite numbers; "
-                f"at q = {row(q)} it is not"
-            )
-        return slope
+        if given is not None:
+            what = f"the gradient of potential {self._names[j]}"
+            return evaluated(given, q, q.shape, what)
+        differences = [
+            self._value(j, q + d) - self._value(j, q - d)
+            for d in _STEP * np.eye(len(q))
+        ]
+        return np.array(differences) / (2 * _STEP)
 
     def __str__(self) -> str:
         count = sum(self.numerical)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations_with_replacement
+from collections.abc import Iterable, Sequence
+from itertools import combinations_with_replacement, pairwise
 from math import comb
 from typing import Any
 
@@ -190,17 +190,19 @@ class Polynomial(PotentialBasis):
 
 
 class PolynomialMap(Potentials):
-    """r polynomials h(q) of k joints as dense symmetric tensors, evaluated by Horner's rule.
+    r"""r polynomials h(q) of k joints, from one table of monomials.
 
-    ``V(q) = T_0 + (T_1 + (T_2 + …) u) u`` with a tensor T_k for the terms of degree k: one
-    matrix–vector product per degree. The other joints of the arm have no effect.
+    With a factor z_0 = 1, h is homogeneous of degree d in ``z = (1, q − center)``. Its derivatives
+    ``w_i = ∂h/∂z_i`` are sums over monomials u^β of degree at most d − 1, with ``u = (q − center) /
+    scale``. By Euler's theorem ``h = Σ_i w_i z_i / d``, so one table serves values, gradients and
+    Hessians, here and in arm.c. The other joints of the arm have no effect.
 
     Attributes
     ----------
     center, scale : (k,) arrays
-        Centre and scale of the coordinates ``u = (q − center) / scale`` of the k joints.
+        Centre and scale of the coordinates u of the k joints.
     degree : int
-        Highest total degree.
+        d, the highest total degree.
     terms
         Coefficients (r,) of the monomials of u, by the exponents of the monomials.
     joints : (k,) array of int
@@ -214,7 +216,7 @@ class PolynomialMap(Potentials):
         center: Array,
         scale: Array,
         degree: int,
-        terms: dict[tuple[int, ...], Array],
+        terms: dict[_Powers, Array],
         joints: NDArray[np.intp],
         n: int,
     ) -> None:
@@ -224,128 +226,97 @@ class PolynomialMap(Potentials):
         self.terms = terms
         self.joints = joints
         self.n = n
-        self._per_scale = 1.0 / scale
-        self._k = k = len(center)
-        self._r = r = len(next(iter(terms.values())))
-        # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
-        self._tensors = [np.zeros((r, *(k,) * d)) for d in range(degree + 1)]
-        for beta, coefficient in terms.items():
-            places = [i for i, power in enumerate(beta) for _ in range(power)]
-            _spread_evenly(self._tensors[len(places)], places, coefficient)
-        # The gradient of degree d is d T_d u^(d−1), the derivative's axis first, then r.
-        slopes = (
-            np.moveaxis(d * tensor, 1, 0).ravel()
-            for d, tensor in enumerate(self._tensors)
-            if d
-        )
-        self._slopes = [slope / np.repeat(scale, slope.size // k) for slope in slopes]
-
-    def _scaled(self, q: Array) -> Array:
-        """Evaluate the coordinates u (…, k) at q (…, n)."""
-        return (np.asarray(q, float)[..., self.joints] - self.center) * self._per_scale
+        shares = _shares(terms, degree, scale)
+        monomials, self._parent, self._factor = _monomials(shares, len(center))
+        none = np.zeros_like(next(iter(shares.values())))
+        weight = [shares.get(beta, none) for beta in monomials]
+        self._weight = np.array(weight)  # (count, r, k + 1)
+        slopes = self._weight[:, :, 1:].swapaxes(1, 2)
+        self._slopes = slopes.reshape(len(slopes), -1)  # (count, k r)
+        sizes = [sum(beta) for beta in monomials]
+        ends = np.searchsorted(sizes, np.arange(1, degree + 1)).tolist()
+        self._rising = [slice(*pair) for pair in pairwise(ends)]  # degrees 1, 2, …
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
-        u = self._scaled(q)
-        h = self._tensors[-1]
-        for lower in self._tensors[-2::-1]:
-            h = lower + h @ u
-        return h
+        away = np.asarray(q, float)[self.joints] - self.center
+        w = self._powers(away[None] / self.scale)[:, 0] @ self._weight.swapaxes(0, 1)
+        return w @ np.append(1.0, away) / self.degree
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
-        U = self._scaled(Q)
-        K, k = U.shape
-        if self.degree == 1:
-            V = np.tile(self._slopes[0], (K, 1))
-        else:  # the first product, of one tensor with all u, is the longest
-            V = self._slopes[-2] + U @ self._slopes[-1].reshape(-1, k).T
-        for lower in self._slopes[-3::-1]:
-            V = lower + np.einsum("Kpi,Ki->Kp", V.reshape(K, -1, k), U)
-        own = V.reshape(K, k, self._r)
-        if k == self.n:
-            return own
-        gradients = np.zeros((K, self.n, self._r))
-        gradients[:, self.joints] = own
+        U = (np.asarray(Q, float)[:, self.joints] - self.center) / self.scale
+        gradients = np.zeros((len(U), self.n, self._weight.shape[1]))
+        own = self._powers(U).T @ self._slopes
+        gradients[:, self.joints] = own.reshape(*U.shape, -1)
         return gradients
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
-        u = self._scaled(q)
-        C = np.zeros((self._r, self._k, self._k))
-        for d in range(self.degree, 1, -1):
-            # the second derivative of degree d is d (d − 1) T_d u^(d−2)
-            curvature = d * (d - 1) * self._tensors[d]
-            for _ in range(d - 2):
-                curvature = curvature @ u
-            C += curvature
-        C *= np.outer(self._per_scale, self._per_scale)
-        hessian = np.zeros((self.n, self.n, self._r))
-        hessian[np.ix_(self.joints, self.joints)] = np.moveaxis(C, 0, -1)
+        u = (np.asarray(q, float)[self.joints] - self.center) / self.scale
+        M = self._powers(u[None])
+        dM = np.zeros((len(M), len(u)))  # ∂M/∂u, by the product rule
+        for rows in self._rising:
+            parent, factor = self._parent[rows], self._factor[rows]
+            dM[rows] = dM[parent] * u[factor, None]
+            dM[np.arange(rows.start, rows.stop), factor] += M[parent, 0]
+        own = np.einsum("ai,ajk->ikj", dM / self.scale, self._weight[:, :, 1:])
+        hessian = np.zeros((self.n, self.n, own.shape[-1]))
+        hessian[np.ix_(self.joints, self.joints)] = own
         return hessian
 
+    def _powers(self, U: Array) -> Array:
+        """Evaluate the monomials of the table at U (K, k): (count, K)."""
+        M = np.ones((len(self._parent), len(U)))
+        factors = U.T
+        for rows in self._rising:
+            M[rows] = M[self._parent[rows]] * factors[self._factor[rows]]
+        return M
+
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of r polynomials of degree d.
-
-        With a factor z_0 = 1, h is homogeneous in ``z = (1, q − center)``. Its derivatives ``w_i =
-        ∂h/∂z_i`` are sums over monomials u^β of degree at most d − 1, with ``u = (q − center) /
-        scale``. By Euler's theorem ``h = Σ_i w_i z_i / d``, so one table serves values and
-        gradient.
-        """
-        d, k, r = self.degree, self._k, self._r
-        shares: dict[_Powers, Array] = {}  # weights of u^β in w (r, k + 1)
-
-        def add(beta: _Powers, i: int, share: Array) -> None:
-            if share.any():
-                shares.setdefault(beta, np.zeros((r, k + 1)))[:, i] += share
-
-        for beta, coefficient in self.terms.items():
-            add(beta, 0, coefficient * (d - sum(beta)))
-            for i in map(int, np.flatnonzero(beta)):
-                lower = (*beta[:i], beta[i] - 1, *beta[i + 1 :])
-                add(lower, i + 1, coefficient * beta[i] / self.scale[i])
-        monomials, parents, factors = _monomials(shares, k)
-        weight = [shares.get(beta, np.zeros((r, k + 1))) for beta in monomials]
-        indices = {"joint": self.joints.tolist(), "parent": parents, "factor": factors}
+        """Create the struct :data:`PART` of the polynomials."""
+        indices = {"joint": self.joints, "parent": self._parent, "factor": self._factor}
         reals = {
             "center": self.center,
             "scale": 1 / self.scale,
-            "weight": np.array(weight),
+            "weight": self._weight,
         }
-        sizes = {"kind": _POLYNOMIALS, "k": k, "count": len(monomials), "degree": d}
+        sizes = {
+            "kind": _POLYNOMIALS,
+            "k": len(self.center),
+            "count": len(self._weight),
+            "degree": self.degree,
+        }
         return filled_struct(PART, indices, reals, sizes)[0]
 
 
-def _spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
-    """Add a monomial's coefficients (r,) to r symmetric tensors S (r, …).
+def _shares(
+    terms: dict[_Powers, Array], degree: int, scale: Array
+) -> dict[_Powers, Array]:
+    """Differentiate polynomials with respect to z: the weights (r, k + 1) of each u^β in w."""
+    shares: dict[_Powers, Array] = {}
 
-    The monomial's index tuple is ``places``. Each distinct order of it gets an equal part.
-    """
-    arrangements = _orders(tuple(places))
-    for place in arrangements:
-        at: tuple[Any, ...] = (slice(None), *place)
-        S[at] += coefficient / len(arrangements)
+    def add(beta: _Powers, i: int, share: Array) -> None:
+        weight = shares.setdefault(beta, np.zeros((len(share), len(scale) + 1)))
+        weight[:, i] += share
 
-
-def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Return all distinct orders of the entries of a tuple, which may repeat."""
-    if len(places) <= 1:
-        return [places]
-    return [
-        (first, *rest)
-        for i, first in enumerate(places)
-        if first not in places[:i]
-        for rest in _orders(places[:i] + places[i + 1 :])
-    ]
+    for beta, coefficient in terms.items():
+        if sum(beta) < degree:
+            add(beta, 0, coefficient * (degree - sum(beta)))
+        for i in map(int, np.flatnonzero(beta)):
+            lower = (*beta[:i], beta[i] - 1, *beta[i + 1 :])
+            add(lower, i + 1, coefficient * beta[i] / scale[i])
+    return shares
 
 
 def _monomials(
-    expected: dict[_Powers, Array], k: int
-) -> tuple[list[_Powers], list[int], list[int]]:
+    expected: Iterable[_Powers], k: int
+) -> tuple[list[_Powers], NDArray[np.intp], NDArray[np.intp]]:
     """Order monomials so that each is an earlier one (its parent) times a variable.
 
     Monomials of k variables that are needed as parents are added to the ``expected`` ones. Returns
-    for each monomial its powers, the index of its parent, and the index of the variable.
+    for each monomial, by rising degree, its powers, the index of its parent, and the index of the
+    variable.
     """
     needed = {(0,) * k}
     for beta in expected:
@@ -357,11 +328,9 @@ def _monomials(
     )
     place = {beta: a for a, beta in enumerate(order)}
     made_of = [_lower(beta) for beta in order[1:]]
-    return (
-        order,
-        [0, *(place[beta] for beta, _ in made_of)],
-        [0, *(i for _, i in made_of)],
-    )
+    parents = [0, *(place[beta] for beta, _ in made_of)]
+    factors = [0, *(i for _, i in made_of)]
+    return order, np.array(parents), np.array(factors)
 
 
 def _lower(beta: _Powers) -> tuple[_Powers, int]:

@@ -114,19 +114,11 @@ class Box(Region):
         if self.n > 3:
             return super().nodes(count, seed)
         count = as_int(count, "the number of nodes", 1, MOST_NODES)
-        x, w = np.polynomial.legendre.leggauss(
-            max(2, int(np.ceil(round(count ** (1 / self.n), 9))))
-        )
-        grid = np.stack(np.meshgrid(*[x] * self.n, indexing="ij"), -1).reshape(
-            -1, self.n
-        )
-        weights = np.prod(
-            np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(
-                -1, self.n
-            ),
-            axis=1,
-        )
-        Q = self.center + self.half_width * grid
+        per_joint = max(2, int(np.ceil(round(count ** (1 / self.n), 9))))
+        x, w = np.polynomial.legendre.leggauss(per_joint)
+        each = np.indices([per_joint] * self.n).reshape(self.n, -1).T  # (K, n)
+        weights = np.prod(w[each] / 2, axis=1)
+        Q = self.center + self.half_width * x[each]
         if self.density is None:
             return Q, weights
         return Q, normalised(weights * evaluate_density(self.density, Q))

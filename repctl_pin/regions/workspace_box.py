@@ -86,7 +86,7 @@ class WorkspaceBox(Region):
         density: Density | None = None,
     ) -> None:
         task = own_task(one_frame(require_task(task), "a workspace box"))
-        axes = [row for row in task.rows if row < 3]
+        axes = task.kind.rows[task.kind.linear]
         require_type(
             within, Box, "within", "a box in joint space, such as rp.Box(q0, 0.5)"
         )
@@ -159,7 +159,8 @@ class WorkspaceBox(Region):
     def ratio(self, Q: ArrayLike) -> Array:
         """Factor by which both boxes would have to be scaled for each row of Q to lie on the
         boundary: (K,); above 1 is outside."""
-        axes = [row for row in self.task.rows if row < 3]
+        kind = self.task.kind
+        axes = kind.rows[kind.linear]
         away = np.abs(self.task.positions(Q)[:, axes] - self.position) / self.half_width
         return np.maximum(away.max(-1), self.within.ratio(Q))
 

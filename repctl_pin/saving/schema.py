@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 
 from ..certificate import ClosingRadius, Proof
+from ..design.subject import check_configurations, points_at
 from ..errors import InputError
 from ..model.task import Task
-from ..model.task_parts import check_configurations, points_at
 from ..paths.pieces import Piece, path_of, pieces_of
 from ..paths.several_paths import joined, paths_of
 from ..paths.task_path import Cycle, TaskPath

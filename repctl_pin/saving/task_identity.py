@@ -7,18 +7,16 @@ masses, and collision bodies.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import msgspec
 import numpy as np
 
 from ..arguments import Array
+from ..design.subject import check_configurations, points_at
 from ..errors import InputError
 from ..model.kind import task_kind
 from ..model.robot import Robot
 from ..model.several_frames import SeveralFrames
 from ..model.task import Task
-from ..model.task_parts import check_configurations, points_at
 from ..model.tool import ToolTask, with_tool
 from .schema import (
     ArmAngleFile,
@@ -188,16 +186,20 @@ def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]
     if len(ranges) != task.n:
         raise InputError(f"the file has limits of {len(ranges)} joints, not {task.n}")
     now = _ranges_of(task)
-    for name, before, after in zip(task.robot_joints, ranges, now, strict=True):
-        bounds = [(one.lower, one.upper) for one in (before, after)]
-        if _differ(*bounds):
-            was, is_ = (f"[{_text(low)}, {_text(high)}]" for low, high in bounds)
-            raise _changed(made_for, f"the limits of {name!r} were {was} and are {is_}")
-        if speeds and _differ([before.velocity], [after.velocity]):
-            was, is_ = _text(before.velocity), _text(after.velocity)
-            raise _changed(
-                made_for, f"the speed limit of {name!r} was {was} and is {is_}"
-            )
+    before, after = (
+        np.array([[one.lower, one.upper, one.velocity] for one in every], float)
+        for every in (ranges, now)
+    )  # nan where there is no limit
+    same = np.isclose(before, after, rtol=0, atol=_TOLERANCE, equal_nan=True)
+    for name, was, is_, kept in zip(task.robot_joints, ranges, now, same, strict=True):
+        if not kept[:2].all():
+            pairs = (f"[{_text(one.lower)}, {_text(one.upper)}]" for one in (was, is_))
+            what = "the limits of {!r} were {} and are {}".format(name, *pairs)
+            raise _changed(made_for, what)
+        if speeds and not kept[2]:
+            rates = _text(was.velocity), _text(is_.velocity)
+            what = "the speed limit of {!r} was {} and is {}".format(name, *rates)
+            raise _changed(made_for, what)
     return []
 
 
@@ -243,16 +245,6 @@ def require_masses(desired: Desired, made_for: TaskFile, task: Task) -> list[str
 def configurations(made_for: TaskFile) -> Array:
     """Return the check configurations of a file: (K, n)."""
     return np.array([check.q for check in made_for.fingerprint])
-
-
-def _differ(one: Sequence[float | None], other: Sequence[float | None]) -> bool:
-    """Test whether limits differ; null stands for none."""
-    pairs = zip(one, other, strict=True)
-    return any(
-        (a is None) != (b is None)
-        or (a is not None and b is not None and not abs(a - b) < _TOLERANCE)
-        for a, b in pairs
-    )
 
 
 def _like(rows: list[list[list[float]]], now: Array, what: str) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, positive, row, vector
+from ..arguments import Array, evaluated, positive, row, vector
 from ..arguments import function as wanted_function
 from ..errors import InputError
 from ..model.task import Task, own_task
@@ -80,18 +80,7 @@ class CustomInverse:
 
     def _checked(self, q: Array, J: Array) -> Array:
         n, m = self.task.n, self.task.m
-        try:
-            G = np.array(self.function(q), dtype=float)
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                f"the function returns no {n} × {m} matrix G at q = {row(q)}: {error}",
-                remedy="return an array of this shape",
-            ) from error
-        if G.shape != (n, m) or not np.isfinite(G).all():
-            raise InputError(
-                f"the function must return G as {n} × {m} finite numbers; "
-                f"at q = {row(q)} it does not"
-            )
+        G = evaluated(self.function, q, (n, m), "the function's matrix G")
         residual = np.abs(J @ G - np.eye(m))
         if residual.max() > self.tolerance:
             a, b = np.unravel_index(int(residual.argmax()), residual.shape)
@@ -129,19 +118,7 @@ class FunctionStrategy:
         InputError
             If it does not return n finite numbers.
         """
-        q, xdot = (
-            vector(q, self.task.n, "q"),
-            vector(xdot, self.task.m, "ẋ", "m/s and rad/s"),
-        )
-        try:
-            qdot = np.asarray(self.function(q, xdot), float)
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                f"the strategy's function does not return q̇: {error}",
-                remedy="return an array (n,)",
-            ) from error
-        if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():
-            raise InputError(
-                f"the strategy's function must return {self.task.n} finite numbers; got {qdot}"
-            )
-        return qdot
+        n = self.task.n
+        q = vector(q, n, "q")
+        xdot = vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
+        return evaluated(self.function, q, (n,), "the strategy's q̇", xdot)

@@ -7,15 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, function, row, vector
+from ..arguments import Array, evaluated, function, row, vector
 from ..errors import InputError, SingularityError
 from ..model.task import Task, own_task
 from ..potentials.basis import Potentials
+from ..potentials.custom import CustomPotentials
 from ..redundancy.inverses import pseudoinverse
 from ..redundancy.nullspace import nullspace
 from .repeatable import RepeatableInverse
-
-_DIFFERENCE = 1e-5
 
 
 class ExtendedJacobian(RepeatableInverse):
@@ -180,56 +179,23 @@ class _Given:
         gradient: Callable[[Array], ArrayLike] | None,
         hessian: Callable[[Array], ArrayLike] | None,
     ) -> None:
-        self.function = function
-        self.gradient = gradient
-        self.hessian = hessian
+        given = function if gradient is None else (function, gradient)
+        self._U = CustomPotentials([given], names=["U"])
+        self._hessian = hessian
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate ∇U, or central differences of U, at every row of Q: (K, n)."""
-        return np.array([self._gradient(q) for q in Q])
+        return self._U.gradients(Q)[:, :, 0]
 
     def hessians(self, Q: Array) -> Array:
         """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n)."""
-        if self.hessian is not None:
-            return np.array(
-                [_checked(self.hessian, q, (len(q), len(q)), "Hessian") for q in Q]
-            )
-        step = 1e-6 if self.gradient is not None else 1e-4
-        steps = step * np.eye(Q.shape[1])
-        change = np.array(
-            [
-                [
-                    self._gradient(q + d, step) - self._gradient(q - d, step)
-                    for d in steps
-                ]
-                for q in Q
-            ]
-        )
-        H = change / (2 * step)
+        K, n = Q.shape
+        if self._hessian is not None:
+            what = "the Hessian of potential U"
+            return np.array([evaluated(self._hessian, q, (n, n), what) for q in Q])
+        step = 1e-4 if any(self._U.numerical) else 1e-6
+        moves = step * np.eye(n)
+        near = np.concatenate([Q[:, None] + moves, Q[:, None] - moves])  # (2 K, n, n)
+        ahead, behind = self.gradients(near.reshape(-1, n)).reshape(2, K, n, n)
+        H = (ahead - behind) / (2 * step)
         return (H + np.swapaxes(H, 1, 2)) / 2
-
-    def _gradient(self, q: Array, step: float = _DIFFERENCE) -> Array:
-        if self.gradient is not None:
-            return _checked(self.gradient, q, (len(q),), "gradient")
-        moves = step * np.eye(len(q))
-        values = [
-            [_checked(self.function, q + s * d, (), "value") for s in (1, -1)]
-            for d in moves
-        ]
-        return np.array([(up - down) / (2 * step) for up, down in values])
-
-
-def _checked(
-    function: Callable[[Array], ArrayLike], q: Array, shape: tuple[int, ...], what: str
-) -> Array:
-    try:
-        array, why = np.asarray(function(q), float), ""
-    except (TypeError, ValueError, IndexError) as error:
-        array = np.full(shape, np.nan)
-        why = f": {error}"
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(
-            f"the {what} of the potential U must be {shape or 'one'} finite numbers; "
-            f"at q = {row(q)} it is not{why}"
-        )
-    return array

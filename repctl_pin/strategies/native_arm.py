@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import InputError
 from ..model.joint_chain import native_chain
 from ..model.task import Task
@@ -86,9 +89,9 @@ def _native_region(region: Any, task: Task) -> Any:
             "or a workspace box, or an inverse without a region"
         )
     reals = {"center": samples, "half": half}
-    axes = []
+    axes: NDArray[np.intp] = np.zeros(0, int)
     if isinstance(region, WorkspaceBox):
-        axes = [int(axis) for axis in task.rows if axis < 3]
+        axes = task.kind.rows[task.kind.linear]
         reals |= {"position": region.position, "width": region.half_width}
     sizes = {"count": len(samples), "axes": len(axes)}
     return filled_struct(REGION, {"axis": axes}, reals, sizes)[0]

@@ -36,7 +36,7 @@ from .step_arguments import as_step_arguments, as_velocity_arguments, step_limit
 from .strategy import Step, described
 
 if TYPE_CHECKING:
-    from .numpy_law import NumPyLaw
+    from .leaf_lock_law import NumPyLaw
 
 _Outside = Literal["ignore", "warn", "raise"]
 """Action outside the design region Ω, or beyond joint limits."""
@@ -362,7 +362,7 @@ def _laws(task: Task, potentials: Potentials) -> Callable[[], NativeLaw | NumPyL
         arm = shared_arm()
         if arm is not None:
             return NativeLaw(task, potentials, arm)
-        from .numpy_law import NumPyLaw
+        from .leaf_lock_law import NumPyLaw
 
         return NumPyLaw(task, potentials)
 

@@ -265,9 +265,7 @@ def _best_first(
             faint.append(start)
         else:
             yield start
-    yield from faint
-    yield from violating
-    yield from wild
+    yield from (*faint, *violating, *wild)
 
 
 def _inner_limits(task: Task) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ _TOO_LONG = 600.0
 """Estimated processor time, s, above which a study is refused unless its degree was given."""
 
 _RATE = 3000.0
-"""Speed of a design: entries of the Gauss–Newton matrix summed over 16,384 nodes, per second."""
+"""Speed of a design: entries of the Gauss–Newton matrix summed over ``NODES`` nodes, per second."""
 
 
 def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:

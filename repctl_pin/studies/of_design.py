@@ -8,7 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..design import Design
+from ..model.task import Task
 from ..motion.fitting_circle import fitting_circle
 from ..paths import ClosedPath
 from ..paths.task_path import Cycle
@@ -26,8 +28,9 @@ def problem_of(
 ) -> Problem:
     """Create the problem that a design solves, from its task, region and cycle.
 
-    Another start or path can be given. A design without a cycle gets the largest circle inside its
-    region. With ``path=False``, the default start is the centre of the region.
+    Another start or path can be given. A start at the first pose of the design's path keeps that
+    path. From any other start, and without a path, it is the largest circle inside the region. With
+    ``path=False``, the default start is the centre of the region.
 
     Parameters
     ----------
@@ -50,33 +53,24 @@ def problem_of(
     if path is False:
         begin = region.center if start is None else start
         problem = Problem(task, start=begin, path=False, region=region)
-        return (
-            problem
-            if start is not None
-            else problem._with(start_is="the centre of the region")
-        )
-    if path is not None or plane is not None or cycle is None:
-        center = region.center if cycle is None else cycle.start
-        begin = center if start is None else start
-        inside = partial(fitting_circle, control=design.inverse, region=region)
-        draw = inside if path is None and plane is None else path
-        return Problem(task, start=begin, path=draw, plane=plane, region=region)
-    return _of_cycle(design, cycle, start)
-
-
-def _of_cycle(design: Design, cycle: Cycle, start: ArrayLike | None) -> Problem:
-    """Create the problem of the cycle that a design was made for, from its start or another one.
-
-    Another start keeps the path if it is at the path's first pose, on any leaf. Otherwise the path
-    is a circle inside the region.
-    """
-    task, region = design.task, design.region
-    if start is None:
+        if start is not None:
+            return problem
+        return problem._with(start_is="the centre of the region")
+    own = path is None and plane is None
+    if own and cycle is not None and start is None:
         problem = Problem(task, start=cycle.start, path=False, region=region)
         return problem._with(path=cycle.path, period=cycle.period, start_is=SAVED)
+    if start is None:
+        start = region.center if cycle is None else cycle.start
     start = task.check(start, "start")
+    if own:
+        path = partial(fitting_circle, control=design.inverse, region=region)
+        if cycle is not None and _begins(cycle, task, start):
+            path = cycle.path
+    return Problem(task, start=start, path=path, plane=plane, region=region)
+
+
+def _begins(cycle: Cycle, task: Task, start: Array) -> bool:
+    """Test whether the path of a cycle begins at the pose of a start, on any leaf."""
     gap = task.error(start, cycle.path.placement(0.0))
-    if np.abs(gap).max() < SAME:
-        return Problem(task, start=start, path=cycle.path, region=region)
-    inside = partial(fitting_circle, control=design.inverse, region=region)
-    return Problem(task, start=start, path=inside, region=region)
+    return bool(np.abs(gap).max() < SAME)

@@ -48,7 +48,7 @@ class FullMeshes:
 
     def __init__(self, bodies: rp.Bodies) -> None:
         self.model, drive = bodies.task.bodies_model()
-        self.joints = (lambda q: q) if drive is None else drive.joints
+        self.joints = drive.joints
         self.data, found = self.model.createData(), bodies._model
         self.shapes = [body.exact for body in found._bodies]
         self.joint, self.place = found._joint, found._place

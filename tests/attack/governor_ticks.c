@@ -35,8 +35,8 @@ static double now(void)
 }
 
 typedef struct {
-    arm_pose target;
-    double twist[6];
+    arm_pose target[ARM_FRAMES];
+    double twist[6 * ARM_FRAMES];
     int kind; /* 0 nothing, 1 target, 2 twist, 3 both */
 } input;
 
@@ -44,42 +44,44 @@ static const double sizes[4] = {0.01, 0.1, 0.5, 3.0}, speeds[5] = {0.003, 0.05, 
 static const int holds[7] = {1, 1, 3, 20, 100, 400, 1500};
 
 /* A new input: of what it was before, some are reversed. */
-static void change(input *in, const arm_pose *home)
+static void change(input *in, const arm_pose home[ARM_FRAMES])
 {
     const int kind = one_of(12);
     const double size = sizes[one_of(4)], speed = speeds[one_of(5)];
-    int i;
+    int i, f;
     if (kind == 0) {
         in->kind = 0;
         return;
     }
     if (kind == 1) { /* garbage */
         in->kind = 1 + one_of(3);
-        for (i = 0; i < 9; i++) in->target.R[i] = any() * 1e3;
-        for (i = 0; i < 6; i++) in->twist[i] = one_of(2) ? HUGE_VAL - HUGE_VAL : 1e300 * any();
+        for (i = 0; i < 9; i++) in->target[ARM_FRAMES - 1].R[i] = any() * 1e3;
+        for (i = 0; i < 6 * ARM_FRAMES; i++) in->twist[i] = one_of(2) ? HUGE_VAL - HUGE_VAL : 1e300 * any();
         return;
     }
     if (kind == 2) {
-        for (i = 0; i < 6; i++) in->twist[i] = -in->twist[i];
+        for (i = 0; i < 6 * ARM_FRAMES; i++) in->twist[i] = -in->twist[i];
         in->kind = 2;
         return;
     }
     if (kind < 7) {
         in->kind = 2;
-        for (i = 0; i < 6; i++) in->twist[i] = one_of(3) ? speed * any() : 0.0;
+        for (i = 0; i < 6 * ARM_FRAMES; i++) in->twist[i] = one_of(3) ? speed * any() : 0.0;
         return;
     }
     in->kind = 1;
-    in->target = *home;
-    for (i = 0; i < 3; i++) in->target.p[i] += size * any();
-    if (one_of(2)) { /* turned about z */
-        const double c = cos(size * 2.0 * any()), s = sqrt(1.0 - c * c);
-        for (i = 0; i < 3; i++) {
-            in->target.R[i] = c * home->R[i] - s * home->R[3 + i];
-            in->target.R[3 + i] = s * home->R[i] + c * home->R[3 + i];
+    for (f = 0; f < ARM_FRAMES; f++) {
+        in->target[f] = home[f];
+        for (i = 0; i < 3; i++) in->target[f].p[i] += size * any();
+        if (one_of(2)) { /* turned about z */
+            const double c = cos(size * 2.0 * any()), s = sqrt(1.0 - c * c);
+            for (i = 0; i < 3; i++) {
+                in->target[f].R[i] = c * home[f].R[i] - s * home[f].R[3 + i];
+                in->target[f].R[3 + i] = s * home[f].R[i] + c * home[f].R[3 + i];
+            }
         }
     }
-    if (kind == 11) in->target.p[one_of(3)] = HUGE_VAL;
+    if (kind == 11) in->target[ARM_FRAMES - 1].p[one_of(3)] = HUGE_VAL;
 }
 
 /* Checksum of the bits of all joints. */
@@ -135,8 +137,8 @@ int main(int count, char **argument)
     const double dt = atof(argument[3]);
     double *times = malloc(sizeof(double) * (size_t)ticks), H[3][ARM_N], q[ARM_N], leaf[ARM_R], sum = 0.0;
     arm_limits limits;
-    arm_pose home;
-    input in = {{{0}, {0}}, {0}, 0};
+    arm_pose home[ARM_FRAMES];
+    input in = {{{{0}, {0}}}, {0}, 0};
     long k;
     int i, j, hold = 0, homing = 0;
     double *rows[6];
@@ -153,7 +155,7 @@ int main(int count, char **argument)
     if (scanf("%lf", &limits.margin) != 1) return 3;
     state = 88172645463325252ULL + 7919ULL * (unsigned long long)atol(argument[2]);
     if (arm_governor_start(&governor, start, dt, &limits) != ARM_OK) return 4;
-    arm_placement(start, &home);
+    arm_placement(start, home);
     arm_leaf(start, leaf);
     nearest = HUGE_VAL;
     checksum = 14695981039346656037ULL;
@@ -168,15 +170,15 @@ int main(int count, char **argument)
                 homing = 1;
                 hold = 20000;
                 in.kind = 1;
-                in.target = home;
+                memcpy(in.target, home, sizeof home);
             } else {
                 if (homing) not_arrived++;
                 homing = 0;
                 hold = holds[one_of(7)];
-                change(&in, &home);
+                change(&in, home);
             }
         }
-        target = in.kind & 1 ? &in.target : NULL;
+        target = in.kind & 1 ? in.target : NULL;
         twist = in.kind & 2 ? in.twist : NULL;
         copy = governor;
         took = now();

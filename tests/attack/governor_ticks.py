@@ -1,8 +1,9 @@
-"""Millions of ticks of the governor in C, on five arms: random twists, targets, jumps, reversals
-and garbage. Run: python tests/attack/governor_ticks.py [ticks per arm] [repeats] [arm ...]
+"""Millions of ticks of the governor in C, on five arms and three pairs of hands: random twists,
+targets, jumps, reversals and garbage.
+Run: python tests/attack/governor_ticks.py [ticks per arm] [repeats] [arm ...]
 
-Times are in frame Jacobians of Pinocchio, called from Python. Ticks above 0.1 ms are timed again,
-and the least time counts."""
+Times are in Jacobians of the first frame by Pinocchio, called from Python. Ticks above 0.1 ms are
+timed again, and the least time counts."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 import repctl_pin as rp
+from repctl_pin.model.several_frames import of_singles
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -103,17 +105,30 @@ def _rail(folder: Path) -> Arm:
     return task, np.array([0.0, 0.3, 0.5, 0.9, -0.6, 0.7, 0.3]), 6.0, 300.0
 
 
+def _hands(robot: str, left: str, right: str) -> Arm:
+    task = rp.Robot.load(robot).task([left, right])
+    return task, start_of(task), 5.0, 500.0
+
+
+_BAXTER = ("baxter", "left_gripper", "right_gripper")
+_TALOS = ("talos", "gripper_left_base_link", "gripper_right_base_link")
+_TIAGO = ("tiago_dual", "wrist_left_ft_tool_link", "wrist_right_ft_tool_link")
+
 ARMS: dict[str, Callable[[Path], Arm]] = {
     "panda": _panda,
     "iiwa14": _iiwa,
     "xarm7": _xarm7,
     "baxter": _baxter,
     "rail": _rail,
+    "baxter, both hands": lambda _: _hands(*_BAXTER),
+    "talos, both hands": lambda _: _hands(*_TALOS),
+    "tiago_dual, both hands": lambda _: _hands(*_TIAGO),
 }
 
 
 def jacobian_time(task: rp.Task, q: np.ndarray) -> float:
     """Measure the CPU time of Pinocchio's frame Jacobian, called from Python, µs."""
+    task, q = of_singles(task, q)[0]
     model, data, frame = task.model, task.model.createData(), task._frame_id
     axes, found = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, []
     for _ in range(20):

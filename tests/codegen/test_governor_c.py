@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from arms import Q_PANDA
 from cell_functions import function_of
 from controls import NEEDS_C, control, own_cache  # noqa: F401
 from test_codegen_builds import needed, run
+from two_armed import Q0 as Q_TWO
+from two_armed import two_armed
 
 import repctl_pin as rp
 
@@ -58,13 +61,29 @@ def cell() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
     return function.inverse, function(function.cell.placement), 10.0, 4000.0
 
 
+def both_hands() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
+    """The left hand, and the right one relative to it."""
+    with tempfile.TemporaryDirectory() as folder:
+        frames = ("left", "xy"), ("right", "xy", "left")
+        return two_armed(Path(folder), *frames), Q_TWO, 6.0, 400.0
+
+
+def talos() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
+    hands = ["gripper_left_base_link", ("gripper_right_base_link", "axis")]
+    task = rp.Robot.load("talos").task(hands)
+    q0 = np.clip(task.reference, task.lower + 0.3, task.upper - 0.3)
+    return control(task, q0, rp.Polynomial(q0, 2, 0.5)), q0, 5.0, 500.0
+
+
 SLOW = pytest.mark.slow
 CASES = [
+    pytest.param(both_hands, 600, id="both hands"),
     pytest.param(planar, 300, id="planar"),
     pytest.param(lambda: panda("axis"), 600, id="axis", marks=SLOW),
     pytest.param(lambda: panda("pose"), 1500, id="pose", marks=SLOW),
     pytest.param(lambda: panda("position"), 1500, id="position", marks=SLOW),
     pytest.param(cell, 400, id="cell", marks=SLOW),
+    pytest.param(talos, 1500, id="talos", marks=SLOW),
 ]
 
 
@@ -97,24 +116,28 @@ def test_it_commands_the_joints_that_the_library_does(
     )
     start = (DOUBLE * n)(*q0)
     assert library.arm_governor_start(state, start, DOUBLE(DT), bounds) == 0
-    rng, home, worst, said = np.random.default_rng(1), task.placement(q0), 0.0, set()
+    rng, home, worst, said = np.random.default_rng(1), task.placements(q0), 0.0, set()
     for k in range(ticks):
         if k % 50 == 0:
-            target, twist, pose, rates = None, None, None, None
+            target, twist, poses, rates = None, None, None, None
             if k == 100:  # not a number: the arm stops
-                target = pin.SE3(home.rotation, home.translation * np.nan)
-                R = (DOUBLE * 9)(*home.rotation.ravel())
-                pose = ctypes.byref(Pose((DOUBLE * 3)(*target.translation), R))
+                target = [pin.SE3(x.rotation, x.translation * np.nan) for x in home]
             elif k % 150 == 50:
-                twist = 0.3 * rng.normal(size=6)
-                rates = (DOUBLE * 6)(*twist)
+                twist = 0.3 * rng.normal(size=task.twist_size)
+                rates = (DOUBLE * len(twist))(*twist)
             elif k % 150 == 0:
-                p = home.translation + 0.1 * rng.normal(size=3)
-                target = pin.SE3(pin.exp3(0.1 * rng.normal(size=3)) @ home.rotation, p)
-                R = (DOUBLE * 9)(*target.rotation.ravel())
-                pose = ctypes.byref(Pose((DOUBLE * 3)(*p), R))
+                away = [0.1 * rng.normal(size=(2, 3)) for _ in home]
+                target = [
+                    pin.SE3(pin.exp3(w) @ x.rotation, x.translation + v)
+                    for x, (v, w) in zip(home, away, strict=True)
+                ]
+            if target is not None:
+                rows = [(DOUBLE * 3)(*x.translation) for x in target]
+                turns = [(DOUBLE * 9)(*x.rotation.ravel()) for x in target]
+                poses = (Pose * len(home))(*map(Pose, rows, turns))
+                target = tuple(target)
         wanted, status = governor.step(target, twist)
-        assert library.arm_governor_step(state, pose, rates, q) == status
+        assert library.arm_governor_step(state, poses, rates, q) == status
         worst, said = max(worst, np.abs(np.array(q) - wanted).max()), said | {status}
     print(f"{worst:.1e} apart, {said}")
     assert worst < 1e-8 and np.abs(np.array(q) - q0).max() > 1e-3

@@ -1106,7 +1106,7 @@ def nan_beyond(q: np.ndarray) -> float:
                 rp.Box(Q0, 0.4),
                 options=rp.FitOptions(samples=64),
             ),
-            "nan_beyond is nan",
+            "nan_beyond must be one finite number",
         ),
         (
             lambda t: rp.nearest_repeatable(

@@ -11,6 +11,8 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA
 from cell_functions import function_of
+from two_armed import Q0 as Q_TWO
+from two_armed import two_armed
 
 import repctl_pin as rp
 from repctl_pin.extensions.integrations.messages import SteadyTime
@@ -496,6 +498,15 @@ def test_bodies_stop_the_arm_and_are_named(tmp_path: Path) -> None:
     moved = task.placement(q) * TOOL  # on the tool's own straight line
     assert moved.translation[0] > place.translation[0] + 0.01
     assert np.abs(moved.translation - place.translation)[1:].max() < 1e-6
+
+
+def test_a_design_of_several_frames_is_refused(tmp_path: Path) -> None:
+    task = two_armed(tmp_path).task
+    both = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(Q_TWO, 0.1), degree=1, options=FEW
+    )
+    with pytest.raises(rp.InputError, match="^the ROS 2 node takes a task of one"):
+        Servo(both, RATE, rp.Limits(acceleration=A))
 
 
 def of_cell(F: rp.InverseFunction, tool: pin.SE3) -> Servo:

@@ -225,11 +225,9 @@ def test_the_torques_of_a_tree_pull_both_hands_home(hands, constant):
 def test_what_takes_one_frame_only_says_so(hands, constant):
     task, q0 = hands
     here = task.placements(q0)[0]
-    limits = rp.Limits(acceleration=5.0, jerk=50.0)
     for call in (
         lambda: rp.Cell(task, here, 0.1),
         lambda: rp.Sector(task, here, radius=0.1, angle="all"),
-        lambda: rp.Governor(constant, 0.01, limits),
         lambda: rp.Recording(task, joints=np.tile(q0, (5, 1))),
         lambda: rp.WorkspaceBox(task, q0[:3], 0.1, within=rp.Box(q0, 0.1)),
         lambda: rp.ArmAngle(task, "a", "b", "c"),

@@ -23,13 +23,19 @@ Q0 = np.array([0.3, 0.8, 0.8])
 pytestmark = NEEDS_C
 
 
+MOST_FRAMES = 32
+
+
+class Pose(ctypes.Structure):
+    """Placement of a frame."""
+
+    _fields_ = (("p", DOUBLE * 3), ("R", DOUBLE * 9))
+
+
 class Course(ctypes.Structure):
-    """Placement p, R of the frame, and its coordinates in a cell."""
+    """Placements of the frames, and the coordinates of a single one in a cell."""
 
-    _fields_ = (("p", DOUBLE * 3), ("R", DOUBLE * 9), ("y", DOUBLE * 6))
-
-    def placement(self) -> pin.SE3:
-        return pin.SE3(np.reshape(self.R, (3, 3)), np.array(self.p))
+    _fields_ = (("place", Pose * MOST_FRAMES), ("y", DOUBLE * 6))
 
 
 class Motion(ctypes.Structure):
@@ -37,7 +43,7 @@ class Motion(ctypes.Structure):
 
     _fields_ = (
         ("start", Course),
-        ("C", DOUBLE * 36),
+        ("C", DOUBLE * (36 * MOST_FRAMES)),
         ("begin", DOUBLE),
         ("duration", DOUBLE),
     )
@@ -77,65 +83,85 @@ def planar() -> tuple[rp.RepeatableInverse, object]:
     return inverse, native_arm(task, inverse.potentials)
 
 
+@cache
+def hands() -> rp.Task:
+    both = [("panda_link4", "xy"), ("panda_hand_tcp", "position")]
+    return rp.Robot.load("panda").task(both)
+
+
 class Line:
-    """A motion of the frame of planar3r, evaluated in C."""
+    """A motion of the frames of planar3r, or of two frames, evaluated in C."""
 
     def __init__(
-        self, library: ctypes.CDLL, kind: str, start: pin.SE3, *given: object
+        self, library: ctypes.CDLL, kind: str, starts: list[pin.SE3], *given: object
     ) -> None:
-        self.library, self.motion = library, Motion()
-        course = Course(array(start.translation), array(start.rotation), array([0] * 6))
+        self.library, self.motion, self.frames = library, Motion(), len(starts)
+        self.arm = planar()[1] if len(starts) == 1 else native_arm(hands())
+        course = Course()
+        for place, start in zip(course.place, starts, strict=False):
+            place.p, place.R = array(start.translation), array(start.rotation)
         *rows, time = given
         library[f"motion_{kind}"](
+            ctypes.byref(self.arm),
             ctypes.byref(self.motion),
             ctypes.byref(course),
             *map(array, rows),
             DOUBLE(time),
         )
 
-    def placement(self, t: float) -> pin.SE3:
-        course, arm = Course(), ctypes.byref(planar()[1])
+    def placements(self, t: float) -> list[pin.SE3]:
+        course, arm = Course(), ctypes.byref(self.arm)
         motion = ctypes.byref(self.motion)
         self.library.motion_course_at(arm, motion, DOUBLE(t), ctypes.byref(course))
-        return course.placement()
+        found = course.place[: self.frames]
+        return [pin.SE3(np.reshape(x.R, (3, 3)), np.array(x.p)) for x in found]
 
     def rates(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        twist, rate, arm = array([0] * 6), array([0] * 6), ctypes.byref(planar()[1])
+        zeros = [0] * 6 * self.frames
+        twist, rate, arm = array(zeros), array(zeros), ctypes.byref(self.arm)
         motion = ctypes.byref(self.motion)
         self.library.motion_rates(arm, motion, DOUBLE(t), twist, rate)
         return np.array(twist), np.array(rate)
 
 
-def test_the_rates_of_frame_motions_are_derivatives(library: ctypes.CDLL) -> None:
-    """ω and ω̇ by finite differences of the placement; the ends of each kind of motion."""
+@pytest.mark.parametrize("frames", [1, 2])
+def test_the_rates_of_frame_motions_are_derivatives(
+    library: ctypes.CDLL, frames: int
+) -> None:
+    """ω and ω̇ by finite differences of the placements; the ends of each kind of motion."""
     rng, step = np.random.default_rng(0), 1e-4
-    start = pin.SE3.Random()
-    twist, rate, later, way = rng.normal(size=(4, 6))
+    starts = [pin.SE3.Random() for _ in range(frames)]
+    twist, rate, later, way = rng.normal(size=(4, 6 * frames))
     motions = [
-        Line(library, "change", start, twist, rate, later, 0.8),
-        Line(library, "brake", start, twist, rate, 1.1),
-        Line(library, "land", start, twist, rate, 1.5 * way, 0.9),
+        Line(library, "change", starts, twist, rate, later, 0.8),
+        Line(library, "brake", starts, twist, rate, 1.1),
+        Line(library, "land", starts, twist, rate, 1.5 * way, 0.9),
     ]
     for motion in motions:
         for t in (0.01, 0.3, 0.79):
-            places = [motion.placement(t + k * step) for k in (-1, 0, 1)]
-            omega = pin.log3(places[2].rotation @ places[0].rotation.T) / (2 * step)
-            v = (places[2].translation - places[0].translation) / (2 * step)
+            before, after = (motion.placements(t + k * step) for k in (-1, 1))
+            expected = [
+                [*(b.translation - a.translation), *pin.log3(b.rotation @ a.rotation.T)]
+                for a, b in zip(before, after, strict=True)
+            ]
             found, derivative = motion.rates(t)
-            np.testing.assert_allclose(found, np.concatenate([v, omega]), atol=1e-6)
+            np.testing.assert_allclose(
+                found, np.ravel(expected) / (2 * step), atol=1e-6
+            )
             ahead, behind = motion.rates(t + step)[0], motion.rates(t - step)[0]
-            expected = (ahead - behind) / (2 * step)
-            np.testing.assert_allclose(derivative, expected, atol=1e-5)
+            slope = (ahead - behind) / (2 * step)
+            np.testing.assert_allclose(derivative, slope, atol=1e-5)
         first = motion.rates(0.0)
         np.testing.assert_allclose(first[0], twist, atol=1e-12)
         np.testing.assert_allclose(first[1], rate, atol=1e-12)
     for motion in motions[1:]:
         rest = motion.rates(motion.motion.duration)
-        np.testing.assert_allclose(rest, np.zeros((2, 6)), atol=1e-9)
-    end = motions[2].placement(0.9)
-    turned = pin.exp3(1.5 * way[3:]) @ start.rotation
-    np.testing.assert_allclose(end.rotation, turned, atol=1e-12)
-    np.testing.assert_allclose(end.translation, start.translation + 1.5 * way[:3])
+        np.testing.assert_allclose(rest, np.zeros((2, 6 * frames)), atol=1e-9)
+    ends = motions[2].placements(0.9)
+    for start, end, by in zip(starts, ends, 1.5 * way.reshape(-1, 6), strict=True):
+        turned = pin.exp3(by[3:]) @ start.rotation
+        np.testing.assert_allclose(end.rotation, turned, atol=1e-12)
+        np.testing.assert_allclose(end.translation, start.translation + by[:3])
 
 
 def test_a_landing_is_as_long_as_it_can_be_without_turning_back(
@@ -149,10 +175,10 @@ def test_a_landing_is_as_long_as_it_can_be_without_turning_back(
     one = np.eye(6)[0]
     for speed, rate in ((1.0, -0.4), (1.0, 0.0), (0.3, 2.0), (0.0, 1.0)):
         for share, turns_back in ((0.99, False), (1.01, True)):
-            T, free = share * longest(speed, rate), pin.SE3.Identity()
+            T, free = share * longest(speed, rate), [pin.SE3.Identity()]
             motion = Line(library, "land", free, speed * one, rate * one, one, T)
             t = np.linspace(0.0, T, 2001)
-            way = np.array([motion.placement(s).translation[0] for s in t])
+            way = np.array([motion.placements(s)[0].translation[0] for s in t])
             assert (way.max() > 1 + 1e-12) == turns_back
     assert longest(1.0, -1.0) == longest(0.0, 0.0) == np.inf
 

@@ -132,13 +132,13 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
             lambda: rp.CustomPotentials([lambda q: np.nan], names=["bad"]).gradients(
                 np.zeros((1, 3))
             ),
-            "bad is nan",
+            "bad must be one finite number",
         ),
         (
             lambda: rp.CustomPotentials([lambda q: "x"], names=["bad"]).values(
                 np.zeros((1, 3))
             ),
-            "bad does not return a number",
+            "bad must be one finite number.*'x'",
         ),
         (
             lambda: rp.CustomPotentials([(bump, lambda q: np.zeros(2))]).gradients(

@@ -111,7 +111,7 @@ place."""
 POTENTIALS = {
     "powers' factors forgotten": ("by_m * size / scale[m]", "size / scale[m]"),
     "fourth derivatives at the centre": (
-        "= [self._most(v) for v in z]",
+        "= [self.arguments[v].most for v in z]",
         "= [0.0] * len(z)",
     ),
     "one scale missing": ("by_l / scale[l]", "by_l"),

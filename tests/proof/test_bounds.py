@@ -25,7 +25,7 @@ from second_order import crossed, made_up, ratios
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.extensions.proof import chain, leaf_margin_bounds, regions
+from repctl_pin.extensions.proof import boxes, chain, leaf_margin_bounds
 
 FILE = "leaf_margin_bounds.c"
 
@@ -117,7 +117,7 @@ def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
     t = np.linspace(0, 2 * np.pi, 200)
     samples = 0.3 * np.column_stack([np.cos(t), np.sin(t), np.sin(2 * t), 0.1 * t])
     tube = rp.Tube(samples, np.array([0.1, 0.05, 0.1, 0.02]))
-    low, high = regions.cover(tube)
+    low, high = boxes.cover(tube)
     rng = np.random.default_rng(0)
     k, share = rng.integers(len(t) - 1, size=4000), rng.uniform(size=(4000, 1))
     edge = rng.uniform(-1, 1, (4000, 4))

@@ -18,7 +18,7 @@ from mutants import CELL_V
 from proofs import regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells import cell_potentials, margins
+from repctl_pin.extensions.cells import margins
 from repctl_pin.extensions.proof import cells
 from repctl_pin.redundancy import leaf_margin, nullspace
 
@@ -70,7 +70,7 @@ def test_v_is_the_gradient_of_the_potentials_and_its_margin_the_price(
         chart, task = turned(chart, 0.05), chart.cell.task
         at = chart.solve(chart.cell.sample(4), np.zeros((4, task.r)))
         V, h = margins.potential_gradients(chart, at), 1e-6
-        potentials = cell_potentials.CellPotentials(chart)
+        potentials = rp.InverseFunction(chart).inverse.potentials
         for q, gradient, J, margin in zip(
             at.Q, V, at.J, margins.leaf_margins(chart, at), strict=True
         ):

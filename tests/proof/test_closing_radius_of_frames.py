@@ -12,11 +12,10 @@ import pytest
 from closed_paths import turned_by, turns, values, wild_poses
 from kernels import kernels, use
 from proofs import design_of, near_null_space
-from test_closing_radius import problem_of
+from test_closing_radius import leaf_margin_bounds, lifts, problem_of
 from test_proof_several_frames import Q0, design_over, tasks, tree
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import leaf_margin_bounds, lifts
 
 
 def rates(design: rp.Design, Q: np.ndarray, ratio: float) -> np.ndarray:

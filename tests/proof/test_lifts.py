@@ -30,8 +30,8 @@ MUTANTS = {
     ),
     "boxes of a quarter": ("half = (high - low) / 2 *", "half = (high - low) / 4 *"),
     "one half of a box dropped": (
-        "first[at] = second[at] = (low",
-        "second[at] = high[rows][at]\n        first[at] = (low",
+        "return low, high, self.place",
+        "return low, (low + high) / 2, self.place",
     ),
     "a shell without a joint": ("for j in range(n):", "for j in range(n - 1):"),
     "a shell without a side": (

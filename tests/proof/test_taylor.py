@@ -13,7 +13,7 @@ from kernels import at, kernels
 from mutants import TAYLOR
 from second_order import monomials
 
-from repctl_pin.extensions.proof import cells, chart_bounds, taylor
+from repctl_pin.extensions.proof import cells, taylor
 
 T = np.linspace(-1, 1, 201)
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
@@ -33,11 +33,10 @@ class Model:
     true: np.ndarray
 
     def operate(self, what: int, other: Model, s: float = 1.0) -> list[np.ndarray]:
-        space, _ = held = taylor.space_of(1)
+        space = taylor.space_of(1)
         out = np.zeros((4, 5))
         arrays = at(self.x), at(other.x), at(out)
         self.library.operate(ctypes.byref(space), what, ctypes.c_double(s), *arrays)
-        del held
         return list(out)
 
     def off(self, what: int, *true: np.ndarray, s: float = 1.0, y: Model | None = None):
@@ -123,7 +122,7 @@ def test_a_chart_of_degree_4_leaves_out_what_is_bounded(factor: float) -> None:
     C = np.zeros_like(chart.coefficients)
     C[(chart.monomials.exponents == [3, 1, 0]).all(axis=1)] = 1.0
     chart, half = replace(chart, coefficients=C), np.array([[0.4, 0.5, 0.1]])
-    parts = chart_bounds.Polynomials.of(chart)
+    parts = cells._Polynomials.of(chart)
     cubic = chart.monomials.values(half)[0, : parts.parts.shape[1]]
     values = cubic @ parts.parts[0, :, 0, 0]
     rest = np.prod(half**parts.fourth, axis=1) @ parts.rest[:, 0, 0]

@@ -224,15 +224,16 @@ def test_arrays_with_a_gripper_and_other_columns_are_kept(
     Q = relabeled.recording.joints
     assert Q is not None
     state = np.concatenate([Q, np.arange(len(Q))[:, None]], axis=1)
-    np.savez(
-        tmp_path / "a.npz", **{"observation.state": state, "extra": np.arange(len(Q))}
-    )
+    names, poses = np.full(len(Q), "home"), relabeled.recording.homogeneous
+    columns = {"observation.state": state, "extra": np.arange(len(Q))}
+    np.savez(tmp_path / "a.npz", **columns, poses=poses, pose=names)
     done = rp.relabel(
         rp.Recording.read(tmp_path / "a.npz", relabeled.recording.task),
         design=relabeled.design,
     )
     with np.load(done.save(tmp_path / "b.npz")) as made:
         assert np.array_equal(made["extra"], np.arange(len(Q)))
+        assert np.array_equal(made["pose"], names)
         assert np.array_equal(made["observation.state"][:, 3], state[:, 3])
         assert np.array_equal(made["observation.state"][:, :3], done.joints)
 

@@ -380,6 +380,19 @@ def test_shapes_that_cannot_be_measured_are_said_to_be_what_they_are(
     )
 
 
+def test_a_collada_mesh_has_its_unit(chain: rp.Task, tmp_path: Path) -> None:
+    """A cube of 1,000 mm is as near as a cube of 1 m; drawn meshes have the unit, too."""
+    written = trimesh.creation.box((1000, 1000, 1000)).export(file_type="dae").decode()
+    millimetres = '<asset><unit name="millimeter" meter="0.001"/>'
+    text = re.sub(r"<asset>(\s*<unit[^>]*/>)?", millimetres, written, count=1)
+    (tmp_path / "cube.dae").write_text(text)
+    cubes = [
+        surrounded(tmp_path, shape, at="3.9 0 0").nearest(np.zeros(3)).distance
+        for shape in ('<mesh filename="cube.dae"/>', '<box size="1 1 1"/>')
+    ]
+    assert cubes[0] == pytest.approx(cubes[1], abs=1e-6) and cubes[1] > 0.1
+
+
 def test_a_flat_box_is_a_plate(chain: rp.Task, tmp_path: Path) -> None:
     bodies = surrounded(tmp_path, '<box size="0 1 1"/>', at="3.4 0 0")
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.3, abs=1e-6)

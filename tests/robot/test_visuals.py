@@ -37,9 +37,8 @@ def pinocchios(robot: rp.Robot) -> tuple[pin.Model, pin.GeometryModel]:
     """Pinocchio's own model and visual geometry, the same joints locked."""
     model = pin.buildModelFromXML(robot.description.xml)
     kind = pin.GeometryType.VISUAL
-    geometry = pin.buildGeomFromUrdfString(
-        model, robot.description.xml, kind, package_dirs=list(robot.package_dirs)
-    )
+    file, folders = str(robot.description.path), list(robot.package_dirs)
+    geometry = pin.buildGeomFromUrdf(model, file, kind, package_dirs=folders)
     assert not robot.locked
     return model, geometry
 
@@ -91,12 +90,11 @@ def test_scales_and_colours_are_pinocchios(name: str) -> None:
             assert shape.path == Path(theirs.meshPath).resolve()
             mirrored += np.prod(shape.scale) < 0
         if theirs.overrideMaterial:
-            assert not shape.textured
             np.testing.assert_allclose(
                 shape.color, theirs.meshColor, atol=1e-6, err_msg=shape.name
             )
         elif shape.kind == "mesh" and shape.path is not None:
-            assert shape.textured == (shape.path.suffix.lower() != ".stl")
+            assert (shape.color is None) == (shape.path.suffix.lower() != ".stl")
     assert (mirrored > 0) == (name == "talos")
 
 
@@ -231,14 +229,14 @@ def test_materials(tmp_path: Path) -> None:
         ]
 
     (own,) = upper("")
-    assert (own.kind, own.path, own.scale, own.textured) == (
+    assert (own.kind, own.path, own.scale, own.color) == (
         "mesh",
         mesh.resolve(),
         (1.0, -2.0, 3.0),
-        True,
+        None,
     )
     (red,) = upper('<material name="red"><color rgba="1 0 0 0.5"/></material>')
-    assert (red.color, red.textured) == ((1.0, 0.0, 0.0, 0.5), False)
+    assert red.color == (1.0, 0.0, 0.0, 0.5)
     assert (
         upper('<material name="none"><color rgba="1 0 0 0"/></material>') == []
     )  # invisible

@@ -159,11 +159,11 @@ def test_what_cannot_be_shown_is_named(motions: dict[str, rp.Motion]) -> None:
     )
     for given, words in (
         ({}, "there is none"),
-        ({"q": motions["a"].q}, "'q' is a ndarray"),
+        ({"q": motions["a"].q}, r"motions\['q'\] must be a motion"),
         ({"a": motions["a"], "b": other}, "motions of planar3r and ppr"),
         ({"a": motions["a"], "b": short}, "as many cycles and steps"),
-        (motions["a"], "name the motion"),
-        ("panda", "got str"),
+        (motions["a"], "motions by name, as in"),
+        ("panda", "got 'panda'"),
     ):
         with pytest.raises(rp.InputError, match=words):
             rp.animation(given)

@@ -15,7 +15,7 @@ import pytest
 from page_file import COLOURS, matrices, summed
 
 import repctl_pin as rp
-from repctl_pin.model.surfaces import grouped, read_surface, smooth
+from repctl_pin.model.surfaces import distinct, read_surface, smooth
 from repctl_pin.show.page.html import differences, pack
 from repctl_pin.show.page.scene import choose_frames, poses_of
 from repctl_pin.show.palette import luminance, readable
@@ -119,8 +119,9 @@ def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
     import coal
 
     robot = rp.Robot.load(name)
-    visuals = "".join(re.findall("(?s)<visual>.*?</visual>", robot.description.xml))
-    named = set(re.findall('filename="package:/+([^"]*)"', visuals))
+    named = {
+        name.split("package://")[-1].lstrip("/") for name in robot.description.meshes
+    }
     paths = {
         file
         for folder in robot.package_dirs
@@ -183,27 +184,25 @@ DAE = """<?xml version="1.0"?>
 def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
     from PIL import Image
 
-    Image.new("RGB", (8, 8), (0, 200, 0)).save(tmp_path / "paint.png")
+    paint = Image.new("RGB", (8, 8), (255, 255, 255))
+    colors = {(0, 7): (153, 102, 51), (7, 0): (0, 0, 255), (0, 0): (0, 255, 0)}
+    for pixel, color in colors.items():  # counted from the top left corner
+        paint.putpixel(pixel, color)
+    paint.save(tmp_path / "paint.png")
     (tmp_path / "two.dae").write_text(DAE)
     surface = read_surface(tmp_path / "two.dae")
     # a plate of 1 m × 2 m, lifted by 0.5 m; up_axis is not obeyed, as nowhere in ROS
     np.testing.assert_allclose(surface.points.min(0), [0, 0, 0.5], atol=1e-4)
     np.testing.assert_allclose(surface.points.max(0), [1, 2, 0.5], atol=1e-4)
-    by_texture = {
-        image is not None: (start, count) for start, count, image in surface.groups
-    }
-    assert len(surface.groups) == 2
-    start, count = by_texture[False]
-    red = surface.faces.ravel()[start : start + count]
-    np.testing.assert_allclose(
-        surface.colors[red], np.tile([1.0, 0, 0], (3, 1)), atol=1e-9
-    )
-    start, count = by_texture[True]
-    painted = surface.faces.ravel()[start : start + count]
-    assert surface.uv is not None
-    np.testing.assert_allclose(
-        surface.uv[painted], surface.points[painted, :2] / [1, 2], atol=1e-4
-    )
+    red, green, blue, brown = np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], [0.6, 0.4, 0.2]
+    places = {(0, 0): brown, (1, 2): blue, (0, 2): green}  # of the texture
+    plain, painted = surface.faces
+    assert (surface.colors[plain] == red).all()
+    for point, color in zip(
+        surface.points[painted], surface.colors[painted], strict=True
+    ):
+        wanted = places[tuple(np.round(point[:2]).astype(int).tolist())]
+        np.testing.assert_allclose(color, wanted, atol=1e-2)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
@@ -271,33 +270,16 @@ def test_too_many_triangles_are_left_out(tmp_path: Path) -> None:
     assert len(read_surface(tmp_path / "cube.stl", 12).faces) == 12
 
 
-def test_equal_rows_are_grouped_in_their_first_order() -> None:
+def test_equal_rows_are_one_row_the_first_of_them() -> None:
     rng = np.random.default_rng(0)
     for columns, largest in ((1, 3), (3, 4), (11, 2), (3, 2**40)):
         rows = rng.integers(-largest, largest, (500, columns))
-        order, starts = grouped(rows)
-        assert sorted(order) == list(range(500))
-        groups = np.split(order, starts[1:])
-        distinct = np.unique(rows, axis=0)
-        assert len(groups) == len(distinct)
-        for group in groups:
-            assert (rows[group] == rows[group[0]]).all() and (np.diff(group) > 0).all()
-    order, starts = grouped(np.empty((0, 3), np.int64))
-    assert len(order) == len(starts) == 0
-
-
-def test_rows_that_share_a_hash_are_still_told_apart(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Constant:
-        def integers(self, *args: object, size: int, dtype: type) -> np.ndarray:
-            return np.zeros(size, dtype)  # the sum of the columns
-
-    monkeypatch.setattr(np.random, "default_rng", lambda seed: Constant())
-    rows = np.array([[1, 2], [2, 1], [1, 2], [0, 3], [2, 1]])
-    order, starts = grouped(rows)
-    groups = {tuple(group) for group in np.split(order, starts[1:])}
-    assert groups == {(0, 2), (1, 4), (3,)}
+        first, group = distinct(rows)
+        assert len(first) == len(np.unique(rows, axis=0))
+        assert (rows[first][group] == rows).all()
+        assert all(np.flatnonzero(group == k)[0] == at for k, at in enumerate(first))
+    first, group = distinct(np.empty((0, 3), np.int64))
+    assert len(first) == len(group) == 0
 
 
 @pytest.mark.parametrize(

@@ -293,28 +293,6 @@ def test_a_body_that_cannot_be_read_is_said_and_the_rest_drawn(tmp_path: Path) -
     assert len(sent) == len({s["body"] for s in told} - {None}) > 3
 
 
-def test_a_texture_goes_into_the_page(tmp_path: Path) -> None:
-    from PIL import Image
-    from test_page_parts import DAE
-
-    Image.new("RGB", (8, 8), (0, 200, 0)).save(tmp_path / "paint.png")
-    (tmp_path / "two.dae").write_text(DAE)
-    scene, commands, _ = read(page_of(with_mesh(tmp_path, "two.dae")))
-    (shape,) = (s for s in scene["arms"][0]["shapes"] if s["name"] == "link1_1")
-    assert shape["color"] is None
-    sent = next(
-        c["object"] for c in commands if c["path"] == f"/library/{shape['body']}"
-    )
-    materials = {m["uuid"]: m for m in sent["materials"]}
-    maps = [materials[uuid].get("map") for uuid in sent["object"]["material"]]
-    assert [m is not None for m in maps].count(True) == 1
-    (texture,) = sent["textures"]
-    (image,) = sent["images"]
-    assert texture["uuid"] in maps
-    assert texture["image"] == image["uuid"]
-    assert image["url"].startswith("data:image/jpeg;base64,/9j/")
-
-
 def test_no_name_of_the_pages_script_is_declared_twice() -> None:
     """Its modules are joined into one scope, in which the later of two would silently take the
     place of the first."""

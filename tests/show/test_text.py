@@ -109,7 +109,7 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
     )
     assert (
         notes == "The repeatable one takes 0.3 % more joint speed (rms). "
-        "Joint limits kept. Links 13 cm apart or more, in both."
+        "Joint limits kept. Links stay at least 13 cm apart, in both."
     )
     exact = [
         span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact
@@ -224,7 +224,7 @@ def test_a_motion_along_an_open_path_is_not_judged_as_a_cycle() -> None:
     told = words(headline_of([replace(USUAL, hand_off=0.12)], 1))
     assert told == (
         "The path is not closed: the hand ends 12 cm from where it began.",
-        "Joint limits kept. Links 13 cm apart or more.",
+        "Joint limits kept. Links stay at least 13 cm apart.",
     )
 
 

@@ -134,13 +134,13 @@ def test_it_is_repeatable_and_pickles(task: rp.Task) -> None:
         (lambda t: rp.ExtendedJacobian(t, Q0 * np.nan), "7 finite numbers"),
         (
             lambda t: rp.ExtendedJacobian(t, lambda q: np.nan).potentials.value(Q0),
-            "value of the potential",
+            "potential U must be one finite number",
         ),
         (
             lambda t: rp.ExtendedJacobian(
                 t, bowl, gradient=lambda q: q[:2]
             ).potentials.value(Q0),
-            "gradient of the potential",
+            "gradient of potential U",
         ),
     ],
 )

@@ -362,7 +362,7 @@ def test_controls_that_cannot_be_used_are_named() -> None:
             "pose",
         ),
         ({"mine": 3}, "a function"),
-        ({"mine": lambda q, xdot: q[:3]}, "must return 7 finite numbers"),
+        ({"mine": lambda q, xdot: q[:3]}, "must be 7 finite numbers"),
     ):
         with pytest.raises(rp.InputError, match=words):
             rp.study("panda", controls=controls, cycles=1, steps=20, degree=1)

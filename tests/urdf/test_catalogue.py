@@ -146,12 +146,10 @@ def test_names_and_aliases() -> None:
 def test_meshes_are_found(name: str) -> None:
     machine = rp.Robot.load(name)
     assert machine.warnings == ()
-    xml = machine.description.xml
-    model = pin.buildModelFromXML(xml)
-    paths = [*machine.package_dirs]
-    geometry = pin.buildGeomFromUrdfString(
-        model, xml, pin.GeometryType.VISUAL, package_dirs=paths
-    )
+    description = machine.description
+    model = pin.buildModelFromXML(description.xml)
+    file, paths = str(description.path), [*machine.package_dirs]
+    geometry = pin.buildGeomFromUrdf(model, file, pin.VISUAL, package_dirs=paths)
     assert geometry.ngeoms >= 5
     assert all(
         Path(g.meshPath).is_file() or g.meshPath in ("BOX", "CYLINDER", "SPHERE")

@@ -15,5 +15,5 @@ EXTENSION = Extension(
     },
     commands={"cell": "cell_command"},
     files={"repctl cell": "cell_file"},
-    parts={"problem": "problem_of_cell:PROBLEM"},
+    parts={"problem": "cell_design:PROBLEM"},
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,10 +19,10 @@ from ...model.task import Task, require_task
 from ...progress import Report, reporter
 from ...strategies import Pseudoinverse
 from .cell import Cell
-from .cell_arguments import sizes
-from .growth import STEPS, Grown, drawn, grown
+from .cell_arguments import of_positions
+from .kinematics import joined, rows_of
 from .posture_search import Candidate, chosen, judged, searched
-from .reference import rays
+from .reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -184,10 +183,7 @@ def best_cell(
             f"{task!r} is not redundant: with r = {task.r} the pose determines the joints",
             remedy="use another kind of task",
         )
-    positions = min(3, task.m)
-    edges = sizes(
-        size, positions, "size", "m", "one per position that the task commands"
-    )
+    edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
     R = _rotation(task, orientation, yaw)
@@ -253,16 +249,16 @@ def _candidates(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
             "turn the tool, or use another kind of task"
         )
-    wide = found.rows([*_apart(found.p, box.half_width.max())])
-    found = _free(box, found, _LOOKED).joined(_free(box, wide, _TRIED))
+    wide = rows_of(found, unlike_rows(found.p, box.half_width.max(), _TRIED))
+    found = joined([_free(box, found, _LOOKED), _free(box, wide, _TRIED)])
     found = _ordered(box, found, at)
     for k, width in enumerate(_WIDTHS):
         report("trying places beside the best", 0.4 + 0.4 * k / len(_WIDTHS))
         parents = _free(box, found, _PARENTS)
-        best = parents.rows(np.arange(len(parents.p)).repeat(_CHILDREN))
+        best = rows_of(parents, np.arange(len(parents.p)).repeat(_CHILDREN))
         U = width * rng.uniform(-1, 1, (len(best.p), box.k))
         beside = best.p + box.placements(U)[0] - box.placement.translation
-        found = _ordered(box, found.joined(grown(box, beside, best.Q)), at)
+        found = _ordered(box, joined([found, grown(box, beside, best.Q)]), at)
     return found
 
 
@@ -273,7 +269,7 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     far = np.zeros(len(found.p)) if at is None else np.linalg.norm(found.p - at, axis=1)
     margin = np.minimum(found.margin, _ENOUGH)
     swing = np.abs(found.ends - found.Q[:, None]).max(axis=(1, 2), initial=0.0)
-    return found.rows(np.lexsort((swing, -margin, below, far, -found.steps)))
+    return rows_of(found, np.lexsort((swing, -margin, below, far, -found.steps)))
 
 
 def _free(box: Cell, found: Grown, count: int) -> Grown:
@@ -286,7 +282,7 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
         free += [*first + np.flatnonzero(here)]
         if len(free) >= count:
             break
-    return found.rows(np.array(free[:count] or [0], int))
+    return rows_of(found, free[:count] or [0])
 
 
 def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
@@ -298,7 +294,8 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     free = _free(box, found, len(found.p))
     best: tuple[Cell, Candidate, Array] | None = None
     size = 0
-    for k in [*_apart(free.Q, _ALIKE), *_apart(free.p, box.half_width.max())]:
+    unlike = unlike_rows(free.Q, _ALIKE, _TRIED)
+    for k in [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]:
         low, high, middle = size, int(free.steps[k]), free.steps[k]
         while low < high:  # the box grows beyond ``low`` steps, and not beyond ``high``
             cell = _box_at(box, free.p[k], middle / STEPS)
@@ -319,17 +316,6 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
             if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
         ]
     return cell, chosen(candidates, task.reference), q
-
-
-def _apart(rows: Array, distance: float) -> Iterator[int]:
-    """Generate the first rows (K, ·) that differ by a distance from each one before."""
-    taken: list[int] = []
-    for k, row in enumerate(rows):
-        if len(taken) == _TRIED:
-            return
-        if not taken or np.abs(rows[taken] - row).max(axis=1).min() > distance:
-            taken.append(k)
-            yield k
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -23,20 +23,28 @@ from ...arguments import (
     vector,
 )
 from ...errors import InputError
-from ...model.chain_formulas import Placement, as_placement, as_placements
+from ...model.chain_formulas import (
+    Placement,
+    as_placement,
+    as_placements,
+    axis_turns,
+    rotation_vectors,
+)
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
 from ...native import CHART, REGION, filled_struct, point
 from ...regions.sobol import scrambled_points
-from .cell_arguments import LEAST_WIDTH, as_middle, sizes, stacked
-from .kinematics import placed
-from .rotations import exp3, left_jacobian, log3, tilts
+from .cell_arguments import LEAST_WIDTH, as_middle, of_positions, sizes, stacked
+from .kinematics import exp3, left_jacobian, placed
+from .symmetry import Symmetry
 
 EDGE = 1e-9
 """Tolerance of ``|u_i| ≤ 1``."""
 
 TURNED = 1e-6
 """Tolerance, m or rad, along a coordinate of width 0."""
+
+C = TypeVar("C", bound="Cell")
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -87,6 +95,12 @@ class Cell:
     task: Task
     placement: pin.SE3
     widths: Array
+    free: tuple[int, ...]
+    """Indices of the coordinates with the range ``"all"``, which the joint limits determine."""
+    symmetries: tuple[Symmetry, ...]
+    """Symmetries of the arm along coordinates whose half-width is not 0; none in a box."""
+    removed: tuple[Symmetry, ...]
+    """Symmetries that a design uses: their coordinates do not belong to u, and are 0."""
 
     def __init__(
         self,
@@ -101,13 +115,7 @@ class Cell:
             )
         positions = min(3, task.m)
         turns = task.m - positions
-        w = sizes(
-            half_width,
-            positions,
-            "half_width",
-            "m",
-            "one per position that the task commands",
-        )
+        w = of_positions(task, half_width, "half_width")
         theta = sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
         if not turns and theta.any():
             raise InputError(
@@ -126,7 +134,9 @@ class Cell:
             raise InputError(
                 "a cell needs at least one half_width or half_angle above 0"
             )
-        freeze(self, task=task, placement=as_middle(task, placement), widths=widths)
+        middle = as_middle(task, placement)
+        freeze(self, task=task, placement=middle, widths=widths)
+        freeze(self, free=(), symmetries=(), removed=())
 
     @classmethod
     def around(
@@ -159,28 +169,19 @@ class Cell:
         p, R = stacked(task, listed, "placement")
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
         positions, turns = min(3, task.m), task.m - min(3, task.m)
-        unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
+        unit = cls(task, middle, 1.0)
         if turns:  # again, with the orientation in the middle of all of them
             y = unit._measured(p, R)[:, positions:]
             mean = unit.vectors((y.max(axis=0) + y.min(axis=0))[None] / 2)
-            unit = cls(
-                task,
-                pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation),
-                1.0,
-                0.1,
-            )
+            turned = exp3(mean)[0] @ middle.rotation
+            unit = cls(task, pin.SE3(turned, middle.translation), 1.0)
         reach = np.abs(unit._measured(p, R)).max(axis=0)
         reach[reach < LEAST_WIDTH] = 0.0
-        more = sizes(
-            margin, positions, "margin", "m", "one per position that the task commands"
-        )
-        turn = (
-            reach[positions:]
-            + sizes(half_angle, turns, "half_angle", "rad", "one per axis")
-            if turns
-            else half_angle
-        )
-        return cls(task, unit.placement, reach[:positions] + more, turn)
+        if turns:
+            more = sizes(half_angle, turns, "half_angle", "rad", "one per axis")
+            half_angle = reach[positions:] + more
+        half_width = reach[:positions] + of_positions(task, margin, "margin")
+        return cls(task, unit.placement, half_width, half_angle)
 
     @property
     def k(self) -> int:
@@ -317,33 +318,6 @@ class Cell:
         )
         return np.where(off <= TURNED, np.abs(U / self._bounds).max(axis=1), np.inf)
 
-    # ---- one placement, in all m task coordinates
-    # -------------------------------------------------------------------------------
-
-    def _course_y(self, place: pin.SE3) -> Array:
-        """Compute the offsets y (m,) of a placement in all task coordinates, m and rad."""
-        return self._measured(*stacked(self.task, [place], "placement"))[0]
-
-    def _course_place(self, y: Array) -> pin.SE3:
-        """Compute the placement with offsets y (m,) in all task coordinates, m and rad."""
-        p, R = self._placed(y[None])
-        return pin.SE3(np.array(R[0]), p[0])
-
-    def _course_rates(self, y: Array, R: Array) -> Array:
-        """Evaluate ∂x/∂y (m, m) at offsets y (m,), where the frame's rotation is R (3, 3)."""
-        return self._all_twists(y[None], R[None])[0]
-
-    def _course_bounds(self) -> tuple[Array, Array]:
-        """Return the smallest and the largest offsets y (m,) in all task coordinates."""
-        reach = np.zeros(len(self.widths))
-        reach[self._active] = self._active_widths * self._bounds
-        return self._offset - reach, self._offset + reach
-
-    def _course_holds(self, place: pin.SE3) -> bool:
-        """Test whether a placement lies in the cell."""
-        U, off = self.coordinates(*stacked(self.task, [place], "placement"))
-        return bool(self._contains(U, off)[0])
-
     # ---- in C
     # -------------------------------------------------------------------------------------------
 
@@ -359,8 +333,9 @@ class Cell:
     ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
         """Return the members of the struct :data:`CHART` that describe the cell: arrays of
         integers, arrays of numbers, and single numbers."""
-        lower, upper = self.whole._course_bounds()
+        lower, upper = self._range_of_offsets()
         bounds = np.where(self.widths == 0, TURNED, self.widths * (1 + EDGE))
+        bounds[list(self.free)] = np.inf
         reals: dict[str, ArrayLike] = {
             "p": self.placement.translation,
             "R": self.placement.rotation,
@@ -372,48 +347,87 @@ class Cell:
         }
         return {"moved": self.moved}, reals, {"k": self.k}
 
+    def _range_of_offsets(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest offsets (m,) in all task coordinates."""
+        whole = self.whole
+        reach = np.zeros(len(self.widths))
+        reach[whole.moved] = whole._active_widths * whole._bounds
+        return whole._offset - reach, whole._offset + reach
+
     # ---- symmetries
     # --------------------------------------------------------------------------------
 
     @property
+    def whole(self: C) -> C:
+        """The same cell, with the coordinates that symmetries remove included in u."""
+        return self._changed(removed=()) if self.removed else self
+
+    @property
+    def _removed(self) -> list[int]:
+        """Indices, among the m task coordinates, of those that symmetries remove from u."""
+        return [one.coordinate for one in self.removed]
+
+    @property
     def along(self) -> Array:
-        """∂F/∂y (n, l) for the l coordinates y, m or rad, that symmetries of the arm remove from u.
-
-        Only a :class:`Sector` can have such symmetries; here l = 0.
-        """
-        return np.zeros((self.task.n, 0))
-
-    def _shifts(self, p: Array, R: Array) -> Array:
-        """Evaluate the term (K, n) that symmetries of the arm add to F at placements.
-
-        Only a :class:`Sector` can have such symmetries; here the term is 0.
-        """
-        return np.zeros((len(p), self.task.n))
-
-    def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance (…, n) of each joint to its nearer limit; negative outside."""
-        return self.task.limit_margin(q)
+        """∂F/∂y (n, l) for the l coordinates y, rad, that symmetries remove from u."""
+        along = np.zeros((self.task.n, len(self.removed)))
+        for column, one in enumerate(self.removed):
+            along[one.joint, column] = one.sign
+        return along
 
     def _split(self, U: Array) -> tuple[Array, Array]:
         """Convert coordinates U (K, ·) of :attr:`whole` to those of this cell (K, k).
 
-        Return also the term (K, n) that the symmetries add to F there; here it is 0.
+        Return also the term (K, n) that the removed symmetries add to F there.
         """
-        return U, np.zeros((len(U), self.task.n))
+        kept = np.isin(self.whole.moved, self.moved)
+        return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T
 
-    def _lifted(self, u: Array) -> Array:
-        """Convert coordinates u (k,) to those of :attr:`whole`, with 0 for the removed ones."""
-        return u
+    def _lifted(self, U: Array) -> Array:
+        """Convert coordinates U (K, k) to those of :attr:`whole`, at 0 in the removed ones."""
+        Y, whole = self.spread(U), self.whole
+        return (Y - whole._offset)[:, whole.moved] / whole._active_widths
 
-    def _wrapped(self, away: Array) -> Array:
-        """Remove full turns from differences of configurations (…, n), in the joints of removed
-        symmetries; here there are none."""
+    def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
+        """Evaluate Q − q_ref (K, n), less what the removed symmetries add to F at placements.
+
+        In their joints, full turns are removed.
+        """
+        away = Q - q_ref
+        if self.removed:
+            away -= self._measured(p, R)[:, self._removed] @ self.along.T
+        for one in self.removed:
+            turns = np.rint(away[:, one.joint] / (2 * np.pi))
+            away[:, one.joint] -= 2 * np.pi * turns
         return away
 
+    def limit_margin(self, q: ArrayLike) -> Array:
+        """Compute the distance (…, n) of each joint to its nearer limit, for configurations q
+        (…, n) at which the removed coordinates are 0; negative outside.
+
+        The distance of a joint that moves the frame along a removed coordinate is the minimum over
+        the range of that coordinate. It is infinite if the range is ``"all"``, because the joint
+        limits then determine the range.
+        """
+        margin = self.task.limit_margin(q)
+        for one in self.removed:
+            all_of_it = one.coordinate in self.free
+            beyond = np.inf if all_of_it else -self.widths[one.coordinate]
+            margin[..., one.joint] += beyond
+        return margin
+
     @property
-    def whole(self) -> Cell:
-        """The same cell, with the coordinates that symmetries remove included in u."""
-        return self
+    def excepted(self) -> tuple[str, ...]:
+        """Joints that limit margins leave out: their limits end a range that is ``"all"``."""
+        lower, upper, _ = self.task.joint_limits
+        joints = [one.joint for one in self.removed if one.coordinate in self.free]
+        limited = np.isfinite(lower) | np.isfinite(upper)
+        return tuple(self.task.joint_names[j] for j in joints if limited[j])
+
+    def _changed(self: C, **changes: Any) -> C:
+        other = object.__new__(type(self))
+        freeze(other, **vars(self) | changes)
+        return other
 
     # ---- velocities
     # --------------------------------------------------------------------------------
@@ -476,12 +490,7 @@ class Cell:
             exact=True,
             finite=False,
         )
-        e = p_goal - p
-        if self.task.kind == "pose":
-            return np.concatenate([e, log3(R_goal @ np.swapaxes(R, 1, 2))], axis=1)
-        if self.task.kind == "axis":
-            return np.concatenate([e, tilts(R, R_goal)], axis=1)
-        return e[:, self.task.rows]
+        return self.task.kind.errors(p, R, p_goal, R_goal)
 
     # ---- nodes
     # -------------------------------------------------------------------------------------
@@ -577,16 +586,6 @@ class Cell:
         return np.flatnonzero(self._active)
 
     @property
-    def _removed(self) -> list[int]:
-        """Indices, among the m task coordinates, of those that symmetries remove from u."""
-        return []
-
-    @property
-    def excepted(self) -> tuple[str, ...]:
-        """Joints that limit margins leave out; none in a box."""
-        return ()
-
-    @property
     def _active(self) -> NDArray[np.bool_]:
         """Mask (m,) of the task coordinates that belong to u."""
         active = np.array(self.widths > 0, bool)
@@ -595,9 +594,12 @@ class Cell:
 
     @property
     def _bounds(self) -> Array:
-        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate of a :class:`Sector` whose
-        range is set by the joint limits (``"all"``)."""
-        return np.ones(self.k)
+        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate whose range is set by the
+        joint limits (``"all"``)."""
+        most = np.ones(len(self.widths))
+        for i in self.free:
+            most[i] = np.pi / self.widths[i]
+        return most[self._active]
 
     @property
     def _active_widths(self) -> Array:
@@ -629,9 +631,9 @@ class Cell:
         ]
         R_0 = self.placement.rotation
         if self.task.kind == "pose":
-            Y[:, 3:] = log3(R @ R_0.T)
+            Y[:, 3:] = rotation_vectors(R @ R_0.T)
         elif self.task.kind == "axis":
-            Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
+            Y[:, 3:] = axis_turns(np.broadcast_to(R_0, R.shape), R)
         return Y
 
     def vectors(self, turns: ArrayLike) -> Array:

@@ -1,20 +1,35 @@
-"""Validation and conversion of the arguments of a cell: middle, half-widths, placements."""
+"""Validation and conversion of the arguments of cells and sectors: middle, half-widths, axis,
+placements."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_numbers, shown
+from ...arguments import Array, as_numbers, require_choice, shown
 from ...errors import InputError
 from ...model.chain_formulas import require_rotation
 from ...model.task import Task
+from .symmetry import (
+    NEAR,
+    axis_symmetry,
+    difference,
+    difference_words,
+    last_axis,
+    own_axis,
+)
 
 LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
 """Smallest and largest half-width, m or rad, of a coordinate whose half-width is not 0."""
+
+VERTICAL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""The base's z axis: a point, m, and its direction."""
+
+Angle = float | Literal["all"]
 
 
 def stacked(
@@ -73,3 +88,134 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
             argument=name,
         )
     return array
+
+
+def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
+    """Convert lengths, m, given as one number or one per position that the task commands."""
+    each = "one per position that the task commands"
+    return sizes(value, min(3, task.m), name, "m", each)
+
+
+def as_axis(task: Task, axis: ArrayLike | None) -> Array:
+    """Convert the argument ``axis`` to an array (2, 3): a point, m, and the unit direction.
+
+    None is the vertical axis of the base, or the axis of the joint that turns the whole arm if the
+    two differ by little. The axis must be normal to the plane of a planar task.
+    """
+    if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
+        own = own_axis(task)
+        if own is not None and max(difference(own, VERTICAL)) <= NEAR:
+            return own
+    line = as_numbers(VERTICAL if axis is None else axis)
+    if (
+        line is None
+        or line.shape != (2, 3)
+        or not np.isfinite(line).all()
+        or not line[1].any()
+    ):
+        raise InputError(
+            f"must be a point, m, and a direction, (2, 3) numbers; got {shown(axis)}",
+            argument="axis",
+        )
+    line = np.stack([line[0], line[1] / np.linalg.norm(line[1])])
+    if task.m == 2:
+        across = next(i for i in range(3) if i not in task.rows)
+        if abs(line[1][across]) < 1 - 1e-12:
+            raise InputError(
+                f"of a sector for the {task.kind} task must be along {'xyz'[across]}, "
+                "across its plane",
+                argument="axis",
+            )
+    return line
+
+
+def as_half_width(value: Any, name: str, unit: str) -> float:
+    """Check a half-width, and return it as float; ``name`` and ``unit`` serve error messages."""
+    return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
+
+
+def as_height(task: Task, height: float) -> float:
+    """Check the half-width of the height, m, and return it; it must be 0 for a planar task."""
+    height = as_half_width(height, "height", "m")
+    if task.m == 2 and height:
+        raise InputError(
+            f": the {task.kind} task does not command it",
+            argument="height",
+            remedy="omit it",
+        )
+    return height
+
+
+def as_turn(angle: Angle, name: str) -> float:
+    """Check the half-width of the angle or the spin, and return it, rad; ``"all"`` gives π."""
+    if isinstance(angle, str):
+        require_choice(angle, ("all",), name)
+        return np.pi
+    half = as_half_width(angle, name, "rad")
+    if half > np.pi:
+        raise InputError(
+            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'",
+            argument=name,
+        )
+    return half
+
+
+def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
+    """Check the argument ``half_angle``, and return an array (2,) or (3,), rad: half-widths of the
+    two tilts and, if given, of the rotation about the tool's z axis."""
+    array = as_numbers(half_angle)
+    if task.m <= 3:
+        if array is None or array.any():
+            raise InputError(
+                f": the {task.kind} task leaves the rotation free",
+                argument="half_angle",
+                remedy="omit it",
+            )
+        return np.zeros(2)
+    third = array is not None and array.shape == (3,) and task.m > 5
+    each = "one per axis of the tool: x, y"
+    turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
+    if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
+        raise InputError(
+            "reaches half a turn; keep its length below 2.98 rad", argument="half_angle"
+        )
+    return turns
+
+
+def no_spin(task: Task) -> InputError:
+    """Make the error for a ``spin`` that is not possible with the task or a third half_angle."""
+    if task.kind == "pose":
+        return InputError("spin and a third half_angle are mutually exclusive")
+    return InputError(
+        f": the {task.kind} task leaves the rotation about the tool free",
+        argument="spin",
+        remedy="omit it",
+    )
+
+
+def no_joint(task: Task, name: str, line: Array) -> InputError:
+    """Make the error that the arm has no joint for the range "all" of ``angle`` or ``spin``.
+
+    It gives the difference between the axis of the arm's joint and that of the coordinate, which
+    is ``line`` (2, 3) for the angle. If a joint turns the arm about another axis, the remedy
+    contains that axis.
+    """
+    what = {
+        "angle": "turns the whole arm about the axis",
+        "spin": "turns the tool about its z axis through the frame's origin",
+    }
+    fact = f"'all' requires a joint that {what[name]}, and {task.robot.name} has none"
+    remedy, joint, off = "give it in rad", "", ""
+    if name == "spin" and task.revolute[-1]:
+        joint, axis = last_axis(task)
+        off = difference_words(axis, VERTICAL)
+    if name == "angle" and task.m > 2 and (own := own_axis(task)) is not None:
+        turned = axis_symmetry(task, own)
+        assert turned is not None  # own_axis tested it
+        joint, off = task.joint_names[turned.joint], difference_words(own, line)
+        point, direction = (", ".join(f"{x:.12g}" for x in row) for row in own)
+        remedy += (
+            f", or choose the axis of {joint}, through ({point}) along ({direction})"
+        )
+    fact += f": the axis of {joint} is {off}" if off else ""
+    return InputError(fact, argument=name, remedy=remedy)

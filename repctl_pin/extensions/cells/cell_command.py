@@ -189,16 +189,15 @@ def _add_sector(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Find the function, print its table, and write cell.json, cell.html and cell.png."""
     folder = options.output_folder(Path(options.robot).stem)
-    say = progress(options.quiet)
     needed("matplotlib", "meshcat", by="repctl cell")
-    from ...show.plots.motions import png
-
-    if options.shrink and options.keep:
-        raise InputError("--shrink and --keep are mutually exclusive")
+    _require_one_shape(options)
     if options.keep and options.prove:
         raise InputError(
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
+    say = progress(options.quiet)
+    from ...show.plots.motions import png
+
     require_proofs(options.prove)
     asked = _asked(options, in_percent(say))
     cell = asked.cell
@@ -310,12 +309,9 @@ def _asked(options: Options, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
-    from .fitting_start import fitting_start
+    from .posture_search import fitting_start
 
     around = options.path is not None or options.plane is not None
-    _require_one_shape(options, around)
-    if around and options.at is not None:
-        raise InputError("--path and --at are mutually exclusive")
     at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
     if options.size is not None:
         return _placed(options, at, report)
@@ -346,8 +342,6 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
-    if options.start is not None:
-        raise InputError("--size and --start are mutually exclusive")
     task = options.problem(path=False).task
     orientation: Any = None
     if options.rpy is not None:
@@ -376,46 +370,48 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     return _Asked(cell, posture, "searched for the cell", False, note, place)
 
 
-_OF_A_SECTOR = {
-    "--radius": None,
-    "--height": "0",
-    "--angle": "all",
-    "--spin": "0",
-    "--axis": None,
+_NOT_BOTH = (
+    ("--shrink", "--keep"),
+    ("--size", "--half-width"),
+    ("--size", "--path"),
+    ("--size", "--sector"),
+    ("--size", "--start"),
+    ("--sector", "--half-width"),
+    ("--sector", "--path"),
+    ("--path", "--at"),
+)
+"""Pairs of options that are mutually exclusive."""
+
+_ONLY_WITH = {
+    "--size": ("--down", "--forward", "--rpy", "--yaw", "--map"),
+    "--sector": ("--radius", "--height", "--angle", "--spin", "--axis"),
 }
-"""Options that only a sector has, and their defaults."""
+"""Options that require another one, by that one."""
+
+_DEFAULTS = {"--yaw": 0.0, "--height": "0", "--angle": "all", "--spin": "0"}
+"""Defaults of these options, unless they are None or False."""
 
 
-def _require_one_shape(options: Options, around: bool) -> None:
-    """Raise an error for options of a box with ``--sector``, or of a sector without it."""
-    said = vars(options)
-    if [options.down, options.forward, options.rpy is not None].count(True) > 1:
+def _require_one_shape(options: Options) -> None:
+    """Raise an error if options do not go together, or the shape of the cell is missing."""
+    said = vars(options) | {"path": options.path or options.plane}
+
+    def given(name: str) -> bool:
+        value = said[name[2:].replace("-", "_")]
+        return value not in (None, False, _DEFAULTS.get(name))
+
+    if [given("--down"), given("--forward"), given("--rpy")].count(True) > 1:
         raise InputError("--down, --forward and --rpy are mutually exclusive")
-    if options.size is not None:
-        for name, there in (
-            ("--half-width", options.half_width is not None),
-            ("--path", around),
-            ("--sector", options.sector),
-        ):
-            if there:
-                raise InputError(f"--size and {name} are mutually exclusive")
-    for name in ("--down", "--forward", "--rpy", "--yaw", "--map"):
-        if said[name[2:]] and options.size is None:
-            raise InputError(f"{name} requires --size")
-    if options.sector:
-        for name, there in (
-            ("--half-width", options.half_width),
-            ("--path", around or None),
-        ):
-            if there is not None:
-                raise InputError(f"--sector and {name} are mutually exclusive")
-        if options.radius is None:
-            raise InputError("--sector requires --radius")
-        return
-    for name, default in _OF_A_SECTOR.items():
-        if said[name[2:]] != default:
-            raise InputError(f"{name} requires --sector")
-    if options.half_width is None and options.size is None:
+    for one, other in _NOT_BOTH:
+        if given(one) and given(other):
+            raise InputError(f"{one} and {other} are mutually exclusive")
+    for needed_one, names in _ONLY_WITH.items():
+        for name in filter(given, names):
+            if not given(needed_one):
+                raise InputError(f"{name} requires {needed_one}")
+    if options.sector and options.radius is None:
+        raise InputError("--sector requires --radius")
+    if not (given("--half-width") or given("--size") or options.sector):
         raise InputError(
             "--half-width is missing; give it, or --size, or --sector with --radius"
         )
@@ -488,7 +484,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     from ...defaults import PERIOD
     from ...studies.period import choose_period
     from ...studies.quantities import LABELS
-    from .problem_of_cell import tour
+    from .cell_design import tour
 
     path, failed = tour(design.cell), {}
 

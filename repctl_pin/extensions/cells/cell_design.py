@@ -1,13 +1,15 @@
-"""Result of designing an inverse function over a cell: the function, its evaluation, and maps over
-slices of the cell."""
+"""Result of designing an inverse function over a cell: the function, its evaluation, maps over
+slices of the cell, and the problem of a closed path through it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...arguments import Array, ratio_in_percent, read_only
 from ...certificate import (
@@ -17,17 +19,25 @@ from ...certificate import (
     own_proof,
     proved_words,
 )
+from ...design.subject import rounded, task_parts
 from ...model.task import Task
-from ...model.task_parts import rounded, task_parts
+from ...motion.fitting_circle import fitting_circle
+from ...paths import ClosedPath, TaskPath
 from ...strategies import RepeatableInverse
 from ...strategies.strategy import Inverse
+from ...studies.choose_start import PathOf
+from ...studies.problem import Problem
 from .cell import Cell
-from .cell_evaluation import Evaluation, speeds
+from .cell_evaluation import Evaluation, sampled
 from .chart import Chart
 from .failures import FailureReason
 from .function import InverseFunction
+from .margins import CandidateFunction
 from .sector import Sector
 from .turning import turn_at
+
+_WAVES, _POINTS, _REACH = 3, 721, 0.9
+"""Number of waves of a random path, of its points that are compared, and the largest coordinate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +105,7 @@ class CellDesign:
         ``how`` are the other attributes of the design.
         """
         u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
-        middle = chart.solve(u, np.zeros((1, chart.cell.task.r)))
+        middle = chart.solve(u)
         function = function_of(chart, evaluation)
         return cls(function, desired, middle.Q[0] + shift[0], evaluation, **how)
 
@@ -269,8 +279,8 @@ def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
     coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0
     alone; on other leaves the limits are always checked.
     """
-    free = isinstance(chart.cell, Sector) and bool(chart.cell.free)
-    return InverseFunction(chart, keep_limits=free or not evaluation.everywhere)
+    ends_at_limits = bool(chart.cell.free) or not evaluation.everywhere
+    return InverseFunction(chart, keep_limits=ends_at_limits)
 
 
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
@@ -329,10 +339,9 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
         U[:, second], U[:, first] = (
             grid.ravel() for grid in np.meshgrid(u, u, indexing="ij")
         )
-        points = chart.solve(U, np.zeros((len(U), cell.task.r)))
-        found = speeds(design.desired, chart, points)
-        margin = np.where(points.found, cell.limit_margin(points.Q).min(axis=1), np.nan)
-        extra = np.sqrt(found.own / found.desired_square) - 1
+        at = sampled(design.desired, CandidateFunction.zero(chart), U)
+        margin = np.where(at.ok, at.limit_margin, np.nan)
+        extra = np.sqrt(at.ratio) - 1
         turn = turn_at(chart, U)
         made.append(
             Slice(
@@ -344,3 +353,71 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
             )
         )
     return made
+
+
+def _problem_of_cell(
+    design: CellDesign,
+    start: ArrayLike | None,
+    path: str | ClosedPath | PathOf | Literal[False] | None,
+    plane: str | None,
+) -> Problem:
+    """Create a problem inside a cell.
+
+    By default it begins at the configuration that the function gives for the path's first pose.
+    """
+    begin = design.posture if start is None else start
+    inside = partial(fitting_circle, control=design.inverse, region=design.cell)
+    draw = inside if path is None and plane is None else path
+    if draw is inside and isinstance(design.cell, Sector):
+        draw = tour(
+            design.cell
+        )  # the orientation turns with the angle, which no circle does
+    problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(
+        region=design.cell
+    )
+    if start is not None or path is False:
+        return problem
+    q0 = design.function(problem.cycle.placement(0.0))
+    name = "the configuration that the function gives where the path begins"
+    return problem._with(start=q0, start_is=name, moved=(), region=design.cell)
+
+
+PROBLEM = (CellDesign, _problem_of_cell)
+"""The part that :func:`repctl_pin.plugins.parts` gives for the place ``problem``."""
+
+
+def tour(cell: Cell) -> TaskPath:
+    r"""Make a random smooth closed path through a cell.
+
+    Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
+    1, with random a and b, scaled so that the maximum of every |u_i| is 0.9.
+    """
+    rng = np.random.default_rng(0)
+    k = 2 * np.pi * np.arange(1, _WAVES + 1)
+    a, b = rng.normal(size=(2, cell.k, _WAVES)) / np.arange(1, _WAVES + 1)
+    s = np.linspace(0, 1, _POINTS)[:, None]
+    most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)
+    a, b = _REACH * a / most[:, None], _REACH * b / most[:, None]
+    moved = cell.moved
+
+    def at(s: float) -> Array:
+        """Evaluate the coordinates u (1, k) at the path parameter s."""
+        return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
+
+    def twists(U: Array) -> Array:
+        """Evaluate the twist (v, ω), base axes, per m or rad of each coordinate: (6, k)."""
+        return cell._frame_twists(cell.spread(U))[0][:, moved]
+
+    def twist(s: float) -> Array:
+        """Evaluate the twist (v, ω), base axes, per unit of the path parameter s: (6,)."""
+        du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
+        return np.asarray(twists(at(s)) @ (cell.widths[moved] * du), float)
+
+    turns = cell.task.kind.turns and bool(twists(np.zeros((1, cell.k)))[3:].any())
+    return TaskPath(
+        "tour 0 of the cell",
+        lambda s: cell.placements(at(s))[0][0],
+        lambda s: twist(s)[:3],
+        (lambda s: cell.placements(at(s))[1][0]) if turns else cell.placement.rotation,
+        spin=(lambda s: twist(s)[3:]) if turns else None,
+    )

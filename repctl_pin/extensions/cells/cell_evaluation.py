@@ -6,30 +6,31 @@ that ∂F C and G_d E C are in joint speed per unit of task speed."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
+from ...arguments import Array
 from ...model.bodies import bodies_of
 from ...redundancy import leaf_margin
 from ...strategies.strategy import Inverse
 from .cell import Cell
 from .chart import Chart, Points
 from .failures import FailureReason, broken_limit, folded, touching, unreached
-from .kinematics import null_bases, solved
+from .kinematics import joined, null_bases, rows_of, solved
 from .margins import (
     CandidateFunction,
     LeafMargin,
+    Quantity,
     distances_of,
     leaf_margins,
     limits_of,
     lowest_distances,
     searched,
     singular_values_of,
-    slope_by_differences,
 )
+from .reach import unlike_rows
 from .turning import Turn, expanded
 
 _BLOCK = 4096
@@ -139,71 +140,87 @@ class Evaluation:
         return f"{np.floor(1e4 * self.coverage) / 100:.2f} % of the held-out poses"
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class _Speeds:
-    """Joint speeds of a function at K poses, per unit of task speed, and distances from
-    singularities.
+class _Sample(NamedTuple):
+    """A function at K poses of its cell: its configurations, joint speeds and margins there.
+
+    Joint speeds are per unit of task speed, and NaN at singularities.
 
     Attributes
     ----------
+    U, Q : (K, k) and (K, n) arrays
+        Poses, in coordinates of the cell, and configurations.
+    residual, limit_margin : (K,) arrays
+        Task error, m or rad, and smallest joint-limit margin, rad or m.
     difference, own, desired_square : (K,) arrays
-        ``‖(∂F − G_d E) C‖_F²``, ``‖∂F C‖_F²`` and ``‖G_d E C‖_F²``; NaN at singularities.
-    smallest, upright, leaf : (K,) arrays
-        σ_min of J, ``σ_min(Nᵀ n̂_ref)``, which is 0 where the function folds, and the leaf margin.
-    side : (K,) array
-        Sign of det [J; n_refᵀ]; it changes where the function folds.
+        ``‖(∂F − G_d E) C‖_F²``, ``‖∂F C‖_F²`` and ``‖G_d E C‖_F²``.
     direction : (K,) array
-        ``max_ẋ ‖∂F/∂x ẋ‖² / ‖G_d ẋ‖²``; NaN at singularities.
+        ``max_ẋ ‖∂F/∂x ẋ‖² / ‖G_d ẋ‖²``.
+    smallest, leaf : (K,) arrays
+        σ_min of J, and the leaf margin.
+    ok, sheet : (K,) arrays of bool
+        ``ok`` is True if the function exists at the pose. ``sheet`` is True if no fold
+        separates the pose from the middle of the cell: the same sign of det [J; n_refᵀ], and
+        ``σ_min(Nᵀ n̂_ref)`` above 0.05.
     """
 
-    difference: Array
-    own: Array
-    desired_square: Array
-    smallest: Array
-    upright: Array
-    leaf: Array
-    side: Array
-    direction: Array
+    U: NDArray[Any]
+    Q: NDArray[Any]
+    residual: NDArray[Any]
+    limit_margin: NDArray[Any]
+    difference: NDArray[Any]
+    own: NDArray[Any]
+    desired_square: NDArray[Any]
+    direction: NDArray[Any]
+    smallest: NDArray[Any]
+    leaf: NDArray[Any]
+    ok: NDArray[Any]
+    sheet: NDArray[Any]
 
     @property
     def ratio(self) -> Array:
         """Squared joint speed relative to G_d: ``‖∂F C‖_F² / ‖G_d E C‖_F²``, (K,)."""
         return np.asarray(self.own / self.desired_square, float)
 
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """True where the function exists on its sheet, inside the joint limits: (K,)."""
+        return np.asarray(self.sheet & (self.limit_margin >= 0))
 
-def speeds(desired: Inverse, chart: Chart, at: Points) -> _Speeds:
-    """Evaluate the joint speeds of the function s = 0 of a chart at configurations on it."""
-    K = len(at.U)
+
+def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> _Sample:
+    """Evaluate a candidate function with s = 0 at poses U (K, k)."""
+    middle = candidate.at(np.zeros((1, U.shape[1])))
+    parts = [U[start : start + _BLOCK] for start in range(0, len(U), _BLOCK)]
+    side = _sides(middle)
+    return joined([_block(desired, candidate, part, side) for part in parts])
+
+
+def _sides(at: Points) -> Array:
+    """Evaluate the sign (K,) of det [J; n_refᵀ], which changes where a function folds."""
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
+    return np.asarray(np.sign(np.linalg.det(J_V)))
+
+
+def _block(
+    desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
+) -> _Sample:
+    """Evaluate a sample, given the sign (1,) of det [J; n_refᵀ] in the middle of the cell."""
+    chart, at = candidate.chart, candidate.at(U)
     N, s = null_bases(at.J, at.n_ref)
-    upright = leaf_margin(N, at.n_ref)
+    upright = leaf_margin(N, at.n_ref)  # 0 where the function folds
     sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (upright > 1e-6)
-    four = np.full((4, K), np.nan)
+    squares = np.full((4, len(U)), np.nan)
     if sound.any():
-        own, desired_square = _joint_speeds(desired, chart, at.chosen(sound))
-        four[:3, sound] = [
-            (x**2).sum(axis=(1, 2)) for x in (own - desired_square, own, desired_square)
-        ]
-        four[3, sound] = _largest_ratio(own, desired_square)
-    return _Speeds(
-        four[0],
-        four[1],
-        four[2],
-        s[:, -1],
-        upright,
-        leaf_margins(chart, at),
-        np.sign(np.linalg.det(J_V)),
-        four[3],
-    )
-
-
-def _joint_speeds(desired: Inverse, chart: Chart, at: Points) -> tuple[Array, Array]:
-    """Evaluate ∂F C and G_d E C (K, n, k + l) of the function s = 0 at configurations on it."""
-    cell = chart.cell
-    dF, _ = chart.derivative(at, np.zeros((len(at.U), cell.task.r, cell.k)))
-    C = cell.speeds(at.U)
-    return dF @ C, desired.batch(at.Q, at.J) @ cell.twists(at.U, at.R) @ C
+        own, desired_own, _ = chart.joint_speeds(desired, rows_of(at, sound))
+        for row, speeds in enumerate((own - desired_own, own, desired_own)):
+            squares[row, sound] = (speeds**2).sum(axis=(1, 2))
+        squares[3, sound] = _largest_ratio(own, desired_own)
+    ok = at.found & np.isfinite(squares[1])
+    sheet = ok & (_sides(at) == side) & (upright > _FOLDED)
+    margin = chart.cell.limit_margin(at.Q).min(axis=1)
+    leaf = leaf_margins(chart, at)
+    figures = at.Q, at.residual, margin, *squares, s[:, -1], leaf, ok, sheet
+    return _Sample._make([U, *figures])
 
 
 def _largest_ratio(A: Array, B: Array) -> Array:
@@ -219,7 +236,7 @@ def _largest_ratio(A: Array, B: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _SpeedRatio:
+class _SpeedRatio(Quantity):
     """Joint speed of G_d divided by that of the function s = 0, squared; a search minimises it.
 
     Attributes
@@ -243,7 +260,7 @@ class _SpeedRatio:
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
         if not len(found):
             return ratio
-        own, desired = _joint_speeds(self.desired, self.chart, at.chosen(found))
+        own, desired, _ = self.chart.joint_speeds(self.desired, rows_of(at, found))
         finite = np.isfinite(own).all(axis=(1, 2))
         found, own, desired = found[finite], own[finite], desired[finite]
         if self.direction:
@@ -251,75 +268,6 @@ class _SpeedRatio:
         else:
             ratio[found] = (desired**2).sum(axis=(1, 2)) / (own**2).sum(axis=(1, 2))
         return np.where(np.isfinite(ratio), ratio, np.inf)
-
-    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Evaluate the gradient (K, k) of the squared ratio with respect to u, by differences.
-
-        It is 0 where the function does not exist.
-        """
-        return slope_by_differences(self, candidate, at)
-
-
-@dataclass(frozen=True, eq=False)
-@read_only
-class _Sampled:
-    """Configurations and figures of a candidate function at K poses.
-
-    Attributes
-    ----------
-    U, Q : (K, k) and (K, n) arrays
-        Poses, in coordinates of the cell, and configurations.
-    speeds : Speeds
-        Joint speeds.
-    residual, limit_margin : (K,) arrays
-        Task error, m or rad, and smallest joint-limit margin, rad or m.
-    ok, sheet : (K,) arrays of bool
-        ``ok`` is True if the function exists at the pose. ``sheet`` is True if no fold
-        separates the pose from the middle of the cell: the same sign of det [J; n_refᵀ], and
-        ``σ_min(Nᵀ n̂_ref)`` above 0.05.
-    """
-
-    U: Array
-    Q: Array
-    speeds: _Speeds
-    residual: Array
-    limit_margin: Array
-    ok: NDArray[np.bool_]
-    sheet: NDArray[np.bool_]
-
-
-def _sampled(
-    desired: Inverse, candidate: CandidateFunction, U: Array, side: float
-) -> _Sampled:
-    """Evaluate a candidate function at poses U (K, k).
-
-    ``side`` is the sign of det [J; n_refᵀ] in the middle of the cell.
-    """
-    parts, found = [], []
-    for start in range(0, len(U), _BLOCK):
-        parts.append(candidate.at(U[start : start + _BLOCK]))
-        found.append(speeds(desired, candidate.chart, parts[-1]))
-    every = _Speeds(
-        *(
-            np.concatenate([getattr(x, name) for x in found])
-            for name in _Speeds.__dataclass_fields__
-        )
-    )
-    Q, ok, residual = (
-        np.concatenate([getattr(x, name) for x in parts])
-        for name in ("Q", "found", "residual")
-    )
-    ok &= np.isfinite(every.own)
-    margin = candidate.chart.cell.limit_margin(Q).min(axis=1)
-    return _Sampled(
-        U,
-        Q,
-        every,
-        residual,
-        margin,
-        ok,
-        ok & (every.side == side) & (every.upright > _FOLDED),
-    )
 
 
 def evaluate_cell(
@@ -332,88 +280,57 @@ def evaluate_cell(
     The held-out poses are Sobol points. A quick evaluation searches neither for the largest joint
     speeds nor for the smallest distances between bodies.
     """
-    cell, candidate, limits = (
-        chart.cell,
-        CandidateFunction.zero(chart),
-        limits_of(chart.cell),
-    )
+    cell, candidate = chart.cell, CandidateFunction.zero(chart)
+    U = np.concatenate([cell.sample(count, seed), cell.corners()])
+    at = sampled(desired, candidate, U)
+    low = sampled(desired, candidate, _searched(desired, candidate, at, quick))
     middle = candidate.at(np.zeros((1, cell.k)))
-    side = float(speeds(desired, chart, middle).side[0])
-    at = _sampled(
-        desired,
-        candidate,
-        np.concatenate([cell.sample(count, seed), cell.corners()]),
-        side,
-    )
-    U, every, held_out = at.U, at.speeds, slice(count)
-    covered = at.sheet & (at.limit_margin >= 0)
-    c = covered[held_out]
-    low = _sampled(desired, candidate, _searched(desired, candidate, at, quick), side)
-    failures = _failures(
-        cell,
-        at,
-        low,
-        np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]]),
-    )
-    if not c.any():
+    some = at.Q[at.covered][:: max(1, len(U) // 7)][:7]
+    failures = _failures(cell, at, low, np.concatenate([middle.Q, some]))
+    held_out = rows_of(at, slice(count))
+    inside = rows_of(held_out, held_out.covered)
+    if not len(inside.U):
         figures: dict[str, Any] = dict.fromkeys(
             Evaluation.__dataclass_fields__, float("nan")
         )
         figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
         return Evaluation(**figures)
-    distance, links, stop = _bodies(candidate, at, covered, count, quick)
+    distance, links, stop = _bodies(candidate, at, count, quick)
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
-    lowest = int(np.argmin(np.where(at.sheet, at.limit_margin, np.inf)[held_out]))
-    least = float(at.limit_margin[lowest])
-    most = limits.attainable(
-        chart, candidate.at(np.stack([U[lowest], low.U[worst]])), far=True
-    )
-    difference, own, desired_square = (
-        every.difference[held_out][c],
-        every.own[held_out][c],
-        every.desired_square[held_out][c],
-    )
-    ratio = own.mean() / desired_square.mean()
-    spread = (
-        (own - ratio * desired_square).std() / desired_square.mean() / np.sqrt(len(own))
-    )  # of a ratio of means
-    both = [(x, x.sheet & (x.limit_margin >= 0)) for x in (at, low)]
-
-    def most_of(name: str) -> float:
-        """Return the maximum of an attribute of :class:`_Speeds`, a squared ratio of joint speeds,
-        as extra joint speed: its square root minus 1."""
-        largest = max(
-            getattr(x.speeds, name)[good].max(initial=0.0) for x, good in both
-        )
-        return float(np.sqrt(largest) - 1)
-
+    lowest = int(np.argmin(np.where(held_out.sheet, held_out.limit_margin, np.inf)))
+    least = float(held_out.limit_margin[lowest])
+    ends = candidate.at(np.stack([U[lowest], low.U[worst]]))
+    most = limits_of(cell).attainable(chart, ends, far=True)
+    tested = joined([at, low])
+    tested = rows_of(tested, tested.covered)
+    root = np.sqrt(len(inside.U))
+    desired_square = inside.desired_square.mean()
+    ratio = inside.own.mean() / desired_square
+    # of a ratio of means
+    spread = (inside.own - ratio * inside.desired_square).std() / desired_square / root
     return Evaluation(
-        cost=float(difference.mean()),
-        cost_error=float(difference.std() / np.sqrt(len(difference))),
+        cost=float(inside.difference.mean()),
+        cost_error=float(inside.difference.std() / root),
         extra_speed=float(np.sqrt(ratio) - 1),
         extra_speed_error=float(spread / (2 * np.sqrt(ratio))),
-        extra_speed_worst=most_of("ratio"),
-        extra_speed_direction=most_of("direction"),
+        extra_speed_worst=float(np.sqrt(tested.ratio.max()) - 1),
+        extra_speed_direction=float(np.sqrt(tested.direction.max()) - 1),
         limit_margin=least,
         attainable_margin=float(most[0]),
         attainable_margin_worst=float(most[1]),
-        smallest_singular_value=float(
-            min(x.speeds.smallest[good].min(initial=np.inf) for x, good in both)
-        ),
+        smallest_singular_value=float(tested.smallest.min()),
         body_distance=distance,
         nearest_bodies=links,
-        leaf_margin=float(
-            min(x.speeds.leaf[good].min(initial=np.inf) for x, good in both)
-        ),
-        residual=float(at.residual[held_out][c].max()),
-        coverage=float(c.mean()),
+        leaf_margin=float(tested.leaf.min()),
+        residual=float(inside.residual.max()),
+        coverage=float(held_out.covered.mean()),
         failures=failures if stop is None else (*failures, stop),
         limit_margin_worst=min(least, float(low.limit_margin[worst])),
     )
 
 
 def _searched(
-    desired: Inverse, candidate: CandidateFunction, at: _Sampled, quick: bool
+    desired: Inverse, candidate: CandidateFunction, at: _Sample, quick: bool
 ) -> Array:
     """Search for poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and
     larger joint speeds.
@@ -421,35 +338,26 @@ def _searched(
     The searches start from the worst of the sampled poses. Return all poses visited (L, k). A quick
     evaluation does not search for leaf margins and joint speeds.
     """
-    limits, singular = (
-        limits_of(candidate.chart.cell),
-        singular_values_of(candidate.chart.cell.task),
-    )
-    U, speeds = at.U[at.sheet], at.speeds
-    near = np.argsort(at.limit_margin[at.sheet])[: limits.starts]
-    tried = [
-        searched(
-            candidate, limits, np.concatenate([np.zeros((1, U.shape[1])), U[near]])
-        )
+    chart, at = candidate.chart, rows_of(at, at.sheet)
+    limits, singular = limits_of(chart.cell), singular_values_of(chart.cell.task)
+    middle, U = np.zeros((1, at.U.shape[1])), at.U
+    starts: list[tuple[Quantity, Array]] = [
+        (limits, np.concatenate([middle, _lowest(at.limit_margin, U, limits.starts)])),
+        (singular, _lowest(at.smallest, U, singular.starts)),
     ]
-    tried.append(
-        searched(
-            candidate,
-            singular,
-            U[np.argsort(speeds.smallest[at.sheet])[: singular.starts]],
-        )
-    )
     if not quick:
-        for direction, ratio in ((False, speeds.ratio), (True, speeds.direction)):
-            start = _worst(-ratio[at.sheet], U, _SPEED_STARTS)
-            tried.append(
-                searched(
-                    candidate, _SpeedRatio(desired, candidate.chart, direction), start
-                )
-            )
-        start = _worst(speeds.leaf[at.sheet], U, _SPEED_STARTS)
-        tried.append(searched(candidate, LeafMargin(candidate.chart), start))
-    return np.concatenate(tried)
+        for values, quantity in (
+            (-at.ratio, _SpeedRatio(desired, chart, False)),
+            (-at.direction, _SpeedRatio(desired, chart, True)),
+            (at.leaf, LeafMargin(chart)),
+        ):
+            starts.append((quantity, _worst(values, U, _SPEED_STARTS)))
+    return np.concatenate([searched(candidate, *each) for each in starts])
+
+
+def _lowest(values: Array, U: Array, count: int) -> Array:
+    """Select the rows of U (K, k) with the lowest values (K,), at most ``count`` of them."""
+    return U[np.argsort(values)[:count]]
 
 
 def _worst(values: Array, U: Array, count: int) -> Array:
@@ -457,73 +365,51 @@ def _worst(values: Array, U: Array, count: int) -> Array:
 
     Selected rows differ from each other by more than 0.3 in some coordinate.
     """
-    kept: list[Array] = []
-    for u in U[np.argsort(values)]:
-        if all(np.abs(u - other).max() > _SPREAD for other in kept):
-            kept.append(u)
-        if len(kept) == count:
-            break
-    return np.array(kept).reshape(-1, U.shape[1])
+    ordered = U[np.argsort(values)]
+    return ordered[unlike_rows(ordered, _SPREAD, count)]
 
 
 def _failures(
-    cell: Cell, at: _Sampled, low: _Sampled, near: Array
+    cell: Cell, at: _Sample, low: _Sample, near: Array
 ) -> tuple[FailureReason, ...]:
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
     ``near`` (L, n) are configurations from which a reachability test starts. The ``share`` of each
     reason refers to the sampled poses.
     """
-    U, Q = (
-        np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("U", "Q")
-    )
-    ok, sheet = (
-        np.concatenate([getattr(x, name) for x in (at, low)])
-        for name in ("ok", "sheet")
-    )
+    both = joined([at, low])
+    on, folds = rows_of(both, both.sheet), both.U[both.ok & ~both.sheet]
+    violated = float((at.sheet & (at.limit_margin < 0)).mean())
     failures = [
-        broken_limit(
-            cell, U[sheet], Q[sheet], float((at.sheet & (at.limit_margin < 0)).mean())
-        ),
-        *unreached(cell, U[~ok], near, float((~at.ok).mean())),
-        folded(cell, U[ok & ~sheet], float((at.ok & ~at.sheet).mean())),
+        broken_limit(cell, on.U, on.Q, violated),
+        *unreached(cell, both.U[~both.ok], near, float((~at.ok).mean())),
+        folded(cell, folds, float((at.ok & ~at.sheet).mean())),
     ]
     return tuple(stop for stop in failures if stop)
 
 
 def _bodies(
-    candidate: CandidateFunction,
-    at: _Sampled,
-    covered: NDArray[np.bool_],
-    count: int,
-    quick: bool,
+    candidate: CandidateFunction, at: _Sample, count: int, quick: bool
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
     Return the distance, m, the two links, and the failure by collision; None without collision.
     """
-    cell, margin, bodies = (
-        candidate.chart.cell.whole,
-        distances_of(candidate.chart.cell.task),
-        bodies_of(candidate.chart.cell.task),
-    )
+    cell = candidate.chart.cell.whole
+    bodies = bodies_of(cell.task)
     first = min(count, _QUICK_BODIES if quick else _BODIES)
     checked = np.concatenate([np.arange(first), np.arange(count, len(at.U))])
-    checked = checked[covered[checked]]
+    checked = checked[at.covered[checked]]
     U, Q, candidate = _all_round(candidate, at.U[checked], at.Q[checked])
     distances, share = lowest_distances(bodies, Q, quick=quick)
-    least = float(distances.min())
-    if 0 <= least < np.inf and not quick:
-        ends = searched(candidate, margin, _worst(distances, U, _BODY_STARTS))[
-            -_BODY_STARTS:
-        ]
+    if 0 <= distances.min() < np.inf and not quick:
+        starts = _worst(distances, U, _BODY_STARTS)
+        ends = searched(candidate, distances_of(cell.task), starts)[-_BODY_STARTS:]
         nearer = candidate.at(ends)
-        inside = nearer.found & (cell.task.limit_margin(nearer.Q).min(axis=1) >= 0)
-        U, Q = (
-            np.concatenate([U, nearer.U[inside]]),
-            np.concatenate([Q, nearer.Q[inside]]),
-        )
-        distances = np.concatenate([distances, bodies.distances(nearer.Q[inside])])
+        margin = cell.task.limit_margin(nearer.Q).min(axis=1)
+        nearer = rows_of(nearer, nearer.found & (margin >= 0))
+        U, Q = np.concatenate([U, nearer.U]), np.concatenate([Q, nearer.Q])
+        distances = np.concatenate([distances, bodies.distances(nearer.Q)])
     links = bodies.nearest(Q[int(np.argmin(distances))]).links
     return float(distances.min()), links, touching(cell, U, distances, links, share)
 
@@ -538,7 +424,7 @@ def _all_round(
     sector. In other cells nothing is changed.
     """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
-    U = np.array([cell._lifted(u) for u in U]).reshape(-1, cell.whole.k)
+    U = cell._lifted(U)
     removed = np.flatnonzero(np.isin(cell.whole.moved, cell._removed))
     if not len(removed):
         return U, Q, candidate

@@ -30,7 +30,7 @@ from .margins import (
 from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import Candidate
-from .reference import Rays, fitted, rays
+from .reach import Rays, rays
 from .sector import ANGLE, Sector
 from .turning import Turn, centred
 
@@ -160,13 +160,11 @@ class CellFit:
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
         hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
-        chart = fitted(
+        chart = Chart.fitted(
             cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4
         )
         U, edge = U[good[:count]], edge[good[count:]]
-        at_rest = chart.solve(
-            np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))
-        ).found
+        at_rest = chart.solve(np.concatenate([U, edge])).found
         U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
         if len(U) < count / 4:
             return _why(cell, ends, count)
@@ -210,11 +208,9 @@ class CellFit:
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
         turns = {turn.coordinate: turn for turn in found.evaluation.turns}
-        if (
-            not isinstance(sector, Sector)
-            or ANGLE in sector.free
-            or names[ANGLE] not in turns
-        ):
+        if not isinstance(sector, Sector) or ANGLE in sector.free:
+            return found
+        if names[ANGLE] not in turns:
             return found
         turn = turns[names[ANGLE]]
         if not turn.reach < 2 * sector.widths[ANGLE] + _SPARE:
@@ -370,7 +366,7 @@ def _recharted(
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
         N = null_bases(points.J[good], points.n_ref[good])[0]
-        found = fitted(cell, U[good], points.Q[good], N, d)
+        found = Chart.fitted(cell, U[good], points.Q[good], N, d)
         away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
         if away < _CLOSE:
             break
@@ -441,8 +437,7 @@ def _share(found: CellDesign) -> float:
     of the joint's range, rounded to 5 %. The minimum of all such coordinates; 1 if there is none.
     """
     cell = found.cell
-    free = cell.free if isinstance(cell, Sector) else ()
-    names = [cell.coordinate_names[i] for i in free]
+    names = [cell.coordinate_names[i] for i in cell.free]
     turns = [turn for turn in found.evaluation.turns if turn.coordinate in names]
     shares = [turn.reach / min(turn.joint_range, 2 * np.pi) for turn in turns]
     return float(np.round(20 * min(shares, default=1.0)) / 20)

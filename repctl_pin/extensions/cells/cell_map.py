@@ -11,9 +11,9 @@ from ...arguments import Array, read_only
 from ...model.bodies import bodies_of
 from ...progress import Report
 from .cell import Cell
-from .growth import STEPS, Grown, drawn, grown
-from .kinematics import bases, placed
+from .kinematics import bases, placed, rows_of
 from .monomials import Monomials
+from .reach import STEPS, Grown, drawn, grown
 
 _DRAWN, _GRID, _NEAREST, _AGAIN = 2048, 27, 4, 2
 """Number of random configurations, of places along the longer side of a section, of nearest
@@ -90,10 +90,10 @@ def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
         column, row = np.rint((found.p[:, axes] - low) / step).astype(int).T
         price = np.full(len(found.p), np.inf)
         fits = found.steps == STEPS
-        price[fits] = _extra_speed(box, found.rows(fits))
+        price[fits] = _extra_speed(box, rows_of(found, fits))
         best = np.lexsort((price, -found.steps))
         at, first = np.unique((row * len(a) + column)[best], return_index=True)
-        found, price = found.rows(best[first]), price[best[first]]
+        found, price = rows_of(found, best[first]), price[best[first]]
         free = _separate(box, found)
         gained = found.steps / STEPS * free
         better = gained > share[at]
@@ -135,7 +135,7 @@ def _extra_speed(box: Cell, found: Grown) -> Array:
     slopes = monomials.slopes(T[1:])  # (C, N, k)
     moved = np.einsum("CNk,KNn->KCnk", slopes, coefficients)
     J = placed(box.task, found.ends.reshape(-1, n))[2]
-    G, N, _ = bases(J, np.zeros((K * C, n, box.task.r)))
+    G, N, _ = bases(J)
     along = box.widths > 0
     usual = (G[:, :, along] * box.widths[along]).reshape(K, C, n, box.k)
     self_motion = np.swapaxes(N, 1, 2) @ moved.reshape(K * C, n, box.k)

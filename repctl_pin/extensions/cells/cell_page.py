@@ -42,23 +42,23 @@ def _box_of(cell: Cell) -> Array:
     """
     if isinstance(cell, Sector):
         return _edges(cell)
-    positions = len(cell.half_width)
-    low_high = np.zeros((3, 2))
-    low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
-    corners = np.array(list(product(*low_high))) + cell.placement.translation
-    return corners[_ROUND]
+    corners = np.array(list(product((-1.0, 1.0), repeat=3)))[_ROUND]
+    offsets = np.zeros_like(corners)
+    rows = cell.task.rows[: len(cell.half_width)]
+    offsets[:, rows] = cell.half_width * corners[:, rows]
+    return cell.placement.translation + offsets
 
 
 def _edges(sector: Sector) -> Array:
     """Trace the arcs and edges of a sector's range of positions: points (P, 3), m."""
     there = np.linspace(-1.0, 1.0, _ARC)
     arc, corners = (
-        np.concatenate([there, there[::-1]]),
-        [(-1, -1), (1, -1), (1, 1), (-1, 1)],
+        [*there, *there[::-1]],
+        [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)],
     )
-    traced = [(*corner, angle) for corner in [*corners, corners[0]] for angle in arc]
+    traced = [(*corner, angle) for corner in corners for angle in arc]
     traced += [(*corners[0], angle) for angle in there]
-    traced += [(*corner, 1.0) for corner in [*corners, corners[0]]]
+    traced += [(*corner, 1.0) for corner in corners]
     Y = np.zeros((len(traced), 6))
     Y[:, [RADIUS, HEIGHT, ANGLE]] = traced
     return sector.placements(Y[:, sector.moved])[0]
@@ -223,10 +223,7 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
 
 def _turned_to_the_end(design: CellDesign) -> list[str]:
     """List the joints that a sector turns as far as they go, which no limit margin counts."""
-    sector = design.cell
-    if not isinstance(sector, Sector):
-        return []
-    free = [sector.coordinate_names[i] for i in sector.free]
+    free = [design.cell.coordinate_names[i] for i in design.cell.free]
     return [
         turn.joint
         for turn in design.evaluation.turns
@@ -245,7 +242,7 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
         return [Span(f"{links} collide.", "bad")]
     if least < NEAR:
         return [Span(f"{links} come as near as {metres(least)}.", "near")]
-    return [Span(f"Links {metres(least)} apart or more.")]
+    return [Span(f"Links stay at least {metres(least)} apart.")]
 
 
 def _unbroken(span: Span) -> Span:

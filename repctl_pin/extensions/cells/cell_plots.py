@@ -6,13 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...arguments import Array
-from ...model.model import frame_id
-from ...model.task import Task
 from ...show.palette import INK, VERMILLION
 from ...show.plots.motions import titled
 from .cell import Cell
@@ -27,12 +24,8 @@ _WHAT = {
 
 
 def _slice_of_cell(
-    ax: Axes,
-    design: CellDesign,
-    cut: Slice,
-    what: str = "limit_margin",
-    ends: tuple[float, float] | None = None,
-) -> Axes:
+    ax: Axes, design: CellDesign, cut: Slice, what: str, ends: tuple[float, float]
+) -> None:
     """Draw one quantity over one slice of a cell as a map; uncovered poses are grey.
 
     ``what`` is ``limit_margin``, ``extra_speed`` or ``turn``. ``ends`` are the values at the ends
@@ -44,7 +37,7 @@ def _slice_of_cell(
     cell = design.function.chart.cell
     centre, widths = cell.centre[cell.moved], cell.widths[cell.moved]
     (i, j), u = cut.axes, cut.u
-    low, high = (None, None) if ends is None else ends
+    low, high = ends
     ax.set_facecolor("#dddddd")
     ax.pcolormesh(centre[i] + widths[i] * u, centre[j] + widths[j] * u, values,
                   cmap=colours, shading="gouraud", vmin=low, vmax=high)  # fmt: skip
@@ -53,7 +46,6 @@ def _slice_of_cell(
     ax.set_xlabel(f"{cell.names[i]} ({cell.units[i]})")
     ax.set_ylabel(f"{cell.names[j]} ({cell.units[j]})")
     ax.set_aspect("equal" if cell.units[i] == cell.units[j] else "auto")
-    return ax
 
 
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
@@ -86,9 +78,8 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
             else (0.0, 1.0)
         )
         for ax, cut, share in zip(row, cuts, shares, strict=True):
-            _slice_of_cell(ax, design, cut, what, ends).locator_params(
-                "x", nbins=round(2 + 2 * share)
-            )
+            _slice_of_cell(ax, design, cut, what, ends)
+            ax.locator_params("x", nbins=round(2 + 2 * share))
         label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
         figure.colorbar(
             row[0].collections[0], ax=list(row), shrink=0.9, aspect=30
@@ -111,7 +102,8 @@ def map_figure(
     every = 100 * np.concatenate([cut.extra.ravel() for cut in cuts])
     fits = np.isfinite(every).any()
     ends = (0.0, max(float(np.nanpercentile(every, 95)), 0.1)) if fits else (0.0, 1.0)
-    arm = _joints_of(task, posture)
+    tip = task.placement(posture).translation
+    arm = np.vstack([np.zeros(3), task.joint_origins(posture), tip])
     for ax, cut in zip(panels, cuts, strict=True):
         i, j = cut.axes
         share = np.ma.masked_where((cut.share == 0) | (cut.share == 1), cut.share)
@@ -144,15 +136,3 @@ def map_figure(
     )
     bar.set_label("elsewhere, share of the size that fits, %", color=INK)
     return figure
-
-
-def _joints_of(task: Task, q: Array) -> Array:
-    """Compute the positions (L, 3) of the joints from the base to the frame, m, base axes."""
-    robot, model = task.robot, task.robot.model
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, robot.coupling.joints(task.to_robot(q)))
-    base = data.oMf[robot.base_id]
-    frame = frame_id(model, task.frame)
-    joints = list(model.supports[model.frames[frame].parentJoint])[1:]
-    places = [base, *(data.oMi[j] for j in joints), data.oMf[frame]]
-    return np.array([base.actInv(place).translation for place in places])

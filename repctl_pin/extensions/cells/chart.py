@@ -3,6 +3,7 @@ and s the position along the self-motion of that pose."""
 
 from __future__ import annotations
 
+from ctypes import c_double, c_int
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,14 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import Array, read_only
+from ...native import CHART, PART, filled_struct, point
 from ...solvers import newton_rows
+from ...strategies.strategy import Inverse
 from .cell import Cell
-from .kinematics import placed, solved
+from .kinematics import chain_for_c, placed, run, solved
 from .monomials import Monomials
-from .native_points import native_points
 
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
+
+_CELL = 2
+"""Kind of the potentials of a chart in arm.h."""
+
+_FOURS = 4
+"""Number of monomials that chart.c adds at a time."""
 
 _ITERATIONS = 12
 _EXACT = 1e-11
@@ -39,10 +47,6 @@ class _Goals(NamedTuple):
     n_ref: Array
     p: Array
     R: Array
-
-    def at(self, rows: NDArray[Any] | slice) -> _Goals:
-        """Select poses by their indices, by a mask (K,) or by a slice."""
-        return _Goals(*(each[rows] for each in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,14 @@ class Chart:
     cell: Cell
     monomials: Monomials
     coefficients: Array
+
+    @classmethod
+    def fitted(cls, cell: Cell, U: Array, Q: Array, N: Array, degree: int) -> Chart:
+        """Fit a chart: polynomials q_ref to configurations Q (K, n), and n_ref to null-space bases
+        N (K, n, r), at the poses U (K, k)."""
+        monomials = Monomials(cell.k, degree)
+        both = np.concatenate([Q[:, :, None], N], axis=2)
+        return cls(cell, monomials, monomials.fit(U, both))
 
     def reference(self, U: Array) -> tuple[Array, Array]:
         """Evaluate q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""
@@ -119,7 +131,7 @@ class Chart:
     def solve(
         self,
         U: Array,
-        s: Array,
+        s: Array | None = None,
         Q: Array | None = None,
         *,
         goals: _Goals | None = None,
@@ -129,8 +141,10 @@ class Chart:
 
         Parameters
         ----------
-        U, s : (K, k) and (K, r) arrays
-            Poses, in coordinates of the cell, and labels.
+        U : (K, k) array
+            Poses, in coordinates of the cell.
+        s : (K, r) array, optional
+            Labels; by default 0.
         Q : (K, n) array, optional
             Initial configurations; by default q_ref + n_ref s.
         goals
@@ -146,20 +160,47 @@ class Chart:
         """
         cell = self.cell
         q_ref, n_ref, p_goal, R_goal = self.goals(U) if goals is None else goals
+        if s is None:
+            s = np.zeros((len(U), cell.task.r))
         if Q is None:
             Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
-        fast = native_points(cell.task)
-        if fast is not None:
-            Q, R, J, residual, size = fast.solved(
-                (p_goal, R_goal),
-                (q_ref, n_ref, s),
-                Q,
-                iterations=iterations,
-                longest=_STEP,
-                tolerance=_EXACT,
-            )
-            found = (size < 1e-6) & (residual < 1e-9)
-            return Points(U, Q, R, J, q_ref, n_ref, residual, found)
+        equations = (p_goal, R_goal), (q_ref, n_ref, s)
+        arm = chain_for_c(cell.task)
+        if arm is None:
+            Q, R, J, residual, size = self._newton(*equations, Q, iterations)
+        else:
+            Q, R, J, residual, size = self._newton_in_c(arm, *equations, Q, iterations)
+        found = (size < 1e-6) & (residual < 1e-9)
+        return Points(U, Q, R, J, q_ref, n_ref, residual, found)
+
+    def _newton(
+        self,
+        goal: tuple[Array, Array],
+        chart: tuple[Array, Array, Array],
+        Q: Array,
+        iterations: int,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method.
+
+        Parameters
+        ----------
+        goal : (K, 3) and (K, 3, 3) arrays
+            Positions, m, and rotations of the target poses.
+        chart : (K, n), (K, n, r) and (K, r) arrays
+            q_ref, n_ref and s.
+        Q : (K, n) array
+            Initial configurations.
+        iterations
+            Maximum number of steps.
+
+        Returns
+        -------
+        Q, R, J : (K, n), (K, 3, 3) and (K, m, n) arrays
+            Configurations, and rotations and Jacobians there.
+        residual, size : (K,) arrays
+            Largest entry of the task error, and of the last step.
+        """
+        cell, (p_goal, R_goal), (q_ref, n_ref, s) = self.cell, goal, chart
 
         def correction(Q: Array, on: NDArray[np.intp]) -> Array:
             p, R, J = placed(cell.task, Q)
@@ -173,11 +214,28 @@ class Chart:
         )
         p, R, J = placed(cell.task, Q)
         e = cell.errors(p_goal, R_goal, p, R)
-        found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)
-        return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
+        return Q, R, J, np.abs(e).max(axis=1), size
+
+    def _newton_in_c(
+        self,
+        arm: Any,
+        goal: tuple[Array, Array],
+        chart: tuple[Array, Array, Array],
+        Q: Array,
+        iterations: int,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Do the same as :meth:`_newton` in C, with the chain of the task."""
+        K, task = len(Q), self.cell.task
+        Q = np.array(Q, float, order="C")
+        R, J = np.empty((K, 3, 3)), np.empty((K, task.m, task.n))
+        residual, size = np.empty(K), np.empty(K)
+        rules = c_int(iterations), c_double(_STEP), c_double(_EXACT)
+        found = Q, R, J, residual, size
+        run("call_points", arm, K, *goal, *chart, *rules, *found)
+        return found
 
     def derivative(
-        self, at: Points, ds: Array, E: Array | None = None
+        self, at: Points, ds: Array | None = None, E: Array | None = None
     ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
@@ -191,8 +249,8 @@ class Chart:
         ----------
         at
             Configurations, from :meth:`solve`.
-        ds : (K, r, k) array
-            ∂s/∂u.
+        ds : (K, r, k) array, optional
+            ∂s/∂u; by default 0.
         E : (K, m, k + l) array, optional
             Result of :meth:`Cell.twists` at the configurations, if it is known.
 
@@ -206,11 +264,10 @@ class Chart:
         """
         m = self.cell.task.m
         dq, dn = self.slopes(at.U)
-        below = (
-            ds
-            + np.einsum("Knr,Knk->Krk", at.n_ref, dq)
-            - np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
-        )
+        below = np.einsum("Knr,Knk->Krk", at.n_ref, dq)
+        below -= np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
+        if ds is not None:
+            below += ds
         n_T, r = np.swapaxes(at.n_ref, 1, 2), below.shape[1]
         below = np.concatenate([below, n_T @ self.cell.along], axis=2)
         J_V = np.concatenate([at.J, n_T], axis=1)
@@ -222,10 +279,38 @@ class Chart:
         )
         return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
 
+    def joint_speeds(
+        self,
+        desired: Inverse,
+        at: Points,
+        ds: Array | None = None,
+        C: Array | None = None,
+    ) -> tuple[Array, Array, Array]:
+        """Evaluate the joint speeds of a function and of G_d, per unit of task speed.
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class Points:
+        Parameters
+        ----------
+        desired
+            G_d.
+        at, ds
+            See :meth:`derivative`.
+        C : (K, k + l, k + l) array, optional
+            Result of :meth:`Cell.speeds` at the poses, if it is known.
+
+        Returns
+        -------
+        own, wanted : (K, n, k + l) arrays
+            ∂F C, and G_d E C.
+        B : (K, n, r) array
+            ∂F/∂s.
+        """
+        E = self.cell.twists(at.U, at.R)
+        C = self.cell.speeds(at.U) if C is None else C
+        dF, B = self.derivative(at, ds, E)
+        return dF @ C, desired.batch(at.Q, at.J) @ E @ C, B
+
+
+class Points(NamedTuple):
     """Configurations that solve the equations of a chart at K poses, and the kinematics there.
 
     Attributes
@@ -251,13 +336,117 @@ class Points:
     residual: Array
     found: NDArray[np.bool_]
 
-    def chosen(self, at: NDArray[np.bool_ | np.intp] | slice) -> Points:
-        """Return the points with the given indices, or at which a mask is True."""
-        return Points(*(getattr(self, name)[at] for name in self.__dataclass_fields__))
-
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
         """Return a copy in which the points with the given indices are those of ``other``."""
-        arrays = {name: values.copy() for name, values in vars(self).items()}
-        for name, values in arrays.items():
-            values[at] = getattr(other, name)
-        return Points(**arrays)
+        arrays = [values.copy() for values in self]
+        for values, new in zip(arrays, other, strict=True):
+            values[at] = new
+        return Points._make(arrays)
+
+
+class CellPotentials:
+    r"""The r potentials of a chart, whose leaf {h(q) = c} is the function with s = c.
+
+    Their gradients are those of :meth:`Chart.gradients`. :class:`RepeatableInverse` accepts these
+    potentials like polynomials of q. Outside the cell, the polynomials in u extrapolate and are not
+    meaningful.
+
+    Parameters
+    ----------
+    chart
+        Chart with q_ref and n_ref.
+    """
+
+    def __init__(self, chart: Chart) -> None:
+        self.chart, self.n = chart, chart.cell.task.n
+
+    @property
+    def region(self) -> Cell:
+        """The cell, which is the region Ω of an inverse with these potentials."""
+        return self.chart.cell.whole
+
+    def value(self, q: Array) -> Array:
+        """Evaluate the potentials h (r,) at q (n,)."""
+        return self.values(np.asarray(q, float)[None])[0]
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate the potentials h (K, r) at every row of Q (K, n)."""
+        p, R, _ = placed(self.chart.cell.task, Q)
+        cell = self.chart.cell
+        q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
+        away = cell._away(Q, q_ref, p, R)
+        return np.einsum("Knr,Kn->Kr", n_ref, away)
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate the gradients V = ∂hᵀ/∂q at q (n,): (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate the gradients V at every row of Q (K, n): (K, n, r)."""
+        Q = np.asarray(Q, float)
+        p, R, J = placed(self.chart.cell.task, Q)
+        cell = self.chart.cell
+        U, dU = cell.slopes(p, R)
+        q_ref, n_ref = self.chart.reference(U)
+        away = cell._away(Q, q_ref, p, R)
+        return self.chart.gradients(U, dU, J, n_ref, away)
+
+    def _native_part(self) -> Any:
+        """Create the struct :data:`PART` of the potentials, for the native library."""
+        chart = native_chart(self.chart)
+        part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})
+        point(part, "chart", [chart])
+        return part
+
+
+def native_chart(chart: Chart) -> Any:
+    """Create the struct :data:`CHART` of a chart."""
+    ints, reals, scalars = chart.cell._tables()
+    terms, both, weights = _weights(chart)
+    row, column = _elimination_order(chart)
+    more = (0, terms - chart.monomials.size)
+    ints |= {
+        "parent": np.pad(chart.monomials.parent, more),
+        "factor": np.pad(chart.monomials.variable, more),
+        "row": np.argsort(row),
+        "column": np.argsort(column),
+    }
+    scalars |= {"terms": terms, "both": both}
+    return filled_struct(CHART, ints, reals | {"weights": weights}, scalars)[0]
+
+
+def _weights(chart: Chart) -> tuple[int, int, Array]:
+    """Arrange the coefficients of q_ref and n_ref for chart.c.
+
+    Returns the number of monomials, a multiple of 4; the number of those in which n_ref has
+    coefficients; and the coefficients. Each row belongs to a monomial: those of q_ref, then, in the
+    first rows, those of n_refᵀ. Both parts of a row have an even length, padded with zeros.
+    """
+    C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
+    C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))
+    used = np.flatnonzero(C[:, 1:].any(axis=(1, 2)))
+    both = -(-(used.max(initial=0) + 1) // _FOURS) * _FOURS
+    q_ref = np.pad(C[:, 0], ((0, 0), (0, C.shape[2] % 2)))
+    n_ref = C[:both, 1:].reshape(both, -1)
+    n_ref = np.pad(n_ref, ((0, 0), (0, n_ref.shape[1] % 2)))
+    first = np.concatenate([q_ref[:both], n_ref], axis=1)
+    return len(C), int(both), np.concatenate([first.ravel(), q_ref[both:].ravel()])
+
+
+def _elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
+    """Order rows and columns of J_V by complete pivoting in the middle of the cell.
+
+    Returns the indices of the rows, and of the columns, in their new order, in which the C code
+    eliminates without exchanges.
+    """
+    q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
+    A = np.concatenate([chart.cell.task.jacobian(q), V.T])
+    left, rows, columns = np.ones(A.shape, bool), [], []
+    for _ in A:
+        i, j = np.unravel_index(np.argmax(np.where(left, np.abs(A), -1.0)), A.shape)
+        left[i] = left[:, j] = False
+        rows.append(int(i))
+        columns.append(int(j))
+        if A[i, j]:
+            A = A - np.outer(A[:, j] / A[i, j], A[i])
+    return rows, columns

@@ -13,6 +13,7 @@ from ...arguments import Array, read_only
 from ...solvers import Damping, Point, Step, levenberg_marquardt
 from ...strategies.strategy import Inverse
 from .chart import Chart, Points
+from .kinematics import rows_of
 from .margins import Margin
 from .monomials import Monomials
 
@@ -146,10 +147,10 @@ class Cost:
             points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
             return _Value(np.inf, np.inf, np.nan, points, ds)
-        residual, _, desired_square = self._residual(
-            points.chosen(self.inner), ds[self.inner]
+        own, desired, _ = self._joint_speeds(
+            rows_of(points, self.inner), ds[self.inner]
         )
-        nearness = float((residual**2).sum() / len(residual))
+        nearness = float(((own - desired) ** 2).sum() / len(own))
         if not np.isfinite(nearness):
             return _Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
@@ -160,7 +161,7 @@ class Cost:
         return _Value(
             nearness + penalty,
             nearness,
-            float((desired_square**2).sum() / len(desired_square)),
+            float((desired**2).sum() / len(desired)),
             points,
             ds,
         )
@@ -173,14 +174,15 @@ class Cost:
         ∂F/∂s. The derivative with respect to s is taken by central differences. A margin depends on
         s only."""
         chart, r = self.chart, self.chart.cell.task.r
-        points, ds = at.points.chosen(self.inner), at.ds[self.inner]
-        residual, B, _ = self._residual(points, ds)
+        points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
+        own, desired, B = self._joint_speeds(points, ds)
+        residual = own - desired
         K, n, k = (
             residual.shape
         )  # here k counts the coordinates removed by a symmetry, too
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
-        goals = self.goals.at(self.inner)
+        goals = rows_of(self.goals, self.inner)
         for j in range(r):
             step = _DIFFERENCE * np.eye(r)[j]
             ends = [
@@ -193,7 +195,7 @@ class Cost:
                 )
                 for w in (1.0, -1.0)
             ]
-            up, down = (self._residual(end, ds)[0] for end in ends)
+            up, down = (self._residual(end, ds) for end in ends)
             M[:, :, :, j, 0] = (up - down) / (2 * _DIFFERENCE)
         for c in range(k):
             M[:, :, c, :, 1 + c] = B
@@ -211,7 +213,7 @@ class Cost:
         )
         at_s = np.arange(r) * (1 + k)
         for part, where in self.kept:
-            there = at.points.chosen(where)
+            there = rows_of(at.points, where)
             hinge = _hinge(part, there.Q)
             onto = chart.derivative(there, at.ds[where])[1]
             D = (
@@ -229,13 +231,14 @@ class Cost:
         )
         return gradient.ravel(), 2 * _products(features, L, r)
 
-    def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
-        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), ∂F/∂s (K, n, r), and ``G_d E C``
-        (K, n, k + l)."""
-        E = self.chart.cell.twists(points.U, points.R)
-        dF, B = self.chart.derivative(points, ds, E)
-        desired_square = self.desired.batch(points.Q, points.J) @ E @ self.C
-        return dF @ self.C - desired_square, B, desired_square
+    def _joint_speeds(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
+        """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r)."""
+        return self.chart.joint_speeds(self.desired, points, ds, self.C)
+
+    def _residual(self, points: Points, ds: Array) -> Array:
+        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l)."""
+        own, desired, _ = self._joint_speeds(points, ds)
+        return own - desired
 
 
 def _products(features: Array, L: Array, r: int) -> Array:

@@ -11,7 +11,7 @@ from ...arguments import Array, read_only
 from ...redundancy.inverses import inverse_condition_number
 from .cell import Cell
 from .kinematics import placed
-from .posture_search import reached
+from .reach import reached
 from .sector import Sector
 
 _SHORT = 1e-6
@@ -44,6 +44,11 @@ class FailureReason:
         return self.what
 
 
+def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
+    """Make a reason at coordinates u (k,) of a cell, which may lack those of symmetries."""
+    return FailureReason(cause, share, cell._lifted(u[None])[0], what)
+
+
 def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
     """Make the failure that states the joint and the pose of the largest joint-limit violation.
 
@@ -59,7 +64,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
     unit = "rad" if task.revolute[joint] else "m"
     by = f"{-margin[at, joint]:.2g} {unit}"
     what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
-    return FailureReason("limit", share, cell._lifted(U[at]), what)
+    return _reason("limit", share, cell, U[at], what)
 
 
 def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
@@ -87,37 +92,28 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
     if not len(U):
         return []
     some = U[np.linspace(0, len(U) - 1, min(_SPARSE, len(U))).astype(int)]
-    shortfall, spans = np.empty(len(some)), np.empty(len(some))
-    for i, u in enumerate(some):
-        Q, left = reached(cell, near, u, iterations=40)
-        best = int(np.argmin(left))
-        shortfall[i] = left[best]
-        spans[i] = inverse_condition_number(placed(cell.task, Q[best][None])[2][0])
+    goals = cell.placements(some.repeat(len(near), axis=0))
+    Q, left = reached(cell, *goals, np.tile(near, (len(some), 1)), iterations=40)
+    left = left.reshape(len(some), -1)
+    best = left.argmin(axis=1) + len(near) * np.arange(len(some))
+    shortfall = left.min(axis=1)
+    spans = inverse_condition_number(placed(cell.task, Q[best])[2])
     short = shortfall > _SHORT
     failures = []
     if short.any():
         at = int(np.argmax(shortfall))
         where = cell.where(some[at])
         what = f"the pose {where} is out of reach (task error {shortfall[at]:.2g}, in m and rad)"
-        failures.append(
-            FailureReason(
-                "reach", share * float(short.mean()), cell._lifted(some[at]), what
-            )
-        )
+        part = share * float(short.mean())
+        failures.append(_reason("reach", part, cell, some[at], what))
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
         where = cell.where(some[at])
         what = (
             f"between the middle of the cell and {where} the arm passes a singularity"
         )
-        failures.append(
-            FailureReason(
-                "singularity",
-                share * float((~short).mean()),
-                cell._lifted(some[at]),
-                what,
-            )
-        )
+        part = share * float((~short).mean())
+        failures.append(_reason("singularity", part, cell, some[at], what))
     return failures
 
 
@@ -132,7 +128,7 @@ def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
     what = (
         f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
     )
-    return FailureReason("fold", share, cell._lifted(U[0]), what)
+    return _reason("fold", share, cell, U[0], what)
 
 
 def touching(
@@ -148,7 +144,7 @@ def touching(
         return None
     at = int(np.argmin(distances))
     what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} collide"
-    return FailureReason("collision", share, cell._lifted(U[at]), what)
+    return _reason("collision", share, cell, U[at], what)
 
 
 def round_the_base(cell: Cell) -> str:
@@ -164,16 +160,12 @@ def round_the_base(cell: Cell) -> str:
     q = np.array(task.reference)
     point, axis = task.joint_origins(q)[0], task.axes(q)[0]
     rows, w = task.rows[: len(cell.half_width)], cell.half_width
-    low, high = -np.inf, np.inf  # the part of the line point + t axis inside the slabs
-    for row, width in zip(rows, w, strict=True):
-        away, slope = cell.placement.translation[row] - point[row], axis[row]
-        if abs(slope) < 1e-9:
-            if abs(away) > width:
-                return ""
-            continue
-        ends = sorted(((away - width) / slope, (away + width) / slope))
-        low, high = max(low, ends[0]), min(high, ends[1])
-    if low > high:
+    away, slope = (cell.placement.translation - point)[rows], axis[rows]
+    slope[np.abs(slope) < 1e-9] = 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([away - w, away + w]) / slope  # of the line point + t axis
+    low, high = ends.min(axis=0).max(), ends.max(axis=0).min()
+    if low >= high:  # the line is not in all slabs at once
         return ""
     return (
         f"the cell contains the axis of {task.joint_names[0]}, and no single-valued function "

@@ -1,16 +1,25 @@
-"""Batched kinematics, linear solves and null-space bases, in which a singular matrix does not
-affect the results of the other rows."""
+"""Batches: kinematics, rotations, linear solves, null-space bases, and records of many rows.
+
+A singular matrix does not affect the results of the other rows."""
 
 from __future__ import annotations
 
+import ctypes
+import weakref
+from collections.abc import Sequence
 from contextlib import suppress
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ...arguments import Array
+from ...model.chain_formulas import skew
 from ...model.task import Task
+from ...native import library
 from ...redundancy import align
-from .native_points import native_points
+from ...strategies.native_arm import library_arm
 
 _REGULAR = 1e-6
 """Value of (σ_min / σ_max)² of J above which J Jᵀ gives the null space to an accuracy of 1e-10."""
@@ -19,37 +28,69 @@ _LONG = 0.5
 """Minimum length of the projection of a unit vector onto the null space from which the unit null
 vector is computed by normalising."""
 
+Record = TypeVar("Record", bound=tuple[Any, ...])
+"""A named tuple of arrays with K rows each."""
+
+_arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
+"""Kinematic chains for C, by task; None where there is none."""
+
+
+def chain_for_c(task: Task) -> Any | None:
+    """Return the kinematic chain of a task for :func:`run`, cached per task.
+
+    None if there is no native library, or C cannot hold the task: more than 64 joints, or
+    transformed joint coordinates.
+    """
+    if library() is None or task.coordinates is not None:
+        return None
+    if task not in _arms:
+        _arms[task] = library_arm(task)
+    return _arms[task]
+
+
+def run(name: str, arm: Any, count: int, *given: Any) -> None:
+    """Call a function of the native library for ``count`` configurations.
+
+    Arrays that it fills must be contiguous.
+    """
+    kept = [
+        np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
+        for x in given
+    ]
+    pointers = (
+        ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept
+    )
+    native = library()
+    assert native is not None, "there is a chain for it"
+    native[name](ctypes.byref(arm), ctypes.c_long(count), *pointers)
+
+
+def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
+    """Select some rows of all arrays of a named tuple."""
+    make: Any = type(record)
+    selected: Record = make(*(each[which] for each in record))
+    return selected
+
+
+def joined(records: Sequence[Record]) -> Record:
+    """Join named tuples of arrays: all rows of the first one, then those of the next."""
+    make: Any = type(records[0])
+    together: Record = make(*map(np.concatenate, zip(*records, strict=True)))
+    return together
+
 
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate the forward kinematics and the task Jacobian at every row of Q (K, n).
 
     Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
     """
-    fast = native_points(task)
-    if fast is not None:
-        return fast.placed(Q)
-    drive, nv = task.drive, task.model.nv
-    whole = np.ascontiguousarray(Q if drive is None else drive.joints(Q))
-    p, R, full = (
-        np.empty((len(Q), 3)),
-        np.empty((len(Q), 3, 3)),
-        np.empty((len(Q), 6, nv)),
-    )
-    here, evaluate = task._data.oMf[task._frame_id], task._scratch.own.jacobian
-    position, rotation = (
-        here.translation,
-        here.rotation,
-    )  # views that follow every evaluation
-    for k, q in enumerate(whole):
-        full[k] = evaluate(q)
-        p[k], R[k] = position, rotation
-    if task.kind == "axis":
-        J = np.concatenate(
-            [full[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ full[:, 3:]], axis=1
-        )
-    else:
-        J = full if task.kind == "pose" else full[:, task.rows]
-    return p, R, J if drive is None else J @ drive.S
+    arm = chain_for_c(task)
+    if arm is None:
+        return (*task._placements(task._matrix(Q)), task.jacobians(Q))
+    K = len(Q)
+    found = np.empty((K, 3)), np.empty((K, 3, 3)), np.empty((K, task.m, task.n))
+    run("call_places", arm, K, Q, *found)
+    return found
 
 
 def solved(A: Array, b: Array) -> Array:
@@ -65,8 +106,8 @@ def solved(A: Array, b: Array) -> Array:
     return np.asarray(x[..., 0] if b.ndim == 2 else x, float)
 
 
-def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
-    """Evaluate J⁺, null-space bases aligned to given ones, and singular values, batched.
+def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
+    """Evaluate J⁺, null-space bases, and singular values, batched.
 
     Unlike :func:`redundancy.pseudoinverse`, it raises no error where J loses rank; J⁺ is then
     large.
@@ -74,7 +115,7 @@ def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
     Parameters
     ----------
     J : (K, m, n) array
-    near : (K, n, r) array
+    near : (K, n, r) array, optional
         Reference bases to which N is aligned; see :func:`redundancy.align`.
 
     Returns
@@ -88,10 +129,10 @@ def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
     """
     m = J.shape[1]
     U, s, Vt = np.linalg.svd(J, full_matrices=True)
-    G = np.swapaxes(Vt[:, :m], 1, 2) @ (
-        np.swapaxes(U, 1, 2) / np.maximum(s, 1e-9)[:, :, None]
-    )
-    return G, align(np.swapaxes(Vt[:, m:], 1, 2), near), s
+    V = np.swapaxes(Vt, 1, 2)
+    G = V[:, :, :m] @ (np.swapaxes(U, 1, 2) / np.maximum(s, 1e-9)[:, :, None])
+    N = V[:, :, m:]
+    return G, N if near is None else align(N, near), s
 
 
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
@@ -113,3 +154,35 @@ def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
     if poor.any():
         _, N[poor], s[poor] = bases(J[poor], near[poor])
     return N, s
+
+
+def exp3(omega: Array) -> Array:
+    """Convert rotation vectors ω (K, 3), rad, to rotation matrices exp(ω̂) (K, 3, 3)."""
+    return (
+        Rotation.from_rotvec(omega).as_matrix() if len(omega) else np.empty((0, 3, 3))
+    )  # SciPy 1.15 refuses K = 0
+
+
+def left_jacobian(omega: Array) -> Array:
+    r"""Evaluate the left Jacobian of SO(3), which maps the time derivative of a rotation vector ω
+    to the angular velocity of exp(ω̂) in fixed axes.
+
+    .. math:: J_l(\omega) = I + \frac{1 - \cos\theta}{\theta^2} \hat\omega
+              + \frac{\theta - \sin\theta}{\theta^3} \hat\omega^2, \qquad \theta = \|\omega\|.
+
+    Parameters
+    ----------
+    omega : (K, 3) array
+
+    Returns
+    -------
+    (K, 3, 3) array
+    """
+    square = np.sum(omega**2, axis=-1)
+    theta = np.sqrt(square)
+    small = theta < 1e-4
+    safe = np.where(small, 1.0, theta)
+    a = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
+    hat = skew(omega)
+    return np.eye(3) + a[:, None, None] * hat + b[:, None, None] * (hat @ hat)

@@ -3,9 +3,9 @@ margin), and a search of the cell for the poses of the smallest margins."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from ...redundancy import leaf_margin
 from ...solvers import StepLengths, descend_in_box
 from .cell import Cell
 from .chart import Chart, Points
-from .kinematics import null_bases
+from .kinematics import null_bases, rows_of
 from .monomials import Monomials
 
 _DIFFERENCE = 3e-4
@@ -52,8 +52,30 @@ for collision: to estimate the fraction that collides, and per step in the searc
 minimum."""
 
 
+class Quantity(ABC):
+    """A quantity at the points of a function, which :func:`searched` minimises over the cell."""
+
+    @abstractmethod
+    def least(self, at: Points) -> Array:
+        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
+
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+        """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
+
+        One-sided differences are used, with steps into the cell. The gradient is 0 where the
+        function does not exist.
+        """
+        K, k = at.U.shape
+        step = np.where(at.U > 0, -_STEP, _STEP)
+        U = at.U[:, None] + step[:, :, None] * np.eye(k)
+        ends = candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0))
+        with np.errstate(invalid="ignore"):
+            slope = (self.least(ends).reshape(K, k) - self.least(at)[:, None]) / step
+        return np.where(np.isfinite(slope), slope, 0.0)
+
+
 @dataclass(frozen=True)
-class Margin:
+class Margin(Quantity):
     """A kind of margin, such as joint limits, with its required minimum.
 
     Attributes
@@ -138,7 +160,7 @@ class Margin:
             """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
             update the best label of each pose if its margin is larger."""
             on = np.flatnonzero(most < enough)
-            there = goals.at(on)
+            there = rows_of(goals, on)
             points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
             better, Q[on] = least > most[on], points.Q
@@ -212,7 +234,7 @@ def leaf_margins(chart: Chart, at: Points) -> Array:
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
     if len(rows):
-        on = at.chosen(rows)
+        on = rows_of(at, rows)
         N, s = null_bases(on.J, on.n_ref)
         values = leaf_margin(N, potential_gradients(chart, on))
         margin[rows] = np.where(s[:, -1] > 1e-12 * s[:, 0], np.nan_to_num(values), 0.0)
@@ -220,8 +242,8 @@ def leaf_margins(chart: Chart, at: Points) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class LeafMargin:
-    """Leaf margin of the function s = 0 of a chart, for :func:`searched`.
+class LeafMargin(Quantity):
+    """Leaf margin of the function s = 0 of a chart.
 
     Attributes
     ----------
@@ -233,26 +255,6 @@ class LeafMargin:
     def least(self, at: Points) -> Array:
         """Evaluate the leaf margin (K,); infinite where the function does not exist."""
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
-
-    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Evaluate its gradient (K, k) with respect to u, by differences."""
-        return slope_by_differences(self, candidate, at)
-
-
-def slope_by_differences(
-    what: _Minimised, candidate: CandidateFunction, at: Points
-) -> Array:
-    """Evaluate the gradient (K, k) of a quantity with respect to u by one-sided differences.
-
-    The step leads into the cell. The gradient is 0 where the function does not exist.
-    """
-    K, k = at.U.shape
-    step = np.where(at.U > 0, -_STEP, _STEP)
-    U = at.U[:, None] + step[:, :, None] * np.eye(k)
-    ends = what.least(candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0)))
-    with np.errstate(invalid="ignore"):
-        slope = (ends.reshape(K, k) - what.least(at)[:, None]) / step
-    return np.where(np.isfinite(slope), slope, 0.0)
 
 
 def lowest_distances(
@@ -320,17 +322,7 @@ class CandidateFunction:
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
 
 
-class _Minimised(Protocol):
-    """Interface of a quantity at the points of a candidate function that a search minimises."""
-
-    def least(self, at: Points) -> Array:
-        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
-
-    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Evaluate the quantity's gradient by the cell's coordinates u, at K points: (K, k)."""
-
-
-def searched(candidate: CandidateFunction, margin: _Minimised, U: Array) -> Array:
+def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
 
     At the boundary of the cell, gradient components that point outward are set to 0. Return all
@@ -338,11 +330,11 @@ def searched(candidate: CandidateFunction, margin: _Minimised, U: Array) -> Arra
     the descents are last.
     """
     here = candidate.at(U)
-    here = here.chosen(here.found)
+    here = rows_of(here, here.found)
     tried, visited = here, [here.U]
 
     def trial(rows: NDArray[np.intp], length: Array) -> Array:
-        part = here.chosen(rows)
+        part = rows_of(here, rows)
         slope = margin.slope(candidate, part)  # (L, k)
         outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
         slope = np.where(outward, 0.0, slope)
@@ -357,7 +349,7 @@ def searched(candidate: CandidateFunction, margin: _Minimised, U: Array) -> Arra
 
     def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
         nonlocal here
-        here = here.replaced(rows[better], tried.chosen(better))
+        here = here.replaced(rows[better], rows_of(tried, better))
         visited.append(tried.U[better | ~tried.found])
 
     U = here.U.copy()

@@ -66,20 +66,22 @@ class Monomials:
         """
         return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 
+    def derivative(self, C: Array, j: int) -> Array:
+        """Differentiate polynomials with coefficients C (N, …) by u_j: coefficients (N, …)."""
+        some = np.flatnonzero(self.exponents[:, j])  # each leads to another monomial
+        weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
+        D = np.zeros_like(C)
+        D[self.lower[j, some]] = weight * C[some]
+        return D
+
     def differentiated(self, C: Array) -> tuple[Monomials, Array]:
         """Compute the coefficients of the derivatives of polynomials with coefficients C (N, …).
 
         Return the monomials of one degree less, and the coefficients (N', …, k) in them.
         """
         lower = Monomials(self.k, max(self.degree - 1, 0))
-        D = np.zeros((lower.size, *C.shape[1:], self.k))
-        for j in range(self.k):
-            some = np.flatnonzero(
-                self.exponents[:, j]
-            )  # each leads to another monomial
-            weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
-            D[self.lower[j, some], ..., j] = weight * C[some]
-        return lower, D
+        D = np.stack([self.derivative(C, j) for j in range(self.k)], axis=-1)
+        return lower, D[: lower.size]
 
     def fit(self, U: Array, values: Array) -> Array:
         """Fit polynomials to values (K, …) at U (K, k) by least squares: coefficients (N, …)."""

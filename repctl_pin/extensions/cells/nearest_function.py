@@ -29,8 +29,7 @@ from .cell_design import CellDesign
 from .cell_fit import MOST_UNKNOWNS, CellFit
 from .failures import FailureReason, round_the_base
 from .posture_search import Candidate, given, searched
-from .reference import rays
-from .sector import Sector
+from .reach import rays
 from .turning import reduced
 
 _HELD_OUT = 8192
@@ -236,21 +235,18 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
 
 
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
-    """Return a sector without its symmetric coordinates, as far as the symmetry holds.
+    """Return a cell without its symmetric coordinates, as far as the symmetry holds.
 
     A requested body distance, or a desired inverse without the symmetry, requires all coordinates.
-    Other cells are returned unchanged.
 
     Raises
     ------
     InputError
         If a coordinate with the range "all" would remain.
     """
-    if not isinstance(cell, Sector):
-        return cell
     found = cell if body_distance else reduced(cell, desired)
     for i in cell.free:
-        if i not in [one.coordinate for one in found.removed]:
+        if i not in found._removed:
             why = "body_distance=" if body_distance else "the desired inverse"
             raise InputError(
                 f"'all' requires the symmetry of the arm, which {why} breaks",

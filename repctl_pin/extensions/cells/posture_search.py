@@ -3,29 +3,33 @@ corners of the cell with large margins."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import Array, read_only, vector
-from ...errors import InputError
+from ...errors import InputError, RepctlError
 from ...model.bodies import bodies_of
+from ...motion import solve_ik
 from ...motion.solve_ik import random_configurations
 from ...redundancy.inverses import inverse_condition_number
-from ...solvers import newton_rows
+from ...strategies import Pseudoinverse
 from ...strategies.strategy import Inverse
+from ...studies.problem import Problem
 from .cell import Cell
 from .kinematics import bases, placed
-from .reference import SINGULAR, rays
+from .reach import EXACT, SINGULAR, rays, reached, unlike_rows
+from .turning import reduced
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 4
 _TESTED = 3
 """Maximum number of ends of rays with overlapping convex hulls, per configuration in the middle, at
 which the bodies themselves are tested for collision."""
 
-_STEP = 0.4
-"""Longest Newton step of any joint, rad or m."""
+_APART = 0.3
+"""Minimum distance, in joint space, between two configurations that are offered."""
 
 _SINGULAR_MIDDLE = "the arm is at a singularity; move the cell, or turn it"
 _ENOUGH, _ALIKE = 0.1, 0.02
@@ -37,47 +41,11 @@ _AS_QUICK = 1.2
 the nearest to the reference is chosen."""
 
 
-def reached(
-    cell: Cell, Q: Array, u: Array, *, push: float = 0.0, iterations: int = 60
+def _in_the_middle(
+    cell: Cell, Q: Array, *, inward: bool = False
 ) -> tuple[Array, Array]:
-    """Solve the inverse kinematics of one pose from K configurations, by Newton's method with J⁺.
-
-    Parameters
-    ----------
-    cell, Q
-        The cell, and the initial configurations (K, n).
-    u : (k,) array
-        The pose, in coordinates of the cell.
-    push
-        Gain of a null-space motion that moves joints away from their limits.
-
-    Returns
-    -------
-    Q : (K, n) array
-        Final configurations.
-    left : (K,) array
-        Norm of the remaining task error, m and rad.
-    """
-    task = cell.task
-    goal = cell.placements(np.tile(u, (len(Q), 1)))
-
-    def correction(Q: Array, on: NDArray[np.intp]) -> Array:
-        p, R, J = placed(task, Q)
-        e = cell.errors(goal[0][on], goal[1][on], p, R)
-        G, N, _ = bases(J, np.zeros((len(Q), task.n, task.r)))
-        dQ = np.einsum("Knm,Km->Kn", G, e)
-        if push:
-            back = np.maximum(0.0, task.lower + 0.1 - Q) - np.maximum(
-                0.0, Q - task.upper + 0.1
-            )
-            dQ += push * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
-        return dQ
-
-    Q, _ = newton_rows(
-        correction, Q, longest=_STEP, tolerance=0.0, iterations=iterations
-    )
-    p, R, _ = placed(task, Q)
-    return Q, np.linalg.norm(cell.errors(*goal, p, R), axis=1)
+    """Solve for the middle of a cell from configurations Q (K, n); see :func:`reached`."""
+    return reached(cell, *cell.placements(np.zeros((len(Q), cell.k))), Q, inward=inward)
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
@@ -88,22 +56,22 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
     InputError
         If the middle is not reached from it, or the result is singular or violates a limit.
     """
-    task, u = cell.task, np.zeros(cell.k)
+    task, where = cell.task, cell.where(np.zeros(cell.k))
     q = vector(posture, task.n, "the posture")
-    Q, left = reached(cell, q[None], u)
-    if left[0] > 1e-9:
+    Q, left = _in_the_middle(cell, q[None])
+    if left[0] > EXACT:
         raise InputError(
-            f"does not lead to the middle of the cell, {cell.where(u)}",
+            f"does not lead to the middle of the cell, {where}",
             argument="posture",
             remedy="omit it",
         )
     if not _regular(cell, Q)[0]:
         raise InputError(
-            f": brought to {cell.where(u)}, {_SINGULAR_MIDDLE}",
+            f": brought to {where}, {_SINGULAR_MIDDLE}",
             argument="posture",
             remedy="choose another",
         )
-    return task.check(Q[0], f"the posture, brought to {cell.where(u)},")
+    return task.check(Q[0], f"the posture, brought to {where},")
 
 
 def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
@@ -120,50 +88,60 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
         If the middle is out of reach, reached only outside the joint limits, or only at
         singularities.
     """
-    task, u = cell.task, np.zeros(cell.k)
-    rng = np.random.default_rng(seed)
-    starts = np.concatenate(
-        [task.reference[None], random_configurations(task, _STARTS, rng)]
-    )
-    Q, left = reached(cell, starts, u, push=0.3)
-    Q = np.array([_unwound(cell, q) for q in Q])
-    there = left < 1e-9
-    if not there.any():
-        raise InputError(
-            f"the middle of the cell, {cell.where(u)}, is out of reach: {task.frame!r} stays "
-            f"{left.min():.3g} m or rad short of it; move the cell nearer"
-        )
-    inside = there & (cell.limit_margin(Q).min(axis=1) > 0)
-    if not inside.any():
-        best = int(
-            np.argmax(np.where(there, cell.limit_margin(Q).min(axis=1), -np.inf))
-        )
-        joint = task.joint_names[int(np.argmin(task.limit_margin(Q[best])))]
-        beyond = -task.limit_margin(Q[best]).min()
-        raise InputError(
-            f"the middle of the cell, {cell.where(u)}, is reached only outside the limits of "
-            f"{joint!r}, {beyond:.3g} beyond them at best; move the cell, or turn it"
-        )
-    regular = inside & _regular(cell, Q)
-    if not regular.any():
-        raise InputError(
-            f"in the middle of the cell, {cell.where(u)}, {_SINGULAR_MIDDLE}"
-        )
-    candidates = judged(desired, cell, _spread(Q[regular], _KEPT))
+    task = cell.task
+    candidates = judged(desired, cell, _spread(_configurations(cell, seed), _KEPT))
     for size in (0.3, 0.15, 0.07):
         q = chosen(candidates, task.reference).q
-        N = bases(task.jacobian(q)[None], np.zeros((1, task.n, task.r)))[1][0]
-        beside = q + size * np.concatenate([N.T, -N.T])
-        Q, left = reached(cell, beside, u, iterations=8)
-        good = (
-            (left < 1e-9) & (cell.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
-        )
+        N = bases(task.jacobian(q)[None])[1][0]
+        Q, left = _in_the_middle(cell, q + size * np.concatenate([N.T, -N.T]))
+        good = (left < EXACT) & (_margins(cell, Q) > 0) & _regular(cell, Q)
         candidates += judged(desired, cell, Q[good]) if good.any() else []
     first = chosen(candidates, task.reference)
     candidates.sort(
         key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed)
     )
-    return _apart([first, *(c for c in candidates if c is not first)], _OFFERED)
+    ordered = [first, *(c for c in candidates if c is not first)]
+    Q = np.array([c.q for c in ordered])
+    return [ordered[i] for i in unlike_rows(Q, _APART, _OFFERED, norm=2)]
+
+
+def _configurations(cell: Cell, seed: int) -> Array:
+    """Find configurations (K, n) in the middle of a cell: regular, and within the joint limits.
+
+    Raises
+    ------
+    InputError
+        If there are none; the message says why.
+    """
+    task, where = cell.task, f"the middle of the cell, {cell.where(np.zeros(cell.k))},"
+    drawn = random_configurations(task, _STARTS, np.random.default_rng(seed))
+    Q, left = _in_the_middle(
+        cell, np.concatenate([task.reference[None], drawn]), inward=True
+    )
+    there = left < EXACT
+    if not there.any():
+        raise InputError(
+            f"{where} is out of reach: {task.frame!r} stays "
+            f"{left.min():.3g} m or rad short of it; move the cell nearer"
+        )
+    Q = _unwound(cell, Q[there])
+    margins = _margins(cell, Q)
+    if not margins.max() > 0:
+        own = task.limit_margin(Q[margins.argmax()])
+        joint = task.joint_names[int(own.argmin())]
+        raise InputError(
+            f"{where} is reached only outside the limits of "
+            f"{joint!r}, {-own.min():.3g} beyond them at best; move the cell, or turn it"
+        )
+    Q = Q[(margins > 0) & _regular(cell, Q)]
+    if not len(Q):
+        raise InputError(f"in {where} {_SINGULAR_MIDDLE}")
+    return Q
+
+
+def _margins(cell: Cell, Q: Array) -> Array:
+    """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m."""
+    return np.asarray(cell.limit_margin(Q).min(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,41 +177,34 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     If some of them are free of collisions, those with collisions are left out.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
-    middle = bodies.distances(Q)
-    separate = (middle >= 0) | (middle < 0).all()
-    Q, middle, K = Q[separate], middle[separate], len(corners)
+    distances = bodies.distances(Q)
+    separate = (distances >= 0) | (distances < 0).all()
+    Q, distances = Q[separate], distances[separate]
     U = np.tile(corners, (len(Q), 1))
-    ends = rays(desired, cell, np.repeat(Q, K, axis=0), U, steps=10)
+    ends = rays(desired, cell, Q.repeat(len(corners), axis=0), U, steps=10)
     good = ends.reached == 1
-    speeds, nearest = np.full(len(U), np.nan), np.full(len(U), np.inf)
+    speeds, nearest = np.zeros(len(U)), np.full(len(U), np.inf)
     if good.any():
         _, R, J = placed(cell.task, ends.Q[good])
-        E, C = (
-            cell.twists(U[good], R),
-            np.tile(cell.speeds(corners), (len(Q), 1, 1))[good],
-        )
-        speeds[good] = ((desired.batch(ends.Q[good], J) @ E @ C) ** 2).sum(axis=(1, 2))
+        C = np.tile(cell.speeds(corners), (len(Q), 1, 1))[good]
+        own = desired.batch(ends.Q[good], J) @ cell.twists(U[good], R) @ C
+        speeds[good] = (own**2).sum(axis=(1, 2))
         nearest[good] = bodies.hull_distances(ends.Q[good])
-    for i, at in enumerate(_parts(len(Q), K)):
-        overlap = at.start + np.flatnonzero(nearest[at] < 0)
-        if len(overlap):
-            some = overlap[np.argsort(nearest[overlap])[:_TESTED]]
-            nearest[overlap] = bodies.distances(ends.Q[some]).min()
-        middle[i] = min(middle[i], nearest[at].min())
-    return [
-        Candidate(
-            q,
-            float(good[at].mean()),
-            float(ends.least[at][good[at]].min(initial=np.inf)),
-            float(distance),
-            float(speeds[at][good[at]].mean()) if good[at].any() else np.inf,
-        )
-        for q, distance, at in zip(Q, middle, _parts(len(Q), K), strict=True)
-    ]
-
-
-def _parts(count: int, length: int) -> list[slice]:
-    return [slice(i * length, (i + 1) * length) for i in range(count)]
+    of_one = len(Q), len(corners)
+    good, speed = good.reshape(of_one), speeds.reshape(of_one).sum(axis=1)
+    Q_ends, least = ends.Q.reshape(*of_one, -1), ends.least.reshape(of_one)
+    for i, hulls in enumerate(nearest.reshape(of_one)):
+        deepest = np.argsort(hulls)[:_TESTED]
+        deepest = deepest[hulls[deepest] < 0]
+        hulls[hulls < 0] = np.inf
+        tested = bodies.distances(Q_ends[i, deepest]) if len(deepest) else np.inf
+        distances[i] = np.min([distances[i], hulls.min(), np.min(tested)])
+    share = good.mean(axis=1)
+    margin = np.where(good, least, np.inf).min(axis=1)
+    count = good.sum(axis=1)
+    speed = np.where(count, speed / np.maximum(count, 1), np.inf)
+    figures = np.stack([share, margin, distances, speed], axis=1).tolist()
+    return [Candidate(q, *each) for q, each in zip(Q, figures, strict=True)]
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
@@ -257,35 +228,26 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     )
 
 
-def _unwound(cell: Cell, q: Array) -> Array:
-    """Remove full turns from the revolute joints of a configuration q (n,).
+def _unwound(cell: Cell, Q: Array) -> Array:
+    """Remove full turns from the revolute joints of configurations Q (K, n) in a cell's middle.
 
-    Each joint gets the value nearest to the task's reference, if that is inside its limits. If the
-    pose would change, q is returned unchanged.
+    Each joint gets the value nearest to the task's reference, if that is inside its limits. A row
+    whose pose would change is returned unchanged.
     """
     task = cell.task
-    near = q - 2 * np.pi * np.rint((q - task.reference) / (2 * np.pi)) * task.revolute
-    near = np.where((near > task.lower) & (near < task.upper), near, q)
-    same = task.placement(near).isApprox(
-        task.placement(q), 1e-9
-    )  # a joint that drives others may turn them less
-    return near if same else q
+    turns = np.rint((Q - task.reference) / (2 * np.pi)) * task.revolute
+    near = Q - 2 * np.pi * turns
+    near = np.where((near > task.lower) & (near < task.upper), near, Q)
+    p, R, _ = placed(task, near)
+    goal = cell.placements(np.zeros((len(Q), cell.k)))
+    off = np.linalg.norm(cell.errors(*goal, p, R), axis=1)
+    same = off < EXACT  # a joint that drives others may turn them less
+    return np.where(same[:, None], near, Q)
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
     """Test which configurations Q (K, n) are far enough from a singularity to start rays: (K,)."""
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
-
-
-def _apart(candidates: list[Candidate], count: int) -> list[Candidate]:
-    """Return the first ``count`` candidates, without those close to an earlier one."""
-    kept: list[Candidate] = []
-    for c in candidates:
-        if len(kept) < count and all(
-            np.linalg.norm(c.q - other.q) > 0.3 for other in kept
-        ):
-            kept.append(c)
-    return kept
 
 
 def _spread(Q: Array, count: int) -> Array:
@@ -302,3 +264,66 @@ def _spread(Q: Array, count: int) -> Array:
         kept.append(at)
         distance = np.minimum(distance, np.linalg.norm(Q - Q[at], axis=1))
     return Q[kept]
+
+
+def fitting_start(
+    problem: Problem, cell_of: Callable[[Problem], Cell]
+) -> tuple[Problem, Cell, bool]:
+    """Choose the first default start from which a cell fits.
+
+    A cell fits if J⁺ reaches the middle of the cell, and from there every corner along a straight
+    ray, inside the joint limits and without collision in the middle and at the corners. If it fits
+    from no start, the one with the most reached corners is chosen, and among equals the one with
+    fewer of these faults.
+
+    Parameters
+    ----------
+    problem
+        The problem; a start that was given is not changed.
+    cell_of
+        Function that makes the cell of a problem: around the pose at its start, or its path.
+
+    Returns
+    -------
+    problem : Problem
+        The problem with the chosen start.
+    cell : Cell
+        The cell of that problem.
+    fits : bool
+        True if it fits.
+
+    Raises
+    ------
+    InputError
+        If there is no such cell for any start; the message is that of the first.
+    """
+    failure: InputError | None = None
+    best: tuple[tuple[float, int], Problem, Cell] | None = None
+    for tried in problem.alternatives():
+        try:
+            cell = cell_of(tried)
+        except InputError as error:
+            failure = failure or error
+            continue
+        share, faults = _reached(tried, cell)
+        if best is None or (share, -faults) > best[0]:
+            best = (share, -faults), tried, cell
+        if (share, faults) == (1.0, 0):
+            break
+    if best is None:
+        assert failure is not None  # there is always a start to try
+        raise failure
+    merit, chosen, cell = best
+    return chosen, cell, merit == (1.0, 0)
+
+
+def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
+    """Evaluate the fraction of the corners that are reached, and the number of faults: limits
+    violated, bodies that collide. The fraction is −1 if the middle is not reached."""
+    desired = Pseudoinverse(problem.task)
+    try:
+        q = solve_ik(problem.task, problem.start, cell.placement)
+    except RepctlError:
+        return -1.0, 0
+    found = judged(desired, reduced(cell, desired), q[None])[0]
+    return found.share, (found.margin < 0) + (found.body_distance < 0)

@@ -13,11 +13,10 @@ from numpy.typing import ArrayLike
 
 from ...arguments import Array, freeze, positive, read_only, vector
 from ...errors import InputError
-from ...model.chain_formulas import Placement
+from ...model.chain_formulas import Placement, axis_turns
 from ...model.task import Task
 from .cell import Cell
-from .rotations import exp3, left_jacobian, tilts
-from .sector_arguments import (
+from .cell_arguments import (
     VERTICAL,
     Angle,
     as_axis,
@@ -28,6 +27,7 @@ from .sector_arguments import (
     no_joint,
     no_spin,
 )
+from .kinematics import exp3, left_jacobian
 from .symmetry import (
     NEAR,
     Symmetry,
@@ -39,6 +39,8 @@ from .symmetry import (
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
 """Indices of radius, angle, height and spin among the m task coordinates; 3 and 4 are the tilts."""
+
+_Z = np.array([0.0, 0.0, 1.0])
 
 _NEAR = 1e-6
 """Distance from the axis, m, at which the angle is no longer defined."""
@@ -99,12 +101,6 @@ class Sector(Cell):
 
     axis: Array
     """(2, 3): point on the axis, m, and its unit direction."""
-    free: tuple[int, ...]
-    """Indices of the coordinates with the range ``"all"``, which the joint limits determine."""
-    symmetries: tuple[Symmetry, ...]
-    """Symmetries of the arm along coordinates whose half-width is not 0."""
-    removed: tuple[Symmetry, ...]
-    """Symmetries that a design uses: their coordinates do not belong to u, and are 0."""
     spin_middle: float
     """Middle of ψ, rad. A design moves it, and not the placement, where the tool tilts: the axes of
     the tilts would turn with the placement."""
@@ -185,10 +181,7 @@ class Sector(Cell):
         (radius, height), basis = self.middle, self.directions
         ints["coordinate"] = self._removed
         ints["joint"] = [one.joint for one in self.removed]
-        bounds = np.array(reals["bounds"])
-        bounds[list(self.free)] = np.inf
         reals |= {
-            "bounds": bounds,
             "sign": [one.sign for one in self.removed],
             "origin": self.axis[0],
             "basis": basis,
@@ -197,91 +190,6 @@ class Sector(Cell):
         scalars |= {"sector": 1, "removed": len(self.removed)}
         scalars |= {"radius": radius, "height": height, "spin": self.spin_middle}
         return ints, reals, scalars
-
-    # ---- symmetries
-    # --------------------------------------------------------------------------------
-
-    def without(
-        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
-    ) -> Sector:
-        """Return the sector with the coordinates of the given symmetries removed from u, at 0.
-
-        ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
-        sector.
-        """
-        free = self.free if free is None else tuple(free)
-        return self._changed(removed=tuple(symmetries), free=free)
-
-    @property
-    def whole(self) -> Sector:
-        """The same sector, with the coordinates that symmetries remove included in u."""
-        return self._changed(removed=()) if self.removed else self
-
-    @property
-    def _removed(self) -> list[int]:
-        return [one.coordinate for one in self.removed]
-
-    @property
-    def along(self) -> Array:
-        """∂F/∂y (n, l) for the l coordinates y, rad, that symmetries remove from u."""
-        along = np.zeros((self.task.n, len(self.removed)))
-        for column, one in enumerate(self.removed):
-            along[one.joint, column] = one.sign
-        return along
-
-    def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate the term (K, n) that the removed symmetries add to F at placements."""
-        return (
-            self._measured(np.asarray(p), np.asarray(R))[:, self._removed]
-            @ self.along.T
-        )
-
-    def _split(self, U: Array) -> tuple[Array, Array]:
-        """Convert coordinates U (K, ·) of :attr:`whole` to those of this sector (K, k).
-
-        Return also the term (K, n) that the removed symmetries add to F there.
-        """
-        Y = self.whole.spread(U)
-        return Y[:, self._active] / self._active_widths, Y[
-            :, self._removed
-        ] @ self.along.T
-
-    def _lifted(self, u: Array) -> Array:
-        """Convert coordinates u (k,) to those of :attr:`whole`, at 0 in the removed ones."""
-        y, on = self.spread(u[None])[0] - self.whole._offset, self.whole._active
-        return np.asarray(y[on] / self.whole._active_widths, float)
-
-    def _wrapped(self, away: Array) -> Array:
-        """Remove full turns from differences of configurations (…, n), in place, in the joints of
-        removed symmetries."""
-        for one in self.removed:
-            turns = np.rint(away[..., one.joint] / (2 * np.pi))
-            away[..., one.joint] -= 2 * np.pi * turns
-        return away
-
-    def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance (…, n) of each joint to its nearer limit, for configurations q
-        (…, n) at which the removed coordinates are 0.
-
-        The distance of a joint that moves the frame along a removed coordinate is the minimum over
-        the range of that coordinate. It is infinite if the range is ``"all"``, because the joint
-        limits then determine the range.
-        """
-        margin = self.task.limit_margin(q)
-        for one in self.removed:
-            beyond = (
-                np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
-            )
-            margin[..., one.joint] += beyond
-        return margin
-
-    @property
-    def excepted(self) -> tuple[str, ...]:
-        """Joints that limit margins leave out: their limits end a range that is ``"all"``."""
-        lower, upper, _ = self.task.joint_limits
-        joints = [one.joint for one in self.removed if one.coordinate in self.free]
-        limited = np.isfinite(lower) | np.isfinite(upper)
-        return tuple(self.task.joint_names[j] for j in joints if limited[j])
 
     # ---- between placements and coordinates
     # -------------------------------------------------------
@@ -316,18 +224,15 @@ class Sector(Cell):
     def _placed(self, Y: Array) -> tuple[Array, Array]:
         """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
         rho, z = self.middle
-        K = len(Y)
+        y = _all_six(Y)
         outward, _, a = self.directions
-        height = z + (Y[:, HEIGHT] if self.task.m > 2 else np.zeros(K))
-        round_about = exp3(Y[:, ANGLE, None] * a)
-        p = (rho + Y[:, RADIUS])[:, None] * outward + height[:, None] * a
-        p = self.axis[0] + np.einsum("Kab,Kb->Ka", round_about, p)
-        R = np.broadcast_to(self.placement.rotation, (K, 3, 3))
-        if self.task.m > 3:
-            R = R @ exp3(np.pad(Y[:, 3:5], ((0, 0), (0, 1))))
-        if self.task.m > 5:
-            R = R @ exp3(np.pad(Y[:, SPIN:], ((0, 0), (2, 0))))
-        return p, round_about @ R
+        round_about = exp3(y[:, ANGLE, None] * a)
+        radius, height = rho + y[:, RADIUS, None], z + y[:, HEIGHT, None]
+        p = np.einsum("Kab,Kb->Ka", round_about, radius * outward + height * a)
+        R = round_about @ self.placement.rotation
+        if self.task.kind.turns:
+            R = R @ exp3(_tilt_vectors(y)) @ exp3(y[:, SPIN, None] * _Z)
+        return self.axis[0] + p, R
 
     def _measured(self, p: Array, R: Array) -> Array:
         """Convert placements to offsets (K, m) from that of the sector in all task coordinates.
@@ -337,45 +242,35 @@ class Sector(Cell):
         """
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
-        phi = np.arctan2(y, x)
-        Y = np.stack([np.hypot(x, y) - rho, phi, height - z], axis=1)[:, : self.task.m]
-        if self.task.m <= 3:
-            return Y
-        turned = self.placement.rotation.T @ exp3(-phi[:, None] * self.axis[1]) @ R
-        t = tilts(np.broadcast_to(np.eye(3), turned.shape), turned)
-        Y = np.concatenate([Y, t], axis=1)
-        if self.task.m > 5:
-            rest = exp3(-np.pad(t, ((0, 0), (0, 1)))) @ turned
+        Y = np.zeros((len(p), 6))
+        Y[:, RADIUS], Y[:, ANGLE] = np.hypot(x, y) - rho, np.arctan2(y, x)
+        Y[:, HEIGHT] = height - z
+        if self.task.kind.turns:
+            back = exp3(-Y[:, ANGLE, None] * self.axis[1])
+            turned = self.placement.rotation.T @ back @ R
+            Y[:, 3:5] = axis_turns(np.broadcast_to(np.eye(3), turned.shape), turned)
+            rest = exp3(-_tilt_vectors(Y)) @ turned
             spin = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
-            spin -= 2 * np.pi * np.rint((spin - self.spin_middle) / (2 * np.pi))
-            Y = np.concatenate([Y, spin[:, None]], axis=1)
-        return Y
+            turns = np.rint((spin - self.spin_middle) / (2 * np.pi))
+            Y[:, SPIN] = spin - 2 * np.pi * turns
+        return Y[:, : self.task.m]
 
-    def _frame_twists(self, Y: ArrayLike) -> Array:
+    def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
         coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
-        Y = np.asarray(Y, float)
-        T, round_about = (
-            np.zeros((len(Y), 6, self.task.m)),
-            exp3(Y[:, ANGLE, None] * self.axis[1]),
-        )
+        y = _all_six(Y)
+        T = np.zeros((len(y), 6, 6))
         outward, around, a = self.directions
+        round_about = exp3(y[:, ANGLE, None] * a)
+        radius = self.middle[0] + y[:, RADIUS, None]
         T[:, :3, RADIUS] = round_about @ outward
-        T[:, :3, ANGLE] = (self.middle[0] + Y[:, RADIUS])[:, None] * (
-            round_about @ around
-        )
-        T[:, 3:, ANGLE] = a
-        if self.task.m > 2:
-            T[:, :3, HEIGHT] = a
-        if self.task.m > 3:
-            R, t = (
-                round_about @ self.placement.rotation,
-                np.pad(Y[:, 3:5], ((0, 0), (0, 1))),
-            )
+        T[:, :3, ANGLE] = radius * (round_about @ around)
+        T[:, 3:, ANGLE] = T[:, :3, HEIGHT] = a
+        if self.task.kind.turns:
+            R, t = round_about @ self.placement.rotation, _tilt_vectors(y)
             T[:, 3:, 3:5] = R @ left_jacobian(t)[:, :, :2]
-        if self.task.m > 5:
             T[:, 3:, SPIN] = (R @ exp3(t))[:, :, 2]
-        return T
+        return T[:, :, : self.task.m]
 
     @property
     def _offset(self) -> Array:
@@ -384,15 +279,19 @@ class Sector(Cell):
             offset[SPIN] = self.spin_middle
         return offset
 
-    @property
-    def _bounds(self) -> Array:
-        most = np.ones(self.task.m)
-        for i in self.free:
-            most[i] = np.pi / self.widths[i]
-        return most[self._active]
-
     # ---- other sectors
     # --------------------------------------------------------------------------------
+
+    def without(
+        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
+    ) -> Sector:
+        """Return the sector with the coordinates of the given symmetries removed from u, at 0.
+
+        ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
+        sector.
+        """
+        free = self.free if free is None else tuple(free)
+        return self._changed(removed=tuple(symmetries), free=free)
 
     @classmethod
     def around(cls, *_: object, **__: object) -> Sector:
@@ -431,11 +330,6 @@ class Sector(Cell):
         return self._changed(
             placement=placement, widths=widths, spin_middle=spin_middle
         )
-
-    def _changed(self, **changes: Any) -> Sector:
-        other = object.__new__(Sector)
-        freeze(other, **vars(self) | changes)
-        return other
 
     # ---- words
     # -------------------------------------------------------------------------------------
@@ -502,3 +396,13 @@ class Sector(Cell):
     def __repr__(self) -> str:
         middle = self.where(np.zeros(self.k))
         return f"<Sector {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
+
+
+def _all_six(Y: Array) -> Array:
+    """Append 0 for the coordinates of a sector that the task does not command: (K, 6)."""
+    return np.pad(Y, ((0, 0), (0, 6 - Y.shape[1])))
+
+
+def _tilt_vectors(y: Array) -> Array:
+    """Return the rotation vectors (K, 3) of the tilts of all six coordinates y (K, 6)."""
+    return y[:, 3:5] @ np.eye(2, 3)

@@ -17,7 +17,7 @@ from ...model.task import Task
 from ...model.tool import rigid, with_tool
 from ...strategies import RepeatableInverse
 from .cell import Cell
-from .cell_potentials import CellPotentials
+from .chart import CellPotentials
 from .targets import FORMS, as_poses, homogeneous
 
 

@@ -6,11 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arguments import Array, percentage
 from ...model.task import Task
 from ...strategies.strategy import Inverse
-from .chart import Chart
+from .cell import Cell
+from .chart import Chart, Points
 from .kinematics import placed
 from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
@@ -113,7 +115,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
     points = candidate.at(U)
-    good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
+    good = _inside(cell, points)
     if not good.any():
         return np.nan, np.nan, np.nan, np.full(len(_SHARES) + 1, np.nan)
     share = float(good[:_POSES].mean())
@@ -128,11 +130,16 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
         found = candidate.at(
             searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]])
         )
-        good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
-        inside = found.Q[good, joint]
+        inside = found.Q[_inside(cell, found), joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
     widths = 2 * np.quantile(np.abs(q - sum(ends) / 2), [*_SHARES, share])
     return ends[0], ends[1], share, widths
+
+
+def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
+    """Test at which points the function exists, inside the joint limits: (K,)."""
+    margin = cell.limit_margin(points.Q).min(axis=1)
+    return np.asarray(points.found & (margin >= 0))
 
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
@@ -148,8 +155,9 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     without removed symmetries is returned unchanged, with no ranges.
     """
     sector = chart.cell
-    if not isinstance(sector, Sector) or not sector.removed:
+    if not sector.removed:
         return chart, ()
+    assert isinstance(sector, Sector), "no other cell has symmetries"
     turns, middles, halves = [], {}, {}
     coefficients = chart.coefficients.copy()
     for one in sector.removed:
@@ -182,23 +190,20 @@ def expanded(chart: Chart) -> Chart:
     q_ref is linear in these coordinates. Other charts are returned unchanged.
     """
     sector = chart.cell
-    if not isinstance(sector, Sector) or not sector.removed:
+    if not sector.removed:
         return chart
     whole, old = sector.whole, chart.monomials
     new = Monomials(whole.k, max(old.degree, 1))
-    columns = np.flatnonzero(whole._active)
-    kept = [list(columns).index(i) for i in np.flatnonzero(sector._active)]
-    powers = np.zeros((old.size, whole.k), int)
-    powers[:, kept] = old.exponents
     at = {tuple(e): i for i, e in enumerate(new.exponents.tolist())}
+    powers = np.zeros((old.size, whole.k), int)
+    powers[:, np.isin(whole.moved, sector.moved)] = old.exponents
     coefficients = np.zeros((new.size, *chart.coefficients.shape[1:]))
     coefficients[[at[tuple(e)] for e in powers.tolist()]] = chart.coefficients
     for one in sector.removed:
-        linear = (columns == one.coordinate).astype(int)
-        coefficients[at[tuple(linear.tolist())], one.joint, 0] = (
-            one.sign * sector.widths[one.coordinate]
-        )
-        coefficients[0, one.joint, 0] += one.sign * whole._offset[one.coordinate]
+        q_ref = coefficients[:, one.joint, 0]
+        linear = (whole.moved == one.coordinate).astype(int)
+        q_ref[at[tuple(linear.tolist())]] = one.sign * sector.widths[one.coordinate]
+        q_ref[0] += one.sign * whole._offset[one.coordinate]
     return Chart(whole, new, coefficients)
 
 
@@ -210,9 +215,7 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     where no pose is covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell
-    if not isinstance(sector, Sector) or ANGLE not in [
-        one.coordinate for one in sector.removed
-    ]:
+    if ANGLE not in sector._removed:
         return None
     joint = next(one.joint for one in sector.removed if one.coordinate == ANGLE)
     others = np.flatnonzero(sector.moved > HEIGHT)
@@ -222,32 +225,34 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     for tilt in tilts:
         V = U.copy()
         V[:, others] = tilt
-        points = chart.solve(V, np.zeros((len(V), sector.task.r)))
-        good = points.found & (sector.limit_margin(points.Q).min(axis=1) >= 0)
-        low = np.where(good, np.minimum(low, points.Q[:, joint]), low)
-        high = np.where(good, np.maximum(high, points.Q[:, joint]), high)
+        points = chart.solve(V)
+        good, values = _inside(sector, points), points.Q[:, joint]
+        low[good] = np.minimum(low, values)[good]
+        high[good] = np.maximum(high, values)[good]
     low[high < low] = np.nan
     lower, upper = _limits(sector.task, joint)
     return np.minimum(upper - lower - (high - low), 2 * np.pi)
 
 
-def reduced(sector: Sector, desired: Inverse) -> Sector:
-    """Remove from the coordinates of a sector those along which arm and G_d are symmetric.
+def reduced(cell: Cell, desired: Inverse) -> Cell:
+    """Remove from the coordinates of a cell those along which arm and G_d are symmetric.
 
     G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with the symmetric joint.
     """
-    task, one = sector.task, sector.whole
+    if not isinstance(cell, Sector):
+        return cell
+    task, one = cell.task, cell.whole
     rng = np.random.default_rng(1)
     Q = task.reference + rng.uniform(-0.5, 0.5, (_CONFIGURATIONS, task.n))
     before, kept = _rates(one, desired, Q), []
-    for symmetry in sector.symmetries:
+    for symmetry in cell.symmetries:
         moved = Q + _STEP * np.eye(task.n)[symmetry.joint]
         if np.allclose(_rates(one, desired, moved), before, rtol=1e-7, atol=1e-9):
             kept.append(symmetry)
-    return sector.without(kept)
+    return cell.without(kept)
 
 
-def _rates(sector: Sector, desired: Inverse, Q: Array) -> Array:
+def _rates(cell: Cell, desired: Inverse, Q: Array) -> Array:
     """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m)."""
-    p, R, J = placed(sector.task, Q)
-    return desired.batch(Q, J) @ sector._all_twists(sector._measured(p, R), R)
+    p, R, J = placed(cell.task, Q)
+    return desired.batch(Q, J) @ cell._all_twists(cell._measured(p, R), R)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_numbers
 from ...errors import InputError
@@ -18,6 +19,9 @@ SAME = 1e-3
 
 _UNIT = 1e-3
 """Tolerance of a quaternion's norm, which should be 1."""
+
+_NO_TURN = (0.0, 0.0, 0.0, 1.0)
+"""Quaternion of no rotation."""
 
 
 class SteadyTime:
@@ -142,14 +146,7 @@ def target_of(
         If a number is not finite, or the target is outside the cell. Also if the quaternion is not
         of norm 1, for a task with a rotation; other tasks ignore the quaternion.
     """
-    p, x = np.array(position, float), np.array(quaternion, float)
-    turns = task.kind.turns
-    if not np.isfinite(p).all() or (turns and not np.isfinite(x).all()):
-        raise InputError("it must be finite numbers")
-    norm = float(np.linalg.norm(x))
-    if turns and not abs(norm - 1) <= _UNIT:
-        raise InputError(f"its quaternion has norm {norm:.4g}, not 1")
-    target = pin.SE3(pin.Quaternion(x / norm).matrix() if turns else np.eye(3), p)
+    target = _placed(position, quaternion if task.kind.turns else _NO_TURN)
     if tool is not None:
         target = target * tool.inverse()
     if cell is not None:
@@ -166,12 +163,20 @@ def placement_of(numbers: Any, name: str) -> pin.SE3:
         If it is not 7 finite numbers, or the quaternion is not of norm 1.
     """
     found = as_numbers(numbers)
-    if found is None or found.ndim != 1 or len(found) not in (3, 7):
+    if found is None or found.shape not in ((3,), (7,)):
         raise InputError(f"parameter {name} must be x y z, or x y z qx qy qz qw")
-    x = found[3:] if len(found) == 7 else np.array([0.0, 0.0, 0.0, 1.0])
+    try:
+        return _placed(found[:3], found[3:] if len(found) == 7 else _NO_TURN)
+    except InputError as error:
+        raise InputError(f"parameter {name}: {error}") from None
+
+
+def _placed(position: ArrayLike, quaternion: ArrayLike) -> pin.SE3:
+    """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement."""
+    p, x = np.array(position, float), np.array(quaternion, float)
+    if not np.isfinite([*p, *x]).all():
+        raise InputError("it must be finite numbers")
     norm = float(np.linalg.norm(x))
-    if not np.isfinite(found).all() or not abs(norm - 1) <= _UNIT:
-        raise InputError(
-            f"parameter {name}: it must be finite, its quaternion of norm 1"
-        )
-    return pin.SE3(pin.Quaternion(x / norm).matrix(), found[:3])
+    if not abs(norm - 1) <= _UNIT:
+        raise InputError(f"its quaternion has norm {norm:.4g}, not 1")
+    return pin.SE3(pin.Quaternion(x / norm).matrix(), p)

@@ -233,11 +233,8 @@ class _ArmNode(Node):
         return float(now - seconds) if seconds else 0.0
 
     def _on_pose(self, message: PoseStamped) -> None:
-        p, x = message.pose.position, message.pose.orientation
-        frame = message.header.frame_id
-        age = self._age(message.header.stamp)
-        position, quaternion = (p.x, p.y, p.z), (x.x, x.y, x.z, x.w)
-        self.servo.pose(position, quaternion, frame=frame, age=age)
+        frame, age = message.header.frame_id, self._age(message.header.stamp)
+        self.servo.pose(*_numbers_of(message), frame=frame, age=age)
 
     def _on_twist(self, message: TwistStamped) -> None:
         v, w = message.twist.linear, message.twist.angular
@@ -248,9 +245,8 @@ class _ArmNode(Node):
         )
 
     def _on_hand(self, message: PoseStamped) -> None:
-        p, x = message.pose.position, message.pose.orientation
         age = self._age(message.header.stamp)
-        self.servo.hand((p.x, p.y, p.z), (x.x, x.y, x.z, x.w), self._now(), age=age)
+        self.servo.hand(*_numbers_of(message), self._now(), age=age)
 
     def _on_joints(self, message: JointState) -> None:
         pairs = zip(message.name, message.position, strict=False)
@@ -321,6 +317,12 @@ class _ArmNode(Node):
         while (q := self.servo.brake()) is not None:
             self._publish(q)
             time.sleep(self.servo.dt)
+
+
+def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]:
+    """Return the position (x, y, z) and the quaternion (x, y, z, w) of a pose."""
+    p, x = message.pose.position, message.pose.orientation
+    return (p.x, p.y, p.z), (x.x, x.y, x.z, x.w)
 
 
 def _acceleration(given: dict[str, Any]) -> ArrayLike | str:

@@ -15,6 +15,7 @@ from ...design.design_result import Design
 from ...errors import InputError, SingularityError
 from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement
+from ...model.several_frames import one_frame
 from ...model.tool import require_pose, rigid
 from ...motion.limits import Limits, joint_limits
 from ..cells.cell_design import CellDesign
@@ -111,7 +112,8 @@ class Servo:
             if isinstance(design, CellDesign)
             else design.inverse
         )
-        self._inverse, self.task = inverse, inverse.task
+        self._inverse = inverse
+        self.task = one_frame(inverse.task, "the ROS 2 node")
         self.tool = None if tool is None else rigid(tool)
         if tool is not None:
             require_pose(self.task)

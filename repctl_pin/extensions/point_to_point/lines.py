@@ -12,10 +12,11 @@ from typing import Literal
 import numpy as np
 
 from ...arguments import Array, read_only
+from ...model.chain_formulas import rotation_vectors
 from ...paths.bend import Bend
 from ..cells.cell import Cell
 from ..cells.function import InverseFunction
-from ..cells.rotations import exp3, log3
+from ..cells.kinematics import exp3
 from ..cells.targets import homogeneous
 from ..cells.tool_function import ToolFunction
 
@@ -89,7 +90,7 @@ class Line:
         """Evaluate v and ω (3,) at an end, m and rad per metre; exact on a line of the tool."""
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]
-        omega = log3(X[1:, :3, :3] @ X[0, :3, :3].T)[0]
+        omega = rotation_vectors(X[1:, :3, :3] @ X[0, :3, :3].T)[0]
         return v / _NEAR / self.length, omega / _NEAR / self.length
 
 

@@ -12,7 +12,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ...arguments import (
-    MOST_STEPS,
     Array,
     as_numbers,
     flag_or_function,
@@ -31,15 +30,12 @@ from ..cells.cell_arguments import stacked
 from ..cells.function import InverseFunction
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
-from ..timing.profile import Segment
+from ..timing.profile import Course, require_samples
 from .lines import Function
 from .parts import parts_of
 
 _LOOKED_AT = 50
 """Number of points per line at which limit margins and body distances are evaluated."""
-
-_MOST_SAMPLES = MOST_STEPS // 5
-"""Maximum number of samples of a motion."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,38 +103,6 @@ class MotionBetween(TimedMotion):
             raise InputError("t must be a finite number, s, or an array (T,) of them")
         q = np.asarray(self.trajectory.derivatives(np.atleast_1d(times))[0], float)
         return q if times.ndim else q[0]
-
-
-@dataclass(frozen=True, eq=False)
-@read_only
-class _Course:
-    """The motion as a function of time: profiles in order, each with its time stretched.
-
-    Attributes
-    ----------
-    segments
-        The profiles.
-    begins : (R + 1,) array
-        Times at which they begin, and the last one ends, s.
-    """
-
-    segments: tuple[Segment, ...]
-    begins: Array
-
-    def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,)."""
-        last = len(self.segments) - 1
-        which = np.clip(np.searchsorted(self.begins, t, side="right") - 1, 0, last)
-        found = np.zeros((4, len(t), self.segments[0].curve.c.shape[2]))
-        for k in np.unique(which):
-            rows, segment = np.flatnonzero(which == k), self.segments[k]
-            end = segment.t[-1]
-            factor = (self.begins[k + 1] - self.begins[k]) / end
-            own = (t[rows] - self.begins[k]) / factor
-            moved = segment.derivatives(np.clip(own, 0.0, end))
-            found[:, rows] = moved / factor ** np.arange(4)[:, None, None]
-            found[1:, rows[(own < 0) | (own > end)]] = 0.0
-        return found
 
 
 def motion_between(
@@ -229,15 +193,11 @@ def between(
             segment, duration = part.timed(kept)
             segments.append(segment)
             durations.append(duration)
-    if not sum(durations) * rate < _MOST_SAMPLES:
-        raise InputError(
-            f"{sum(durations):.3g} s at {rate:g} samples per second exceed "
-            f"{_MOST_SAMPLES:,} samples; lower the rate"
-        )
+    require_samples(sum(durations) * rate, sum(durations), rate)
     samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
     rows = np.concatenate([[0], np.cumsum(samples)])
-    course = _Course(tuple(segments), rows / rate)
     t = np.arange(rows[-1] + 1) / rate
+    course = Course(segments, t[rows[:-1]], np.diff(t[rows]))
     q, qdot, qddot, _ = course.derivatives(t)
     rests = [0, *(part.last for part in parts)]
     q[rows], qdot[rows], qddot[rows] = ends[rests], 0.0, 0.0
@@ -292,7 +252,7 @@ def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
     return np.array(Q)
 
 
-def _looked_at(task: Task, course: _Course, times: Array) -> JointMotion:
+def _looked_at(task: Task, course: Course, times: Array) -> JointMotion:
     """Evaluate the motion at the points at which limits and bodies are checked.
 
     ``times`` are those of the poses.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import factorial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +14,7 @@ from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion.limits import JointLimits
 from ..timing.profile import Segment, fastest_along, most_used
-from .joint_curve import cut, joined, joints_along
-from .lines import Blend, Function, Line, blend_of, cell_line, tool_line
+from .lines import Blend, Curve, Function, Line, blend_of, cell_line, tool_line, tool_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -30,6 +30,21 @@ _CHECKED = np.linspace(0.0, 1.0, 33)
 
 _ROUNDING = 2e-5
 """Part of the limits that is left free for what lies between the points that are checked."""
+
+_NODES = (1 - np.cos(np.pi * np.arange(6) / 5)) / 2
+"""Points of an interval, from 0 to 1, at which a polynomial of degree 5 is equal to F."""
+
+_TO_POWERS = np.linalg.inv(np.vander(_NODES, increasing=True))
+"""Matrix from the values at the nodes to the coefficients of the powers."""
+
+_INTERVALS = (16, 32, 64, 128, 256)
+"""Numbers of intervals that are tried in turn."""
+
+_EXACT = 2e-13
+"""Maximum difference between a polynomial and F, rad or m."""
+
+_INSIDE = np.linspace(0.0, 1.0, 2001)
+"""Points at which poses are tested to lie in the cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +81,7 @@ class Part:
             found = with_jerk(found, limits)
         steps = np.diff(found.t)[:, None] * _CHECKED * (1 - 1e-9)
         moved = found.derivatives((found.t[:-1, None] + steps).ravel())
-        factor = most_used(limits, *moved) * (1 + _ROUNDING)
+        factor = most_used(limits, moved) * (1 + _ROUNDING)
         return found, float(found.t[-1] * factor)
 
 
@@ -90,7 +105,7 @@ def parts_of(
     begin = 0.0
     for k, ((line, curve), after) in enumerate(zip(found, blends, strict=True)):
         end = 1.0 if after is None else 1.0 - after[0].cut_in
-        curves.append(cut(curve, begin, end))
+        curves.append(_cut(curve, begin, end))
         lengths.append((end - begin) * line.length)
         if after is None:
             parts.append(_part(k + 1, curves, lengths, passed))
@@ -109,7 +124,7 @@ def _part(
     last: int, curves: list[PPoly], lengths: list[float], passed: list[float]
 ) -> Part:
     """Join curves of given lengths, m, to a part; ``passed`` are lengths from its start, m."""
-    curve, s = joined(curves, lengths)
+    curve, s = _joined(curves, lengths)
     grid = [np.linspace(*ends, _STAGES + 1)[:-1] for ends in pairwise(s)]
     marks = np.append(passed, sum(lengths)) * (s[-1] / sum(lengths))
     return Part(last, curve, np.append(np.concatenate(grid), s[-1]), marks)
@@ -128,7 +143,7 @@ def _line_between(
     if np.linalg.norm(F.cell.errors(*ends)) < _SAME:
         raise InputError(f"{second} is equal to {first}; remove one of them")
     for line in (tool_line(F.cell, start, end), cell_line(F, start, end)):
-        curve = joints_along(F, line.at)
+        curve = _joints_along(F, line.at)
         if curve is not None:
             return line, curve
     try:
@@ -148,5 +163,63 @@ def _blend(
     blend = blend_of(F, into, out, radius)
     if blend is None or not blend.length:
         return None if blend is None else (blend, None)
-    curve = joints_along(F, blend.at)
+    curve = _joints_along(F, blend.at)
     return None if curve is None else (blend, curve)
+
+
+def _joints_along(F: Function, at: Curve) -> PPoly | None:
+    """Fit ``q(a) = F(x(a))``, a from 0 to 1, to 2e-13.
+
+    Returns None if the curve of poses leaves the cell, or F does not exist or is not smooth along
+    it.
+    """
+    from scipy.interpolate import PPoly  # slow to import
+
+    X = at(_INSIDE) @ np.linalg.inv(tool_of(F))
+    if not F.cell._contains(*F.cell.coordinates(X[:, :3, 3], X[:, :3, :3])).all():
+        return None
+    for count in _INTERVALS:
+        a = (np.arange(count)[:, None] + _NODES[:-1]).ravel() / count
+        a = np.append(a, 1.0)
+        Q = F.batch(at(a), missing="nan")
+        if np.isnan(Q).any():
+            return None
+        rows = 5 * np.arange(count)[:, None] + np.arange(6)
+        begin = Q[rows[:, 0]]
+        C = np.einsum("ij,Kjn->iKn", _TO_POWERS, Q[rows] - begin[:, None])
+        C[0] = begin
+        C *= float(count) ** np.arange(6)[:, None, None]
+        curve = PPoly(C[::-1], np.arange(count + 1) / count)
+        between = (a[1:] + a[:-1]) / 2
+        off = np.abs(curve(between) - F.batch(at(between), missing="nan")).max()
+        if off < _EXACT:
+            return curve
+    return None
+
+
+def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
+    """Return the part of a curve between two points."""
+    from scipy.interpolate import PPoly
+
+    x = curve.x[(curve.x > begin) & (curve.x < end)]
+    x = np.concatenate([[begin], x, [end]])
+    C = [curve(x[:-1], k) / factorial(k) for k in range(len(curve.c))]
+    return PPoly(np.array(C[::-1]), x)
+
+
+def _joined(curves: Sequence[PPoly], lengths: Sequence[float]) -> tuple[PPoly, Array]:
+    """Join curves q(a) to one, q(s), on which each has a length, m; return also s at their ends.
+
+    s is scaled such that it grows as the joints move, on average.
+    """
+    from scipy.interpolate import PPoly
+
+    steps = np.concatenate([np.diff(curve.c[-1], axis=0) for curve in curves])
+    scale = float(np.linalg.norm(steps, axis=1).sum()) / sum(lengths)
+    s = np.concatenate([[0.0], np.cumsum(lengths)]) * scale
+    C, x = [], []
+    for curve, begin, end in zip(curves, s, s[1:], strict=False):
+        stretch = (end - begin) / (curve.x[-1] - curve.x[0])
+        C.append(curve.c / stretch ** np.arange(len(curve.c))[::-1, None, None])
+        x.append(begin + stretch * (curve.x[:-1] - curve.x[0]))
+    return PPoly(np.concatenate(C, axis=1), np.append(np.concatenate(x), s[-1])), s

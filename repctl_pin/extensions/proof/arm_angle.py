@@ -127,7 +127,7 @@ class ArmAngleChain:
                 joint = self.before[joint]
         return found
 
-    def gradient_bounds(self, Q: Array, half: Array) -> GradientBounds:
+    def gradient_bounds(self, Q: Array, half: Array) -> _GradientBounds:
         """Expand the gradient of the arm angle on boxes Q ± half, (K, n) each.
 
         Boxes that differ only in joints that do not move the three points are evaluated once.
@@ -147,11 +147,11 @@ class ArmAngleChain:
         Returns their coefficients (K, k, M) and bounds (K, k).
         """
         native, on, (K, k) = required_library("a proof"), self.moving, Q.shape
-        space, _ = held = space_of(k)
+        space = space_of(k)
         ints = {name: getattr(self, name) for name in ("before", "revolute", "carries")}
         reals = {name: getattr(self, name) for name in ("R", "p", "a", "o", "place")}
         reals |= {"direction": self.direction, "S": self.S[:, on]}
-        arm, arrays = filled_struct(
+        arm, _ = filled_struct(
             ARM_ANGLE,
             ints | {"joint": self.joint},
             reals | {"bases": [basis(axis) for axis in self.a]},
@@ -165,7 +165,6 @@ class ArmAngleChain:
         Q, half = np.ascontiguousarray(Q, float), np.ascontiguousarray(half, float)
         address = [ctypes.c_void_p(array.ctypes.data) for array in (Q, half, P, r)]
         done = native.arm_gradients(ctypes.byref(arm), ctypes.c_long(K), *address)
-        del held, arrays
         if not done:
             raise MemoryError("no memory for the Taylor models of an arm angle")
         return P, r
@@ -192,7 +191,7 @@ def _carried(
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class GradientBounds:
+class _GradientBounds:
     """Expansions of a gradient V on K boxes.
 
     Attributes
@@ -212,7 +211,7 @@ class GradientBounds:
     size: Array
 
 
-def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> GradientBounds:
+def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientBounds:
     """Convert Taylor models of the gradient (K, k) to first-order expansions on boxes."""
     on, (K, n) = chain.moving, half.shape
     V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))
@@ -226,4 +225,4 @@ def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> GradientBo
     more[bad], size[bad], slopes[bad] = np.inf, np.inf, 0.0
     V[:, on], rest[:, on] = P[..., 0], more
     dV[:, on[:, None], on] = slopes
-    return GradientBounds(V, dV, rest, size)
+    return _GradientBounds(V, dV, rest, size)

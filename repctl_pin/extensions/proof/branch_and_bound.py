@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...certificate import Proof
+from .boxes import centered, halved
 from .leaf_margin_bounds import LeafMarginBounds, LeafMarginProblem
-from .potentials import U
 
 _BATCH = 4096
 _MOST = 4_000_000
 """Maximum number of undecided boxes; the search stops beyond it."""
 
-TIGHT = 0.95
+_TIGHT = 0.95
 """Accuracy of the search without a goal.
 
 A box is halved until its bound is this share of the smallest leaf margin found at a centre.
@@ -36,8 +36,6 @@ def bound_leaf_margin(
     report: Callable[[str, float], None],
 ) -> Proof:
     """Bound the leaf margin from below on a union of boxes.
-
-    Boxes are halved at a number that both halves share, so the halves leave no gap.
 
     Parameters
     ----------
@@ -102,8 +100,8 @@ class _Search:
             take = np.arange(len(self.low) - _BATCH, len(self.low))
         else:
             take = np.argpartition(self.bound, _BATCH)[:_BATCH]
-        low, high = self._halved(take)
-        Q, half = _centered(low, high)
+        low, high, _ = halved(self.low[take], self.high[take], self.split[take])
+        Q, half = centered(low, high)
         found = self.problem.bounds(Q, half)
         self.boxes += len(Q)
         enough = self._enough(found, Q, half)
@@ -126,21 +124,6 @@ class _Search:
                 Q, half, int(np.argmax(small)), "a box too small to halve is undecided"
             )
 
-    def _halved(self, take: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return the lower and upper corners of the halves of the boxes with indices ``take``.
-
-        Boxes that were not evaluated yet are returned whole.
-        """
-        low, high, split = self.low[take], self.high[take], self.split[take]
-        whole, rows = split < 0, np.flatnonzero(split >= 0)
-        columns = split[rows]
-        middle = (low[rows, columns] + high[rows, columns]) / 2
-        first, second = high[rows].copy(), low[rows].copy()
-        first[np.arange(len(rows)), columns] = middle
-        second[np.arange(len(rows)), columns] = middle
-        lows = np.concatenate([low[whole], low[rows], second])
-        return lows, np.concatenate([high[whole], first, high[rows]])
-
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
         """Return the bound from which a box counts as decided.
 
@@ -153,7 +136,7 @@ class _Search:
         if self.goal is None:
             if self.upper <= 0:
                 self._stop(Q, half, least, "J_V is singular there")
-            return TIGHT * self.upper
+            return _TIGHT * self.upper
         if self.upper < self.goal:
             self._stop(Q, half, least, f"the leaf margin there is {self.upper:.4g}")
         return self.goal
@@ -200,7 +183,7 @@ class _Search:
         worst = self.at_least_bound
         if len(self.low):
             least = int(np.argmin(self.bound))
-            Q, half = _centered(self.low[least, None], self.high[least, None])
+            Q, half = centered(self.low[least, None], self.high[least, None])
             refuted = self.reason and not self.gave_up
             worst = self.worst if refuted else (Q[0], half[0])
             bound, sigma = (
@@ -219,18 +202,8 @@ class _Search:
     def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
         """Name an arm angle as the reason if it may be singular in the smallest undecided box."""
         small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
-        Q, half = _centered(self.low[small, None], self.high[small, None])
+        Q, half = centered(self.low[small, None], self.high[small, None])
         if not self.problem.undefined(Q, half)[0]:
             return worst
         self.reason += "; the arm angle may be singular near the worst box"
         return Q[0], half[0]
-
-
-def _centered(low: Array, high: Array) -> tuple[Array, Array]:
-    """Compute centres and half-widths of boxes from their corners.
-
-    The half-widths are enlarged, so that the boxes contain both corners in spite of rounding.
-    """
-    Q = (low + high) / 2
-    size = np.maximum(np.abs(low), np.abs(high))
-    return Q, (high - low) / 2 * (1 + 1e-12) + 4 * U * size

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...arguments import Array
 from ...certificate import Proof
 from ..cells.margins import leaf_margins
+from .boxes import halved
 from .cells import CellBounds, CellProof
 
 _BATCH = 1024
@@ -80,8 +81,8 @@ class _CellSearch:
         """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
-        points = chart.solve(S, np.zeros((_TRIALS, self.problem.task.r)))
-        moved, _ = chart.derivative(points, np.zeros((_TRIALS, self.problem.task.r, k)))
+        points = chart.solve(S)
+        moved, _ = chart.derivative(points)
         if not points.found.any():
             return np.ones(k)
         cost = np.abs(moved[points.found][:, :, :k]).sum(axis=1).mean(axis=0) + 1e-9
@@ -124,11 +125,9 @@ class _CellSearch:
         low, high, split = low[~done], high[~done], found.split[~done]
         if len(low):
             self._stop_if_hopeless(low, high)
-        rows, middle = np.arange(len(low)), (low + high) / 2
-        first, second = high.copy(), low.copy()
-        first[rows, split] = second[rows, split] = middle[rows, split]
-        self.low = np.concatenate([self.low[: take.start], low, second])
-        self.high = np.concatenate([self.high[: take.start], first, high])
+        low, high, _ = halved(low, high, split)
+        self.low = np.concatenate([self.low[: take.start], low])
+        self.high = np.concatenate([self.high[: take.start], high])
 
     def _stop_if_hopeless(self, low: Array, high: Array) -> None:
         """Stop the search at a box that cannot be proved by halving it.
@@ -136,8 +135,8 @@ class _CellSearch:
         Either F at its centre does not exist, misses a margin, or is farther from q_ref than d*,
         the distance within which F is proved to be the only solution; or the box is too small.
         """
-        problem, chart, r = self.problem, self.problem.chart, self.problem.task.r
-        points = chart.solve((low + high) / 2, np.zeros((len(low), r)))
+        problem, chart = self.problem, self.problem.chart
+        points = chart.solve((low + high) / 2)
         limits = np.minimum(points.Q - problem.lower, problem.upper - points.Q)
         away = np.abs(points.Q - points.q_ref) - problem.near
         for short, name in (

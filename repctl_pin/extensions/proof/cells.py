@@ -25,16 +25,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import factorial
 
 from ...arguments import Array, read_only
 from ...native import CELL, MARGINS, filled_struct, required_library
 from ..cells.cell import Cell
 from ..cells.chart import Chart
 from ..cells.monomials import Monomials
-from ..cells.sector import Sector
-from .cell_poses import Poses
+from ..cells.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
-from .chart_bounds import Polynomials
 from .taylor import ORDER, basis, space_of
 
 _NEAR = 1.25, 0.02
@@ -46,6 +45,9 @@ distance of F from q_ref that a search found, plus the summand.
 
 _TURNED = {"pose": 0, "axis": 2}
 """First of the frame's axes whose direction a kind of task controls; the others control none."""
+
+_TILT = 3
+"""Index of a sector's first tilt among the coordinates of the task."""
 
 _SIZES, _CORNERS = 0.16 * 0.75 ** np.arange(6.0), 4
 """Half-widths, in u, of boxes on which middle links are compared, and the number of corners of the
@@ -95,7 +97,8 @@ class CellProof:
         self.use(required_library("a proof"))
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
-        self.polynomials, self.poses = Polynomials.of(chart), Poses.of(cell)
+        self.polynomials, self.poses = _Polynomials.of(chart), _pose_tables(cell)
+        self._space = space_of(cell.k)
         self.lower, self.upper = limits_of(cell)
         self.near = _NEAR[0] * farthest(chart) + _NEAR[1]
         whole = chain_of(self.task)
@@ -119,7 +122,7 @@ class CellProof:
         """Choose the middle link, in whose frame the screws are expressed."""
         self.chain = chain
         self._chain = chain.struct()
-        self._cell, self._arrays = self._cell_struct()
+        self._cell = self._cell_struct()
 
     def _tightness(self, chain: Chain) -> float:
         """Sum the bounds of the leaf margin on boxes at corners of the cell, for a chain.
@@ -175,8 +178,8 @@ class CellProof:
         The proof holds with any numbers; these make it tight.
         """
         k = self.cell.k
-        points = self.chart.solve(Uc, np.zeros((len(Uc), self.task.r)))
-        dF, _ = self.chart.derivative(points, np.zeros((len(Uc), self.task.r, k)))
+        points = self.chart.solve(Uc)
+        dF, _ = self.chart.derivative(points)
         away = points.Q - points.q_ref
         slopes = (dF[..., :k] - self.chart.slopes(Uc)[0]) * half[:, None]
         shift = np.concatenate([away[..., None], slopes], axis=2)
@@ -184,13 +187,12 @@ class CellProof:
         near &= np.isfinite(slopes).all(axis=(1, 2))
         return np.where(near[:, None, None], shift, 0.0)
 
-    def _cell_struct(self) -> tuple[ctypes.Structure, list[NDArray[np.generic]]]:
-        """Fill the struct Cell; the arrays must live as long as it."""
+    def _cell_struct(self) -> ctypes.Structure:
+        """Create the struct Cell."""
         chain, poses, parts = self.chain, self.poses, self.polynomials
         k, kind = self.cell.k, self.task.kind
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
         models = Monomials(k, ORDER)
-        space, *held = space_of(k)
         ints: dict[str, ArrayLike] = {
             "parent": made.parent,
             "variable": made.variable,
@@ -210,29 +212,26 @@ class CellProof:
             "bases": [basis(axis) for axis in chain.a],
             "tips": _tips(chain, self.farthest),
         }
-        reals |= {
-            name: getattr(poses, name) for name in type(poses).__dataclass_fields__
-        }
+        reals |= poses
         scalars = {
             "chain": ctypes.addressof(self._chain),
-            "space": space,
+            "space": self._space,
             "eps": self.eps,
             "r": self.task.r,
             "w": self.blur.size,
             "terms": self.chart.monomials.size,
             "F": len(parts.fourth),
-            "turning": int(poses.Omega.any()),
-            "angled": int(poses.angle.any()),
-            "spun": int(poses.spin.any()),
+            "turning": int(poses["Omega"].any()),
+            "angled": int(poses["angle"].any()),
+            "spun": int(poses["spin"].any()),
             "m": self.task.m,
-            "removed": poses.along.shape[1],
+            "removed": poses["along"].shape[1],
             "turned": _TURNED.get(kind, 3),
             "slides": sum(1 << "xyz".index(axis) for axis in FREE[kind][0]),
             "tool": tool_reach(chain),
             "columns": float(np.abs(chain.S).sum(axis=0).max()),
         }
-        struct, arrays = filled_struct(CELL, ints, reals, scalars)
-        return struct, [*arrays, *held[0]]
+        return filled_struct(CELL, ints, reals, scalars)[0]
 
 
 def _tips(chain: Chain, farthest: Array) -> Array:
@@ -250,10 +249,10 @@ def farthest(chart: Chart) -> Array:
 
     Random poses and corners are evaluated, then poses around the worst ones.
     """
-    cell, r, rng = chart.cell, chart.cell.task.r, np.random.default_rng(1)
+    cell, rng = chart.cell, np.random.default_rng(1)
 
     def away(U: Array) -> Array:
-        points = chart.solve(U, np.zeros((len(U), r)))
+        points = chart.solve(U)
         return np.where(points.found[:, None], np.abs(points.Q - points.q_ref), 0.0)
 
     Y = np.concatenate([cell.sample(2048, 1), cell.corners()])
@@ -276,10 +275,122 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
     """
     lower, upper, _ = cell.task.joint_limits
     lower, upper = lower.copy(), upper.copy()
-    if isinstance(cell, Sector):
-        for one in cell.removed:
-            free = one.coordinate in cell.free
-            width = np.inf if free else float(cell.widths[one.coordinate])
-            lower[one.joint] += -width if free else width
-            upper[one.joint] += width if free else -width
+    for one in cell.removed:
+        free = one.coordinate in cell.free
+        width = -np.inf if free else float(cell.widths[one.coordinate])
+        lower[one.joint] += width
+        upper[one.joint] -= width
     return lower, upper
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Polynomials:
+    """The polynomials q_ref and n_ref of a chart, prepared for expansion to degree 3 on boxes.
+
+    The last axis of the arrays holds q_ref, then the r columns of n_ref; ∂^α is the derivative with
+    exponents α, one per coordinate of the cell.
+
+    Attributes
+    ----------
+    chart : Chart
+        The chart.
+    parts : (T, M, n, 1 + r) array
+        Coefficients of the polynomials ``∂^α / α!`` in the chart's T monomials, for each of the M
+        exponents α of degree up to 3.
+    fourth : (F, k) array of int
+        The exponents α of degree 4.
+    rest : (F, n, 1 + r) array
+        Bounds of ``|∂^α / α!|`` for these on the whole cell.
+    sizes : (n, 1 + r) array
+        Sums of the bounds of all derivatives ``∂^α / α!`` up to degree 3, to which rounding errors
+        are relative.
+    """
+
+    chart: Chart
+    parts: Array
+    fourth: Array
+    rest: Array
+    sizes: Array
+
+    @classmethod
+    def of(cls, chart: Chart) -> _Polynomials:
+        """Compute the derivatives of a chart's polynomials, and bounds of the fourth ones.
+
+        A bound is the sum of the absolute values of a polynomial's coefficients.
+        """
+        monomials = chart.monomials
+        derivatives = Monomials(monomials.k, ORDER + 1)
+        every = [chart.coefficients]
+        for i in range(1, derivatives.size):
+            lower, j = every[derivatives.parent[i]], int(derivatives.variable[i])
+            every.append(monomials.derivative(lower, j))
+        factorials = factorial(derivatives.exponents).prod(axis=1)
+        scaled = np.stack(every, axis=1) / factorials[:, None, None]
+        low = int(derivatives.starts[ORDER + 1])
+        sizes = np.abs(scaled[:, :low]).sum(axis=(0, 1))
+        rest = np.abs(scaled[:, low:]).sum(axis=0) * (1 + 1e-12)
+        return cls(chart, scaled[:, :low], derivatives.exponents[low:], rest, sizes)
+
+    @property
+    def used(self) -> Array:
+        """Number of leading terms that can be nonzero in each derivative ``∂^α``: (M,)."""
+        monomials = self.chart.monomials
+        orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
+        return np.asarray(
+            monomials.starts[np.maximum(monomials.degree - orders + 1, 0)]
+        )
+
+
+def _pose_tables(cell: Cell) -> dict[str, Array]:
+    r"""Return the poses (p, R) of a cell as functions of its coordinates u, and how they move.
+
+    ``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``: R_a rotates about a
+    sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u.
+
+    The velocity of the pose is known along each of the m coordinates of the task: the k of u, then
+    those that symmetries remove from u, then those of width 0.
+
+    Returns
+    -------
+    o, a : (3,) arrays
+        Point, m, and direction of the axis of R_a.
+    d, R0 : (3,) and (3, 3) arrays
+        Position relative to o, m, and orientation of the cell's centre.
+    D, Omega : (3, k) arrays
+        Displacement, m, and rotation, rad, per coordinate.
+    angle, spin : (k,) arrays
+        φ and ψ per coordinate, rad; 0 in a cell that is not a sector.
+    way, turn : (m, 3) arrays
+        Displacement and rotation per metre or radian of each coordinate of the task, before R_a.
+    around, twirl : (m,) arrays
+        1 for the coordinate φ, and 1 for the coordinate ψ; 0 for others.
+    widths : (k,) array
+        Metres or radians per unit of u.
+    along : (n, l) array
+        Motion of the joints along the coordinates that symmetries remove.
+    """
+    m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
+    o, a = np.zeros(3), np.array([0.0, 0.0, 1.0])
+    rates = np.zeros((6, 8))  # of a coordinate: way, turn, around, twirl
+    if isinstance(cell, Sector):
+        o, a = cell.axis
+        outward, _, up = cell.directions
+        rates[RADIUS, :3], rates[HEIGHT, :3] = outward, up
+        rates[_TILT : _TILT + 2, 3:6] = R0[:, :2].T
+        rates[ANGLE, 6] = rates[SPIN, 7] = 1.0
+    else:
+        rates[:rows, :3] = np.eye(3)[cell.task.rows[:rows]]
+        about = np.eye(3) if cell.task.kind == "pose" else R0.T
+        rates[rows:m, 3:6] = about[: m - rows]
+    moved, removed = cell.moved, np.array(cell._removed, int)
+    others = np.setdiff1d(np.arange(m), np.concatenate([moved, removed]))
+    rates = rates[np.concatenate([moved, removed, others])]
+    widths = cell.widths[moved]
+    own = widths[:, None] * rates[: cell.k]
+    tables = {"o": o, "a": a, "d": cell.placement.translation - o, "R0": R0}
+    tables |= {"D": own[:, :3].T, "Omega": own[:, 3:6].T}
+    tables |= {"angle": own[:, 6], "spin": own[:, 7]}
+    tables |= {"way": rates[:, :3], "turn": rates[:, 3:6]}
+    tables |= {"around": rates[:, 6], "twirl": rates[:, 7]}
+    return tables | {"widths": widths, "along": cell.along}

@@ -4,30 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ... import progress as reporting
-from ...arguments import finite, flag, positive, require_type, vector
+from ...arguments import Array, finite, flag, positive, require_type, vector
 from ...certificate import CELL_THEOREM, Proof
 from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError, SingularityError
+from ...model.task import Task
 from ...native import required_library
 from ...paths.task_path import ClosedPath
+from ...potentials.basis import Potentials
 from ...regions import Region, Tube, WorkspaceBox
 from ...regions.region import A_REGION
+from .boxes import cover, enclosing, limit_margin
 from .branch_and_bound import bound_leaf_margin
 from .closing_radius import closing_radius
 from .leaf_margin_bounds import leaf_margin_of
-from .regions import cover, enclosing, limit_margin
 
 if TYPE_CHECKING:
     from ..cells.cell_design import CellDesign
 
 _SHRINKING_SECONDS = 0.2
 """Processor time for each smaller Ω that is tried where there is a singularity, s."""
+
+_SAMPLES, _TRIES, _STEPS = 4096, 64, 16
+_APART = 0.03
+"""Distance of the two configurations, relative to the half-widths of Ω."""
+
+_CERTAIN = 1e-10
+"""``|det J_V|``, relative to the product of its rows, from which its sign is certain."""
 
 
 def prove(
@@ -121,17 +130,14 @@ def prove(
                 argument="region",
                 remedy="omit it",
             )
-    path = closes if isinstance(closes, ClosedPath) else None
-    asked, ratio, closing = _asked_radius(True if path else closes, ratio)
+    closing = _asked_closing(closes, ratio)
     if not callable(progress):
         progress = flag(progress, "progress")
     required_library("a proof")
     with reporting.reporter(progress) as report:
         if isinstance(what, Design):
             over = what.region if region is None else region
-            proof = _of_region(
-                what, over, goal, least, seconds, path, ratio, asked, closing, report
-            )
+            proof = _of_region(what, over, goal, least, seconds, closing, report)
             subject = subject_of(what.task, what.potentials, what.coefficients, over)
             return proof.sealed(subject) if subject else proof
         return _of_cell(what, goal, least, seconds, report)
@@ -146,20 +152,37 @@ def _share(margin: float) -> float:
     return value
 
 
-def _asked_radius(closes: Any, ratio: float) -> tuple[float | None, float, bool]:
-    """Return the closing radius to prove, m, the radians per metre, and whether to prove one."""
+class _Closing(NamedTuple):
+    """Closing radius to prove.
+
+    Attributes
+    ----------
+    ratio : float
+        Radians per metre.
+    metres : float or None
+        The radius, m; None for the largest one.
+    path : ClosedPath or None
+        Closed path along which to prove it; None for the surroundings of the start.
+    """
+
+    ratio: float
+    metres: float | None = None
+    path: ClosedPath | None = None
+
+
+def _asked_closing(closes: Any, ratio: float) -> _Closing | None:
+    """Convert the arguments ``closes`` and ``ratio``; None if no closing radius is to be proved."""
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
+    if isinstance(closes, ClosedPath):
+        return _Closing(ratio, path=closes)
     if isinstance(closes, (bool, np.bool_)):
-        return None, ratio, bool(closes)
+        return _Closing(ratio) if closes else None
     if isinstance(closes, (tuple, list, np.ndarray)):
         metres, radians = vector(closes, 2, "closes, metres and radians,")
         metres = positive(metres, "the metres of closes", "m")
-        return (
-            metres,
-            positive(radians, "the radians of closes", zero=True) / metres,
-            True,
-        )
-    return positive(closes, "closes", "m"), ratio, True
+        radians = positive(radians, "the radians of closes", zero=True)
+        return _Closing(radians / metres, metres)
+    return _Closing(ratio, positive(closes, "closes", "m"))
 
 
 def _of_region(
@@ -168,10 +191,7 @@ def _of_region(
     goal: float | None,
     least: float | None,
     seconds: float,
-    path: ClosedPath | None,
-    ratio: float,
-    radius: float | None,
-    closing: bool,
+    closing: _Closing | None,
     report: reporting.Report,
 ) -> Proof:
     """Prove the margins and the closing radius of a design over a region of joint space."""
@@ -196,12 +216,13 @@ def _of_region(
             half=(high[nearest] - low[nearest]) / 2,
             reason=f"the limit margin there is {limit_bound:.4g}",
         )
+    if not closing:
+        return proof
+    ratio, radius, path = closing
     if isinstance(region, Tube) and path is None:
         if design.cycle is None:
             return proof
         path = design.cycle.path
-    if not closing:
-        return proof
     report("proving the closing radius", 0.0)
     closes = closing_radius(design, region, problem, path, ratio, radius, seconds)
     named = proof.reason.startswith("J_V is singular between")
@@ -222,9 +243,7 @@ def _named(
     if isinstance(region, WorkspaceBox):
         region = region.within
     try:
-        from .signs import opposite_signs
-
-        pair = opposite_signs(task, field, region, found.worst)
+        pair = _opposite_signs(task, field, region, found.worst)
     except SingularityError:  # an arm angle that is not defined somewhere
         return found
     if pair is None:
@@ -238,6 +257,50 @@ def _named(
         reason=reason
         + _without(design, region, float(region.ratio(pair[1][None])[0]), report),
     )
+
+
+def _opposite_signs(
+    task: Task, field: Potentials, region: Region, near: Array
+) -> tuple[Array, Array] | None:
+    """Find two configurations of Ω at which det J_V has opposite signs.
+
+    J_V is continuous, and Ω connected, so det J_V is 0 between them.
+    Samples of Ω and ``near`` (n,) are searched downhill. Returns the nearest pair found on the line
+    between two of them, or None.
+    """
+    rng, half = np.random.default_rng(0), region.bounds.half_width
+    Q = np.concatenate([region.center[None], near[None], region.random(_SAMPLES, 0)])
+    Q = Q[region.ratio(Q) <= 1]
+    values = _determinants(task, field, Q)
+    sign = np.sign(np.median(values))
+    for step in 0.5 ** np.arange(_STEPS):
+        least = int(np.argmin(sign * values))
+        if sign * values[least] < -_CERTAIN:
+            break
+        tries = Q[least] + step * half * rng.uniform(-1, 1, (_TRIES, task.n))
+        tries = region.clip(tries)
+        Q = np.concatenate([Q, tries])
+        values = np.concatenate([values, _determinants(task, field, tries)])
+    a, b = (Q[int(f(sign * values))] for f in (np.argmax, np.argmin))
+    if not sign * values.min() * sign * values.max() < 0:
+        return None
+    if np.abs(_determinants(task, field, np.array([a, b]))).min() < _CERTAIN:
+        return None
+    while (np.abs(a - b) / half).max() > _APART:  # as long as both signs are certain
+        middle = (a + b) / 2
+        value = float(sign * _determinants(task, field, middle[None])[0])
+        if abs(value) < 1e3 * _CERTAIN or region.ratio(middle[None])[0] > 1:
+            break
+        a, b = (middle, b) if value > 0 else (a, middle)
+    return a, b
+
+
+def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
+    """Evaluate det J_V at configurations (K, n), relative to the product of the rows' norms."""
+    V = np.swapaxes(field.gradients(Q), 1, 2)
+    J_V = np.concatenate([task.jacobians(Q), V], axis=1)
+    sizes = np.linalg.norm(J_V, axis=2).prod(axis=1)
+    return np.asarray(np.linalg.det(J_V) / np.where(sizes > 0, sizes, 1.0))
 
 
 def _without(
@@ -301,5 +364,4 @@ def _least_leaf_margin(design: CellDesign) -> float:
         return found
     chart = design.function.chart
     U = np.concatenate([chart.cell.sample(4096), chart.cell.corners()])
-    points = chart.solve(U, np.zeros((len(U), design.task.r)))
-    return float(leaf_margins(chart, points).min())
+    return float(leaf_margins(chart, chart.solve(U)).min())

@@ -12,15 +12,13 @@ from ...model.task import Task
 from ...motion import follow
 from ...paths.task_path import ClosedPath
 from ...regions import Box, Region, Tube, WorkspaceBox
+from .boxes import sections
 from .chain import frames_of
 from .leaf_margin_bounds import LeafMarginProblem
 from .lifts import Places, Reach, bound_reach
 
 _CYCLE_STEPS = 100
 """Number of configurations along a path, between which straight lines are taken."""
-
-_SECTION = 0.25
-"""Motion of a joint within one place of a path, relative to its clearance."""
 
 _MOST = {"start": 250_000, "path": 20_000}
 """Number of boxes after which the largest radius found so far is taken."""
@@ -66,7 +64,7 @@ def closing_radius(
     radius, boxes, complete = 0.0, 0, True
     if not why:
         clearance = _clearance(region, Q)
-        places = _sections(Q, clearance)
+        places = _places(Q, clearance)
         if not (places.clearance > 0).all():
             why = f"the {around} is not inside Ω"
         else:
@@ -161,21 +159,11 @@ def _clearance(region: Region, Q: Array) -> Array:
     return np.asarray(clearance, float)
 
 
-def _sections(Q: Array, clearance: Array) -> Places:
+def _places(Q: Array, clearance: Array) -> Places:
     """Divide a path through Q (K, n) into places; neighbours share a configuration."""
-    first, ends = 0, []
-    for i in range(1, len(Q)):
-        moved = np.ptp(Q[first : i + 1], axis=0)
-        if (
-            i > first + 1
-            and (moved > _SECTION * clearance[first : i + 1].min(axis=0)).any()
-        ):
-            ends.append((first, i))
-            first = i - 1
-    parts = [slice(a, b) for a, b in [*ends, (first, len(Q))]]
-    low, high = (
-        np.array([f(Q[part], axis=0) for part in parts]) for f in (np.min, np.max)
-    )
+    parts = sections(Q, clearance)
+    low = np.array([Q[part].min(axis=0) for part in parts])
+    high = np.array([Q[part].max(axis=0) for part in parts])
     bent = _bent(Q)
     bends = np.array([bent[part].max(axis=0) for part in parts])
     return Places(

@@ -25,6 +25,7 @@ from ...arguments import Array, read_only
 from ...errors import SingularityError
 from ...model.task import Task
 from ...potentials.basis import Potentials
+from .boxes import halved
 from .chain import frames_of
 from .leaf_margin_bounds import LeafMarginProblem
 
@@ -215,22 +216,10 @@ class _Search:
     def _halved(
         self, take: NDArray[np.intp]
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Return the halves of boxes, with their places and sets.
-
-        Boxes that were not evaluated yet are returned whole.
-        """
-        low, high, split = self.low[take], self.high[take], self.split[take]
-        whole, rows = split < 0, np.flatnonzero(split >= 0)
-        at = np.arange(len(rows)), split[rows]
-        first, second = high[rows].copy(), low[rows].copy()
-        first[at] = second[at] = (low[rows][at] + high[rows][at]) / 2
-        order = np.concatenate([take[whole], take[rows], take[rows]])
-        return (
-            np.concatenate([low[whole], low[rows], second]),
-            np.concatenate([high[whole], first, high[rows]]),
-            self.place[order],
-            self.within[order],
-        )
+        """Return the halves of boxes, with their places and sets; see :func:`halved`."""
+        low, high, parents = halved(self.low[take], self.high[take], self.split[take])
+        order = take[parents]
+        return low, high, self.place[order], self.within[order]
 
     def _raise(
         self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array

@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ...potentials.fourier import FourierMap
     from .arm_angle import ArmAngleChain
 
-CONSTANT, PRODUCT, SINE, COSINE = range(4)
+_CONSTANT, _PRODUCT, _SINE, _COSINE = range(4)
 U = 2.0**-53
 """Unit roundoff of double precision."""
 
@@ -96,21 +96,33 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
     return made.features()
 
 
+class _Argument(NamedTuple):
+    """A linear argument ``z = row · q − z0``, and bounds of its absolute value and its rounding."""
+
+    row: Array
+    z0: float
+    most: float
+    error: float
+
+
+class _Feature(NamedTuple):
+    """A feature, and bounds of its absolute value and its rounding; see :class:`Features`."""
+
+    kind: int
+    parent: int
+    variable: int
+    bound: float
+    error: float
+
+
 class _Builder:
     """Collects the features of potentials, and their coefficients and bounds."""
 
     def __init__(self, n: int, box: Box) -> None:
         self.n, self.box = n, box
         self.most = np.abs(box.center) + box.half_width
-        self.rows: list[Array] = []
-        self.z0: list[float] = []
-        self.low: list[float] = []
-        self.high: list[float] = []
-        self.kind: list[int] = []
-        self.parent: list[int] = []
-        self.variable: list[int] = []
-        self.bound: list[float] = []
-        self.error: list[float] = []
+        self.arguments: list[_Argument] = []
+        self.found: list[_Feature] = []
         self.G: list[tuple[int, int, Array]] = []
         self.C: list[tuple[int, int, int, Array]] = []
         self.T: Array | None = None
@@ -149,34 +161,15 @@ class _Builder:
     # ---- arguments and features ---------------------------------------------------------------
 
     def _argument(self, row: Array, z0: float) -> int:
-        self.rows.append(row)
-        self.z0.append(z0)
         middle, reach = row @ self.box.center - z0, np.abs(row) @ self.box.half_width
-        z = len(self.rows) - 1
-        away = self._argument_error(z)
-        self.low.append(float(middle - reach - away))
-        self.high.append(float(middle + reach + away))
-        return z
+        error = (self.n + 6) * U * (np.abs(row) @ self.most + abs(z0))
+        most = abs(middle) + reach + error
+        self.arguments.append(_Argument(row, z0, float(most), float(error)))
+        return len(self.arguments) - 1
 
-    def _argument_error(self, z: int) -> float:
-        """Bound the rounding error of argument number z."""
-        return float(
-            (self.n + 6) * U * (np.abs(self.rows[z]) @ self.most + abs(self.z0[z]))
-        )
-
-    def _most(self, z: int) -> float:
-        """Bound the absolute value of argument number z in the box."""
-        return max(abs(self.low[z]), abs(self.high[z]))
-
-    def _feature(
-        self, kind: int, parent: int, variable: int, bound: float, error: float
-    ) -> int:
-        self.kind.append(kind)
-        self.parent.append(parent)
-        self.variable.append(variable)
-        self.bound.append(bound)
-        self.error.append(error)
-        return len(self.kind) - 1
+    def _feature(self, feature: _Feature) -> int:
+        self.found.append(feature)
+        return len(self.found) - 1
 
     def _room(self, r: int) -> Array:
         if self.T is None:
@@ -194,7 +187,7 @@ class _Builder:
             self._argument(row, c / s)
             for row, c, s in zip(rows, field.center, scale, strict=True)
         ]
-        most = [self._most(v) for v in z]
+        most = [self.arguments[v].most for v in z]
         known: dict[_Exponents, int] = {}
 
         def monomial(beta: _Exponents) -> int:
@@ -251,27 +244,29 @@ class _Builder:
                     by_m * size / scale[m]
                 )
 
-    def _monomial(self, beta: _Exponents, z: list[int], monomial: object) -> int:
+    def _monomial(
+        self, beta: _Exponents, z: list[int], monomial: Callable[[_Exponents], int]
+    ) -> int:
         used = [i for i, power in enumerate(beta) if power]
         if not used:
-            return self._feature(CONSTANT, 0, 0, 1.0, 0.0)
+            return self._feature(_Feature(_CONSTANT, 0, 0, 1.0, 0.0))
         i = used[-1]
-        parent = monomial((*beta[:i], beta[i] - 1, *beta[i + 1 :]))  # type: ignore[operator]
-        most = self._most(z[i])
-        bound = self.bound[parent] * most
-        error = self.error[parent] * most + (
-            self.bound[parent] + self.error[parent]
-        ) * self._argument_error(z[i])
-        return self._feature(PRODUCT, parent, z[i], bound, error + U * bound)
+        parent = monomial((*beta[:i], beta[i] - 1, *beta[i + 1 :]))
+        before, argument = self.found[parent], self.arguments[z[i]]
+        bound = before.bound * argument.most
+        error = before.error * argument.most
+        error += (before.bound + before.error) * argument.error + U * bound
+        return self._feature(_Feature(_PRODUCT, parent, z[i], bound, error))
 
     def _fourier(self, field: FourierMap) -> None:
         """Add the terms of ``h = Σ a sin(w · q) + b cos(w · q)``."""
         T = self._room(field.sines.shape[1])
         for row, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
             z = self._argument(row, 0.0)
-            error = self._argument_error(z) + 8 * U
+            error = self.arguments[z].error + 8 * U
             sine, cosine = (
-                self._feature(kind, 0, z, 1.0, error) for kind in (SINE, COSINE)
+                self._feature(_Feature(kind, 0, z, 1.0, error))
+                for kind in (_SINE, _COSINE)
             )
             (used,) = np.nonzero(row)
             for i in used:
@@ -289,7 +284,7 @@ class _Builder:
     def features(self) -> Features:
         """Create the features, with bounds of the rounding in their sums."""
         assert self.T is not None, "a field has at least one term"
-        r, n, F = len(self.T), self.n, len(self.kind)
+        r, n, F = len(self.T), self.n, len(self.found)
         G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))
         for i, f, c in self.G:
             G[:, i, f] += c
@@ -297,17 +292,16 @@ class _Builder:
             C[:, i, j, f] += c
             if i != j:
                 C[:, j, i, f] += c
-        bound, error = np.array(self.bound), np.array(self.error)
+        kinds = np.array([one[:3] for one in self.found], np.int32).reshape(-1, 3)
+        bounds = np.array([one[3:] for one in self.found]).reshape(-1, 2)
+        kind, parent, variable = kinds.T
+        bound, error = bounds.T
         wrong = (
             error + (F + 16) * U * bound
         )  # of a term: its own rounding, its coefficient's, and the sum's
         half = self.box.half_width
         V, slopes = np.abs(G) @ bound, (np.abs(C) @ bound) @ half
         E = np.abs(G) @ wrong + (np.abs(C) @ wrong) @ half
-        kind, parent, variable = (
-            np.array(values, np.int32)
-            for values in (self.kind, self.parent, self.variable)
-        )
         size = (V + slopes).max(axis=1)
         T = np.asarray(self.T * (1 + 1e-12), float)
         third = np.array(
@@ -327,8 +321,8 @@ class _Builder:
                 T4[:, i, j, l, m] = bound4 * (1 + 1e-12)
         E += 0.5 * ((np.abs(C3) @ wrong[third]) @ half) @ half
         return Features(
-            np.array(self.rows).reshape(-1, n),
-            np.array(self.z0),
+            np.array([one.row for one in self.arguments]).reshape(-1, n),
+            np.array([one.z0 for one in self.arguments]),
             kind,
             parent,
             variable,

@@ -9,17 +9,17 @@ from ...design import Design
 from ...errors import InputError
 from ...native import library
 from ...regions import Tube
+from .boxes import cover, enclosing
 from .certify import prove
 from .potentials import features_of
-from .regions import cover, enclosing
 
-PROVED = 0.9
+_PROVED = 0.9
 """Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
 
-PROVING, LEAST_PROVING = 0.05, 0.3
+_PROVING, _LEAST_PROVING = 0.05, 0.3
 """Processor time for that proof: as a fraction of the time spent so far, and its minimum, s."""
 
-CLOSING = 5.0
+_CLOSING = 5.0
 """Minimum processor time for the closing radius along the path, s."""
 
 
@@ -34,12 +34,12 @@ def with_certificate(
     time.
     """
     say("proving its leaf margin and closing radius")
-    seconds = max(LEAST_PROVING, PROVING * spent)
-    margin = PROVED * design.leaf_margin
+    seconds = max(_LEAST_PROVING, _PROVING * spent)
+    margin = _PROVED * design.leaf_margin
     try:
         proof = prove(design, margin=margin, closes=False, seconds=seconds)
         if proof and isinstance(design.region, Tube):
-            proof = prove(design, margin=margin, seconds=max(CLOSING, seconds))
+            proof = prove(design, margin=margin, seconds=max(_CLOSING, seconds))
     except (
         InputError
     ):  # bounds of these potentials, or the region's shape, are not known

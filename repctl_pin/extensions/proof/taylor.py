@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...native import SPACE, filled_struct
@@ -14,8 +13,8 @@ ORDER = 3
 """Degree of the models."""
 
 
-def space_of(k: int) -> tuple[Any, list[NDArray[np.generic]]]:
-    """Create the struct SPACE of models in k variables, and the arrays that it points to.
+def space_of(k: int) -> Any:
+    """Create the struct SPACE of models in k variables; copies of it hold none of its arrays.
 
     It has a row per product of two monomials up to degree 3: the indices of both factors, sorted
     by the monomial that they make; and where the rows of each monomial, and each degree, begin.
@@ -33,7 +32,7 @@ def space_of(k: int) -> tuple[Any, list[NDArray[np.generic]]]:
     made, left, right = np.array(sorted(rows)).T
     first = np.searchsorted(made, np.arange(monomials.size + 1))
     ints = {"left": left, "right": right, "first": first, "starts": monomials.starts}
-    return filled_struct(SPACE, ints, {}, {"k": k, "M": monomials.size})
+    return filled_struct(SPACE, ints, {}, {"k": k, "M": monomials.size})[0]
 
 
 def basis(axis: Array) -> Array:

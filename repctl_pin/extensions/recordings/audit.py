@@ -21,7 +21,7 @@ from ...model.task import Task
 from ...motion.displacement import LinkPoints
 from ...motion.motion import CLOSED
 from ...studies.task_choice import choose_task
-from .joint_log import JointLog, in_seconds, joint_log, read_joint_log
+from .joint_log import JointLog, joint_log, read_joint_log
 from .verdict import CREEPS, LATER, NO_RETURN, REPEATS, Trend, Verdict, trend, verdict
 from .visits import Visits, find_visits
 
@@ -299,16 +299,12 @@ def audit(
     if tolerance is not None:
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
-    if isinstance(log, tuple) and len(log) == 2:
-        given = joint_log(*log, task.n)
-    else:
-        given = read_joint_log(log, task.robot_joints)
     units = np.where(task.revolute & degrees, _DEGREE, 1.0)
-    given = replace(given, q=units * given.q)
-    notes = []
-    if given.clock:
-        given = in_seconds(given, task.joint_limits[2])
-        notes.append(given.read)
+    if isinstance(log, tuple) and len(log) == 2:
+        given = joint_log(*log, units)
+    else:
+        given = read_joint_log(log, task, units)
+    notes = [given.read] if given.read else []
     notes += _units(task, given)
     if given.dropped:
         notes.append(f"{given.dropped} rows without new numbers were left out")
@@ -350,7 +346,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
     violations of joint limits, and speeds far beyond the limits, are noted.
     """
     (lower, upper, _), q = task.joint_limits, log.q
-    beyond = _beyond(q, lower, upper)
+    beyond = _beyond(task, q)
     if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
         return []
     worst = int(np.argmax(beyond))
@@ -362,7 +358,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
     if beyond[worst] <= _SLIGHT:
         found = f"{log.name}: the joints are far faster than their speed limits"
     turned = q * np.where(task.revolute, _DEGREE, 1.0)
-    within = (_beyond(turned, lower, upper) <= _SOME).all()
+    within = (_beyond(task, turned) <= _SOME).all()
     if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
         raise InputError(
             f"{found}: the values look like degrees", remedy="pass degrees=True"
@@ -376,7 +372,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
         "alphabetical": np.argsort(np.argsort(task.robot_joints)),  # as ROS sorts them
     }
     for name, order in orders.items():
-        if not log.by_name and (_beyond(q[:, order], lower, upper) <= _SOME).all():
+        if not log.by_name and (_beyond(task, q[:, order]) <= _SOME).all():
             raise InputError(
                 f"{found}: the joints seem to be in {name} order",
                 remedy="name the columns by the joints",
@@ -393,9 +389,9 @@ def _speed_ratio(task: Task, t: Array, q: Array) -> float:
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
 
 
-def _beyond(q: Array, lower: Array, upper: Array) -> Array:
+def _beyond(task: Task, q: Array) -> Array:
     """Compute how far each joint exceeds its limits at most (n,), rad or m; 0 within them."""
-    return np.maximum(np.max(lower - q, axis=0), np.max(q - upper, axis=0)).clip(0.0)
+    return np.maximum(-task.limit_margin(q).min(axis=0), 0.0)
 
 
 def _measured(

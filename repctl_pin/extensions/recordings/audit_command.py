@@ -60,8 +60,7 @@ def run(options: Options) -> int:
     """Audit the log, print the answer and write the page and the figure."""
     folder = options.output_folder(Path(options.log).stem)
     say = progress(options.json)
-    from .audit_answer import audit_answer
-    from .audit_files import write_audit
+    from .audit_report import audit_answer, write_audit
 
     say("loading the robot")
     robot = options.load_robot()

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from ...arguments import Array, percentage, row
 from ...errors import InputError
+from ...model.chain_formulas import rotation_vectors
 from ...model.length import arm_reach
 from ...model.task import Task
 from ..cells.kinematics import placed
-from ..cells.rotations import log3
 
 _SOME = 256
 """Maximum number of frames at which recorded joints and poses are compared."""
@@ -189,7 +189,7 @@ def _size(miss: tuple[float, float]) -> float:
 
 
 def _turned(R: Array) -> str:
-    angle = float(np.linalg.norm(log3(R[None])))
+    angle = float(np.linalg.norm(rotation_vectors(R[None])))
     return f", turned by {angle:.2g} rad" if angle > _CALIBRATED_RAD else ""
 
 
@@ -248,7 +248,7 @@ def _miss(
     if task.kind.tool_axes:
         cosine = np.einsum("Ka,Ka->K", R_own[:, :, 2], R[:, :, 2]).clip(-1, 1)
         return distance, float(np.median(np.arccos(cosine)))
-    turn = log3(R @ np.swapaxes(R_own, 1, 2))
+    turn = rotation_vectors(R @ np.swapaxes(R_own, 1, 2))
     return distance, float(np.median(np.linalg.norm(turn, axis=1)))
 
 

@@ -15,8 +15,8 @@ from ...strategies import Pseudoinverse
 from ..cells.cell import Cell
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
+from ..cells.kinematics import exp3
 from ..cells.nearest_function import nearest_inverse_function
-from ..cells.rotations import exp3
 from ..cells.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from .checks import mean_rotation
 from .recording import Recording, thinned

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...arguments import Array, as_numbers, file_name, read_only
 from ...errors import InputError
+from ...model.task import Task
 from ...tables import Column, Table, read_table
 
 _CLOCKS = (
@@ -91,10 +92,8 @@ class JointLog:
     dropped : int
         Number of rows left out, because a number is missing or the time equals that of the previous
         row.
-    clock : str
-        Name of the column of times; empty for arrays.
     read : str
-        Description of the columns that were read.
+        Description of the columns that were read; empty for arrays.
     """
 
     name: str
@@ -102,11 +101,10 @@ class JointLog:
     q: Array
     by_name: bool = True
     dropped: int = 0
-    clock: str = ""
     read: str = ""
 
 
-def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
+def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
     """Read a log of joint positions from a ``.csv``, ``.npz`` or ``.parquet`` file.
 
     The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
@@ -115,19 +113,26 @@ def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
     numbers, and an array ``q`` in that of its columns. Measured positions (actual, position,
     measured) come before desired ones. Velocities, efforts and errors are not taken.
 
+    The unit of time is that in the name of the column; or that in which the times are of the years
+    1990 to 2100; or the only one in which the time steps and the joint speeds are those of a robot.
+
     Parameters
     ----------
     file
         The file.
-    joints
-        Names of the joints, in the order of the result.
+    task
+        Task, whose robot's joints are read.
+    units : (n,) array
+        Units of the positions in the file, rad or m.
 
     Raises
     ------
     InputError
         If the file cannot be read, a joint or the times are missing, several columns may be the
-        joints, or time runs backwards; the message names the line.
+        joints, several units of time are possible, or time runs backwards; the message names the
+        line.
     """
+    joints = task.robot_joints
     table = read_table(file_name(file, "log"))
     columns, where = table.columns, str(table.file)
     clock = _clock(list(columns))
@@ -160,36 +165,18 @@ def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
     else:
         raise _no_joints(where, header, joints)
     t = single[clock].astype(float)
-    log = _checked(where, t, q.astype(float), by_name, table)
-    return replace(log, clock=clock, read=taken)
-
-
-def in_seconds(log: JointLog, fastest: Array) -> JointLog:
-    """Convert the times of a log that was read from a file to s, and say in ``read`` what was read.
-
-    The unit is that in the name of the column; or that in which the times are of the years 1990 to
-    2100; or the only one in which the time steps and the joint speeds are those of a robot.
-
-    Parameters
-    ----------
-    log
-        The log, with positions in rad or m.
-    fastest : (n,) array
-        Speed limits of the joints, rad/s or m/s.
-
-    Raises
-    ------
-    InputError
-        If several units are possible.
-    """
-    unit, epoch = _unit(log, fastest)
+    log = _checked(where, t, units * q.astype(float), by_name, table)
+    unit, epoch = _unit(log, clock, task.joint_limits[2])
     said = f"{unit} since 1970" if epoch else unit
-    read = f"read {log.clock} in {said}, and joints from {log.read}"
+    read = f"read {clock} in {said}, and joints from {taken}"
     return replace(log, t=log.t * _UNITS[unit], read=read)
 
 
-def _unit(log: JointLog, fastest: Array) -> tuple[str, bool]:
-    """Find the unit of the times of a log, and whether they count from 1970."""
+def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
+    """Find the unit of the times in the column ``clock``, and whether they count from 1970.
+
+    ``fastest`` are the speed limits of the joints, rad/s or m/s.
+    """
     steps = np.diff(log.t)
     step = float(np.median(steps))
     speeds = np.abs(np.diff(log.q, axis=0)) / steps[:, None]
@@ -201,7 +188,7 @@ def _unit(log: JointLog, fastest: Array) -> tuple[str, bool]:
         for unit, s in _UNITS.items()
         if _EPOCH[0] < log.t[0] * s < _EPOCH[1] and _STEPS[0] <= step * s <= _STEPS[1]
     }
-    named = _unit_of(log.clock)
+    named = _unit_of(clock)
     if named:
         return named, named in since
     if len(since) == 1:
@@ -214,19 +201,16 @@ def _unit(log: JointLog, fastest: Array) -> tuple[str, bool]:
     usual = [
         u for u in possible if _USUAL_STEPS[0] <= step * _UNITS[u] <= _USUAL_STEPS[1]
     ]
-    for units in (usual, possible):
-        if len(units) == 1:
-            return units[0], False
-        if len(units) > 1:
-            moving = [unit for unit in units if ratio / _UNITS[unit] >= _TOO_SLOW]
-            if moving == units[:1]:
-                return units[0], False
-            each = " or ".join(units)
-            raise InputError(
-                f"{log.name}: the times in {log.clock!r} may be in {each}",
-                remedy="name the column " + " or ".join(f"time_{u}" for u in units),
-            )
-    return "s", False  # no unit fits; the speeds are noted
+    units = usual or possible
+    if not units:
+        return "s", False  # the speeds are noted
+    moving = [unit for unit in units if ratio / _UNITS[unit] >= _TOO_SLOW]
+    if len(units) == 1 or moving == units[:1]:
+        return units[0], False
+    raise InputError(
+        f"{log.name}: the times in {clock!r} may be in {' or '.join(units)}",
+        remedy=f"name the column {' or '.join(f'time_{unit}' for unit in units)}",
+    )
 
 
 def _unit_of(clock: str) -> str:
@@ -267,9 +251,9 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
     )
 
 
-def joint_log(t: Any, q: Any, n: int) -> JointLog:
-    """Check times t (T,), s, and joint positions q (T, n), and make a log of them."""
-    times, values = as_numbers(t), as_numbers(q)
+def joint_log(t: Any, q: Any, units: Array) -> JointLog:
+    """Check times t (T,), s, and joint positions q (T, n) in ``units`` (n,), and make a log."""
+    times, values, n = as_numbers(t), as_numbers(q), len(units)
     sizes = None if values is None or times is None else (times.shape, values.shape)
     if sizes is None or sizes[1] != (*sizes[0], n):
         got = "others" if sizes is None else f"shapes {sizes[0]} and {sizes[1]}"
@@ -278,7 +262,7 @@ def joint_log(t: Any, q: Any, n: int) -> JointLog:
             argument="log",
         )
     assert times is not None and values is not None
-    return _checked("log", times, values, True, None)
+    return _checked("log", times, units * values, True, None)
 
 
 def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], bool]:

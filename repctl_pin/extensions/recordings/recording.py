@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,8 @@ from .checks import (
 )
 
 _CHUNK = 2**14
+"""Number of rows of a block."""
+
 _LENGTH, _ROTATION = 1e-2, 1e-2
 """Tolerances for the length of a quaternion, and for the singular values of a rotation matrix.
 
@@ -226,10 +228,21 @@ def thinned(recording: Recording, most: int) -> Recording:
 
 def forward(task: Task, Q: Array) -> tuple[Array, Array]:
     """Compute positions (K, 3) and rotations (K, 3, 3) of configurations Q (K, n), in blocks."""
-    p, R = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3))
-    for at in blocks(len(Q)):
-        p[at], R[at], _ = placed(task, Q[at])
+    p, R = in_blocks(lambda part: placed(task, part)[:2], Q)
     return p, R
+
+
+def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
+    """Evaluate a function of the rows of arrays, which returns an array or several, block by block.
+
+    The results are those for all rows; what the function needs in between fits into memory.
+    """
+    parts = [
+        function(*(values[at] for values in arrays)) for at in blocks(len(arrays[0]))
+    ]
+    if isinstance(parts[0], tuple):
+        return tuple(map(np.concatenate, zip(*parts, strict=True)))
+    return np.concatenate(parts)
 
 
 def blocks(count: int) -> list[slice]:
@@ -239,14 +252,11 @@ def blocks(count: int) -> list[slice]:
 
 def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
     X = as_numbers(poses)
-    free = not task.kind.turns
-    shapes = "(K, 4, 4) or (K, 7)" + (" or (K, 3)" if free else "")
-    fits = X is not None and (
-        X.shape[1:] in ((4, 4), (7,)) or (free and X.shape[1:] == (3,))
-    )
-    if X is None or not fits:
-        what = shown(poses) if X is None else f"shape {X.shape}"
-        raise InputError(f"must be numbers {shapes}; got {what}", argument="poses")
+    shapes = [(4, 4), (7,)] if task.kind.turns else [(4, 4), (7,), (3,)]
+    if X is None or X.shape[1:] not in shapes:
+        forms = " or ".join(f"(K, {', '.join(map(str, shape))})" for shape in shapes)
+        got = shown(poses) if X is None else f"shape {X.shape}"
+        raise InputError(f"must be numbers {forms}; got {got}", argument="poses")
     wrong = ~np.isfinite(X.reshape(len(X), -1)).all(axis=1)
     if wrong.any():
         raise InputError("a pose is not finite", at=int(np.argmax(wrong)))
@@ -264,29 +274,22 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
             remedy="give x, y, z in m, then qx, qy, qz, qw, of length 1",
             at=at,
         )
-    R = np.empty((len(X), 3, 3))
-    for part in blocks(len(X)):
-        R[part] = Rotation.from_quat(X[part, 3:]).as_matrix()
-    return X[:, :3].copy(), R
+    return X[:, :3].copy(), Rotation.from_quat(X[:, 3:]).as_matrix()
 
 
 def _rotations(R: Array) -> Array:
     """Project matrices (K, 3, 3) onto the nearest rotations; raise an error if one is far away."""
-    made = np.empty_like(R)
-    for part in blocks(len(R)):
-        U, s, Vt = np.linalg.svd(R[part])
-        made[part] = U @ Vt
-        wrong = (np.abs(s - 1).max(axis=1) > _ROTATION) | (
-            np.linalg.det(made[part]) < 0
+    U, s, Vt = np.linalg.svd(R)
+    made = U @ Vt
+    wrong = (np.abs(s - 1).max(axis=1) > _ROTATION) | (np.linalg.det(made) < 0)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise InputError(
+            f"a rotation is none: R Rᵀ differs from I, or det R = {np.linalg.det(R[at]):.2g}",
+            remedy="give homogeneous matrices",
+            at=at,
         )
-        if wrong.any():
-            at = part.start + int(np.argmax(wrong))
-            raise InputError(
-                f"a rotation is none: R Rᵀ differs from I, or det R = {np.linalg.det(R[at]):.2g}",
-                remedy="give homogeneous matrices",
-                at=at,
-            )
-    return made
+    return np.asarray(made, float)
 
 
 def _sessions(given: Any, size: int) -> tuple[tuple[str, ...], Column]:
@@ -303,13 +306,8 @@ def _sessions(given: Any, size: int) -> tuple[tuple[str, ...], Column]:
             argument="sessions",
         )
     values, inverse = np.unique(labels, return_inverse=True)
-    whole = labels.dtype.kind == "f" and bool(
-        np.all(np.abs(values) < 1e15) and np.all(values == np.round(values))
-    )
-    names = (
-        values.astype(np.int64) if whole else values
-    )  # session 0 of a CSV file, not 0.0
-    return tuple(str(name) for name in names.tolist()), inverse.astype(np.int64)
+    number = "{:.15g}" if labels.dtype.kind == "f" else "{}"  # 0 of a CSV file, not 0.0
+    return tuple(map(number.format, values.tolist())), inverse.astype(np.int64)
 
 
 def _times(given: ArrayLike, size: int) -> Array:
@@ -326,36 +324,35 @@ def _times(given: ArrayLike, size: int) -> Array:
 
 def _arguments(table: Table, task: Task) -> dict[str, Any]:
     """Find the arguments of :class:`Recording` among the columns of a table."""
-    columns, found = table.columns, {}
-    for argument, names in _NAMES.items():
-        name = next((name for name in names if name in columns), None)
-        found[argument] = None if name is None else columns[name]
+    columns = table.columns
+    found: dict[str, Any] = {
+        argument: next((columns[name] for name in names if name in columns), None)
+        for argument, names in _NAMES.items()
+    }
+    joints, poses = found["joints"], found["poses"]
     missing = [name for name in task.joint_names if name not in columns]
     if not missing:
         found["joints"] = _stacked(columns, task.joint_names)
     elif len(missing) < task.n:
         raise InputError(f"there is no column {missing[0]!r}", remedy="add it")
-    elif found["joints"] is not None:
-        found["joints"] = _first(found["joints"], task)
-    if set(POSITION + QUATERNION) <= set(columns):
-        found["poses"] = _stacked(columns, POSITION + QUATERNION)
-    elif set(POSITION) <= set(columns) and not task.kind.turns:
-        found["poses"] = _stacked(columns, POSITION)
-    elif found["poses"] is not None and found["poses"].shape[1:] == (16,):
-        found["poses"] = found["poses"].reshape(-1, 4, 4)
+    elif joints is not None:  # further columns may be those of a gripper
+        if joints.ndim != 2 or joints.shape[1] < task.n:
+            what = f"must be rows of {task.n} joints or more"
+            raise InputError(what, argument="joints")
+        found["joints"] = joints[:, : task.n]
+    pose: tuple[str, ...] = POSITION + QUATERNION
+    if not task.kind.turns and not set(QUATERNION) <= set(columns):
+        pose = POSITION
+    if set(pose) <= set(columns):
+        found["poses"] = _stacked(columns, pose)
+    elif poses is not None and poses.shape[1:] == (16,):
+        found["poses"] = poses.reshape(-1, 4, 4)
     if found["joints"] is None and found["poses"] is None:
         raise InputError(
             f"there are columns {', '.join(columns)}",
             remedy=f"name joints {', '.join(task.joint_names)}, or poses x, y, z, qx, qy, qz, qw",
         )
     return found
-
-
-def _first(values: Column, task: Task) -> Column:
-    """Take the first n columns of an array of joints; the others may be those of a gripper."""
-    if values.ndim != 2 or values.shape[1] < task.n:
-        raise InputError(f"must be rows of {task.n} joints or more", argument="joints")
-    return values[:, : task.n]
 
 
 def _stacked(columns: Any, names: Sequence[str]) -> Array:

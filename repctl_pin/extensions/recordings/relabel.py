@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,23 +21,14 @@ from ...arguments import (
 )
 from ...errors import InputError
 from ...fit_options import FitOptions, fit_options
-from ...tables import Column, write_table
+from ...tables import write_table
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
 from ..cells.targets import homogeneous
 from .ambiguity import Ambiguity, ambiguity
 from .choose_cell import design_for
-from .joint_log import words_of
-from .recording import (
-    JOINTS,
-    POSES,
-    POSITION,
-    QUATERNION,
-    Recording,
-    blocks,
-    forward,
-    thinned,
-)
+from .recording import Recording, in_blocks, thinned
+from .relabeled_columns import Columns, relabeled_columns
 
 _HELD_OUT = 1024
 _FRAMES = 2**13
@@ -48,29 +39,6 @@ _MARGIN = 0.05
 
 _LISTED = 3
 """Maximum number of time ranges that a summary lists."""
-
-
-_OF_JOINTS = frozenset(
-    """
-    joint joints qpos qvel qacc q dq ddq qd qdd qdot vel velocity velocities acc acceleration
-    accelerations effort efforts torque torques tau action actions command commands cmd state
-    """.split()  # noqa: SIM905
-)
-"""Words in the name of a column that depends on the joints."""
-
-_OF_HAND = frozenset(
-    """
-    gripper finger fingers hand ee eef tcp tool cartesian twist image
-    """.split()  # noqa: SIM905
-)
-"""Words in the name of a column that does not depend on the joints of the arm."""
-
-
-class _Changes(NamedTuple):
-    """Names of columns that were removed, and of columns computed from the new joints."""
-
-    removed: tuple[str, ...] = ()
-    recomputed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,15 +81,11 @@ class Relabeled:
         Level c of every recorded configuration, rad or m; NaN outside the cell.
     joints : (K, n) array
         New configurations, rad or m; NaN for frames that could not be relabelled.
-    found : (K,) array of bool
-        True for frames that were relabelled.
     gaps : tuple of Gap
         Time ranges of the frames that could not be relabelled.
     ambiguity : Ambiguity
         Misfit of a smooth fit of configurations over poses, at the relabelled frames: of the
         recorded configurations, if there are any, and of the new ones.
-    margins_before, margins_after : (K,) array or None
-        Joint-limit margin of the recorded and of the new configurations, rad or m.
 
     Examples
     --------
@@ -136,11 +100,27 @@ class Relabeled:
     leaf: Array
     recorded_leaves: Array | None
     joints: Array
-    found: NDArray[np.bool_]
     gaps: tuple[_Gap, ...]
     ambiguity: Ambiguity
-    margins_before: Array | None
-    margins_after: Array
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """True for frames that were relabelled: (K,)."""
+        return np.isfinite(self.joints[:, 0])
+
+    @property
+    def margins_before(self) -> Array | None:
+        """Joint-limit margin of the recorded configurations: (K,), rad or m."""
+        before = self.recording.joints
+        return None if before is None else self._margins(before)
+
+    @property
+    def margins_after(self) -> Array:
+        """Joint-limit margin of the new configurations: (K,), rad or m; NaN where there is none."""
+        return self._margins(self.joints)
+
+    def _margins(self, Q: Array) -> Array:
+        return np.asarray(self.recording.task.limit_margin(Q).min(axis=1), float)
 
     @property
     def residual_before(self) -> float:
@@ -208,17 +188,21 @@ class Relabeled:
         InputError
             If the file has another suffix, or cannot be written.
         """
-        return write_table(file_name(file), _columns(self)[0])
+        return write_table(file_name(file), self._columns.made)
 
     @property
     def removed(self) -> tuple[str, ...]:
         """Names of the columns that are not written, because they belong to the old joints."""
-        return _columns(self)[1].removed
+        return self._columns.removed
 
     @property
     def recomputed(self) -> tuple[str, ...]:
         """Names of the columns of the pose that are computed from the new joints."""
-        return _columns(self)[1].recomputed
+        return self._columns.recomputed
+
+    @property
+    def _columns(self) -> Columns:
+        return relabeled_columns(self.recording, self.joints)
 
     def _moved(self) -> str:
         task = self.recording.task
@@ -333,29 +317,21 @@ def relabel(
         "a function of what is being done and the share that is done",
         2,
     )
-    given = (
-        None
-        if leaf is None
-        else vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
-    )
+    if leaf is not None:
+        leaf = vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
     with reporting.reporter(progress) as report:
         if design is None:
-            options = FitOptions(
-                samples=options.samples,
-                held_out=options.held_out or _HELD_OUT,
-                seed=options.seed,
-            )
+            options = replace(options, held_out=options.held_out or _HELD_OUT)
             design = design_for(recording, options, report)
         else:
             _require_same_task(recording, design)
         report("the leaf", 0.7)
         F = InverseFunction(design.function.chart)
         recorded = _leaves(F, recording)
-        c = _nearest_leaf(F, recording, recorded) if given is None else given
+        c = _nearest_leaf(F, recording, recorded) if leaf is None else leaf
         report("the frames", 0.8)
         Q = _labels(F, recording, c)
-        found = np.isfinite(Q[:, 0])
-        if not found.any():
+        if np.isnan(Q[:, 0]).all():
             raise InputError(
                 f"no frame has a configuration in the cell, {design.cell.size()} around "
                 f"{design.cell.where(np.zeros(design.cell.k))}",
@@ -383,18 +359,16 @@ def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
     """Compute the level c (K, r) of each recorded configuration; None if none were recorded."""
     if recording.joints is None:
         return None
-    Q = recording.joints
-    return np.concatenate([F.pose_and_leaf(Q[part])[1] for part in blocks(len(Q))])
+    return in_blocks(lambda Q: F.pose_and_leaf(Q)[1], recording.joints)
 
 
 def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
     """Evaluate F on the leaf c at the poses of all frames: (K, n), NaN where F has no value."""
-    p, R = recording.positions, recording.rotations
-    parts = [
-        F.batch(homogeneous(p[part], R[part]), leaf=c, missing="nan")
-        for part in blocks(len(p))
-    ]
-    return np.concatenate(parts)
+
+    def label(p: Array, R: Array) -> Array:
+        return F.batch(homogeneous(p, R), leaf=c, missing="nan")
+
+    return in_blocks(label, recording.positions, recording.rotations)
 
 
 def _nearest_leaf(
@@ -428,17 +402,11 @@ def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, floa
 def _result(
     recording: Recording, design: CellDesign, c: Array, recorded: Array | None, Q: Array
 ) -> Relabeled:
-    """Make the result from new configurations Q (K, n), with gaps, ambiguity and limit margins."""
-    task = recording.task
-    before = recording.joints
-    found = np.isfinite(Q[:, 0])
-    cell, parts = design.cell, blocks(len(recording))
-    places = [
-        cell.coordinates(recording.positions[part], recording.rotations[part])
-        for part in parts
-    ]
-    inside = np.concatenate([cell._contains(U, off) for U, off in places])
-    U = np.concatenate([U for U, _ in places])[found]
+    """Make the result from new configurations Q (K, n), with gaps and ambiguity."""
+    before, found = recording.joints, np.isfinite(Q[:, 0])
+    U, off = in_blocks(
+        design.cell.coordinates, recording.positions, recording.rotations
+    )
     labels = [Q[found]] if before is None else [before[found], Q[found]]
     return Relabeled(
         recording,
@@ -446,11 +414,8 @@ def _result(
         c,
         recorded,
         Q,
-        found,
-        _gaps(recording, found, inside),
-        ambiguity(U, recording.session[found], labels),
-        None if before is None else task.limit_margin(before).min(axis=1),
-        np.where(found, task.limit_margin(Q).min(axis=1), np.nan),
+        _gaps(recording, found, design.cell._contains(U, off)),
+        ambiguity(U[found], recording.session[found], labels),
     )
 
 
@@ -458,119 +423,18 @@ def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[_Gap, ...]:
     """List the ranges of consecutive frames of a session that lack a label for one reason."""
-    kind = np.where(found, 0, np.where(inside, 2, 1))
+    reason = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
-    kind, session = kind[order], recording.session[order]
-    t = (
-        np.arange(len(kind), dtype=float)
-        if recording.times is None
-        else recording.times
-    )
-    breaks = np.flatnonzero((np.diff(kind) != 0) | (np.diff(session) != 0)) + 1
-    starts = np.concatenate([[0], breaks])
-    ends = np.concatenate([breaks, [len(kind)]])
+    reason, session = reason[order], recording.session[order]
+    t = np.arange(len(order)) if recording.times is None else recording.times
+    breaks = np.flatnonzero((np.diff(reason) != 0) | (np.diff(session) != 0)) + 1
     why = ("", "outside the cell", "beyond the limits")
-    return tuple(
-        _Gap(
-            recording.names[session[a]], float(t[order[a]]), float(t[order[b - 1]]), int(b - a),
-            why[kind[a]],
-        )
-        for a, b in zip(starts, ends, strict=True)
-        if kind[a]
-    )  # fmt: skip
-
-
-def _columns(relabeled: Relabeled) -> tuple[dict[str, Column], _Changes]:
-    """Make the columns of the file with the new configurations, by name; list what changed."""
-    recording, Q = relabeled.recording, relabeled.joints
-    task = recording.task
-    old = recording.joints
-    n = relabeled.joints.shape[1]
-    joints = dict(zip(task.joint_names, Q.T, strict=True))
-    poses = _poses(relabeled)
-    if recording.source is None:
-        return _own_columns(recording) | poses | joints, _Changes()
-    source = recording.source.columns
-    made = dict[str, Column]()
-    removed, recomputed = list[str](), list[str]()
-    for name, values in source.items():
-        array = values.ndim == 2 and values.shape[1] >= n
-        copy = array and old is not None and np.array_equal(values[:, :n], old)
-        if name in joints:
-            made[name] = joints[name]
-        elif array and copy:
-            made[name] = np.concatenate([Q, values[:, n:]], axis=1)
-        elif name in poses:
-            new = poses[name].reshape(values.shape)
-            made[name] = np.where(_like(relabeled.found, new), new, values)
-            recomputed.append(name)
-        elif old is not None and _of_old_joints(name, task.joint_names):
-            removed.append(name)
-        else:
-            made[name] = values
-    if not (set(joints) <= set(made) or any(name in made for name in JOINTS)):
-        made |= joints
-    return made, _Changes(tuple(removed), tuple(recomputed))
-
-
-def _like(found: NDArray[np.bool_], values: Column) -> NDArray[np.bool_]:
-    """Shape ``found`` (K,) so that it selects rows of values (K, …)."""
-    return found.reshape(-1, *[1] * (values.ndim - 1))
-
-
-def _of_old_joints(name: str, joints: Sequence[str]) -> bool:
-    """Check whether a column depends on the recorded joints, by its name.
-
-    It holds the name of a joint, or a word such as ``action``, ``qvel`` or ``velocity``, and no
-    word of the hand or the gripper.
-    """
-    rest = words_of(name, joints)
-    held = rest != words_of(name, ())
-    return held or bool(rest & _OF_JOINTS and not rest & _OF_HAND)
-
-
-def _poses(relabeled: Relabeled) -> dict[str, Column]:
-    """Compute the poses of the new configurations, by the names of their columns.
-
-    A pose task keeps the recorded poses; other tasks leave a part of the pose free, which changes
-    with the configuration.
-    """
-    from scipy.spatial.transform import Rotation
-
-    recording = relabeled.recording
-    if recording.task.m == 6:
-        return {}
-    p = recording.positions.copy()
-    R = recording.rotations.copy()
-    p[relabeled.found], R[relabeled.found] = forward(
-        recording.task, relabeled.joints[relabeled.found]
-    )
-    quaternions = Rotation.from_matrix(R).as_quat()
-    columns = dict(zip(POSITION, p.T, strict=True))
-    columns |= dict(zip(QUATERNION, quaternions.T, strict=True))
-    poses: Column = homogeneous(p, R)
-    source = {} if recording.source is None else recording.source.columns
-    for name in set(POSES) & set(source):
-        size = source[name][0].size
-        if size == 7:
-            columns[name] = np.concatenate([p, quaternions], axis=1)
-        else:
-            columns[name] = p if size == 3 else poses
-    return columns
-
-
-def _own_columns(recording: Recording) -> dict[str, Column]:
-    """Make columns of time, session and pose for a recording that was not read from a file."""
-    from scipy.spatial.transform import Rotation
-
-    columns: dict[str, Column] = {}
-    if recording.times is not None:
-        columns["time"] = recording.times
-    if len(recording.names) > 1:
-        columns["session"] = np.array(recording.names, dtype=object)[recording.session]
-    columns |= dict(zip(POSITION, recording.positions.T, strict=True))
-    quaternions = Rotation.from_matrix(recording.rotations).as_quat()
-    return columns | dict(zip(QUATERNION, quaternions.T, strict=True))
+    gaps = []
+    for a, b in pairwise([0, *breaks.tolist(), len(order)]):
+        if reason[a]:
+            name, start, end = recording.names[session[a]], t[order[a]], t[order[b - 1]]
+            gaps.append(_Gap(name, float(start), float(end), b - a, why[reason[a]]))
+    return tuple(gaps)
 
 
 def _row(values: Array) -> str:

@@ -251,30 +251,24 @@ def _shares_figure(relabeled: Relabeled) -> Figure:
     unit, found = relabeled.recording.task.unit, relabeled.found
     figure = titled(10.0, 3.4, "")
     left, right = figure.subplots(1, 2)
-    misfits = relabeled.ambiguity.misfits
-    for values, colour, label in _pairs(
-        misfits[0] if len(misfits) > 1 else None, misfits[-1]
-    ):
-        _share_below(left, np.maximum(values, 1e-12), colour, label)
+    misfits = [np.maximum(one, 1e-12) for one in relabeled.ambiguity.misfits]
+    _shares_below(left, misfits[0] if len(misfits) > 1 else None, misfits[-1])
     left.set_xscale("log")
     left.set_xlabel(f"misfit of a smooth fit q(pose), {unit}")
     before = relabeled.margins_before
     old = None if before is None else before[found]
-    for values, colour, label in _pairs(old, relabeled.margins_after[found]):
-        if np.isfinite(values).all():
-            _share_below(right, values, colour, label)
+    _shares_below(right, old, relabeled.margins_after[found])
     right.axvline(0.0, color=INK, lw=0.9, ls="--")
     right.set_xlabel(f"joint-limit margin, {unit}")
     left.set_ylabel("share of the frames below, %")
     return legend_below(figure, left)
 
 
-def _pairs(old: Array | None, new: Array) -> list[tuple[Array, str, str]]:
-    pairs = [] if old is None else [(old, VERMILLION, _BEFORE)]
-    return [*pairs, (new, BLUE, _AFTER)]
-
-
-def _share_below(ax: Axes, values: Array, colour: str, label: str) -> None:
-    share = np.linspace(0.0, 1.0, min(_POINTS, len(values)))
-    ax.plot(np.quantile(values, share), 100 * share, color=colour, lw=2, label=label)
+def _shares_below(ax: Axes, old: Array | None, new: Array) -> None:
+    """Draw the shares of the frames with smaller values, before and after; not of infinite ones."""
+    for values, colour, label in ((old, VERMILLION, _BEFORE), (new, BLUE, _AFTER)):
+        if values is not None and np.isfinite(values).all():
+            share = np.linspace(0.0, 1.0, min(_POINTS, len(values)))
+            below = np.quantile(values, share)
+            ax.plot(below, 100 * share, color=colour, lw=2, label=label)
     quiet(ax)

@@ -56,13 +56,10 @@ class Trend:
         Slope of each column, per s.
     error : (k,) array
         Half-width of the confidence interval of each slope, per s.
-    scatter : (k,) array
-        Robust standard deviation of each column about its line.
     """
 
     rate: Array
     error: Array
-    scatter: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,4 +220,4 @@ def trend(
         scatter = np.median(np.abs(off), axis=0) / 0.6745
     quantile = student.ppf((1 + confidence) / 2, len(t) - 2)
     spread = np.sqrt(np.sum((t - t.mean()) ** 2))
-    return Trend(rate, quantile * np.maximum(scatter, floor) / spread, scatter)
+    return Trend(rate, quantile * np.maximum(scatter, floor) / spread)

@@ -96,7 +96,7 @@ class BodyGuard:
         InputError
             If two bodies are closer than the distance to keep.
         """
-        q = q if self._drive is None else self._drive.joints(q)
+        q = self._drive.joints(q)
         found = self._model.some_distances(q, np.arange(len(self._reach)))
         worst = int(np.argmin(found - self._kept))
         if found[worst] < self._kept[worst] + _START:
@@ -142,7 +142,7 @@ class BodyGuard:
         S
             Ways of the joints up to each sample (K, n).
         """
-        if self._drive is not None:
+        if not self._drive.identity:
             Q, S = self._drive.joints(Q), S @ np.abs(self._drive.S).T
         pairs = self._undecided(Q, S)
         if not len(pairs):

@@ -21,7 +21,7 @@ from ...arguments import (
 from ...certificate import ClosingRadius, beyond
 from ...errors import InputError
 from ...model.bodies import Bodies
-from ...model.chain_formulas import Placement, as_placement
+from ...model.chain_formulas import Placement
 from ...model.several_frames import one_frame
 from ...model.task import Task
 from ...motion.limits import JointLimits, Limits, joint_limits
@@ -149,7 +149,7 @@ class Governor:
             "inverse",
             "a repeatable inverse, such as design.inverse or found.function.inverse",
         )
-        self._task = task = one_frame(self._inverse.task, "a governor")
+        self._task = task = self._inverse.task
         if task.coordinates is not None:
             raise InputError(
                 "the governor's limits are of the robot's own joints; use the original task"
@@ -165,6 +165,7 @@ class Governor:
             )
         if closes is not None:
             require_type(closes, ClosingRadius, "closes", "design.proof.closes")
+            one_frame(task, "a closing radius")
         self._closes = closes
         kept = positive(body_distance, "body_distance", "m", zero=True)
         self._guard = None if bodies is None else BodyGuard(bodies, task, kept)
@@ -180,8 +181,8 @@ class Governor:
         bounds = [kept.velocity, kept.acceleration, jerk, [self._margin]]
         memory = {
             "limits": np.concatenate(bounds),
-            "target": np.zeros(16),
-            "twist": np.zeros(6),
+            "target": np.zeros(16 * len(task.frames)),
+            "twist": np.zeros(task.twist_size),
             "q": np.zeros(task.n),
             "result": np.zeros(task.n),
             "samples": np.zeros((ROOM, task.n)),
@@ -201,7 +202,7 @@ class Governor:
             own["allows"] = ctypes.cast(self._ask, ctypes.c_void_p)
         self._call = filled_struct(GOVERNOR_CALL, {}, memory, own)[0]
         self._address = ctypes.c_void_p(ctypes.addressof(self._call))
-        self._target, self._twist = memory["target"].reshape(4, 4), memory["twist"]
+        self._target, self._twist = memory["target"].reshape(-1, 4), memory["twist"]
         self._begin, self._q = memory["q"], memory["result"]
         self._native = required_library("a governor", holds=True)
 
@@ -310,10 +311,12 @@ class Governor:
         ----------
         target : pinocchio.SE3 or (4, 4) array, optional
             Placement of the frame to move to, as fast as the limits allow, on a straight line with
-            a rotation about one axis, if the arm begins at rest.
-        twist : (6,) array, optional
-            Velocity (v, ω) of the frame, base axes, m/s and rad/s, instead of a target. Without
-            target and twist, the arm stops.
+            a rotation about one axis, if the arm begins at rest. A task of several frames takes a
+            list of one placement per frame; each frame has done the same share of its line at any
+            time.
+        twist : (6,) or (F, 6) array, optional
+            Velocity (v, ω) of the frame, or of each of F frames, base axes, m/s and rad/s, instead
+            of a target. Without target and twist, the arm stops.
 
         Returns
         -------
@@ -335,10 +338,12 @@ class Governor:
             )
         given = 0
         if target is not None:
-            self._target[...] = as_placement(target).homogeneous
+            known = type(target) is self._task.target_type  # its check takes longer
+            placed: Any = target if known else self._task.as_target(target)
+            self._target[...] = placed.homogeneous
             given = _TARGET
         elif twist is not None:
-            self._twist[...] = _as_twist(twist)
+            self._twist[...] = _as_twists(twist, self._task)
             given = _TWIST
         if self._guard is None:
             status = self._native.call_governor_step(self._address, given)
@@ -371,12 +376,15 @@ class Governor:
             )
 
 
-def _as_twist(twist: ArrayLike) -> Array:
-    """Convert a twist to an array (6,); its numbers need not be finite."""
-    rates = as_numbers(twist)
-    if rates is None or rates.shape != (6,):
+def _as_twists(twist: ArrayLike, task: Task) -> Array:
+    """Convert the twists of F frames to an array (6 F,); their numbers need not be finite."""
+    rates, size = as_numbers(twist), task.twist_size
+    if rates is not None and rates.ndim == 2 and rates.shape[1] == 6:
+        rates = rates.ravel()
+    if rates is None or rates.shape != (size,):
+        each = f" for each of {', '.join(task.frames)}" if size > 6 else ""
         raise InputError(
-            f"must be 6 numbers (v, ω), m/s and rad/s; got {shown(twist)}",
+            f"must be 6 numbers (v, ω){each}, m/s and rad/s; got {shown(twist)}",
             argument="twist",
         )
     return rates

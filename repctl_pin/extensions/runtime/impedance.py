@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from math import inf
-from typing import TypeGuard
 
 import numpy as np
 import pinocchio as pin
@@ -188,15 +187,12 @@ class LeafImpedance:
         SingularityError
             If J_V is singular.
         """
-        n, r, twists = self.task.n, self.task.r, self.task.twist_size
-        if not _native(q, n):
-            q = vector(q, n, "q")
-        if not _native(qdot, n):
-            qdot = vector(qdot, n, "q̇")
-        if not _native(leaf, r):
-            leaf = vector(leaf, r, "leaf", "from inverse.leaf(q)")
-        if twist is not None and not _native(twist, twists):
-            twist = vector(twist, twists, "the twist (v, ω)", "m/s and rad/s")
+        n, r = self.task.n, self.task.r
+        q, qdot = _checked(q, n, "q"), _checked(qdot, n, "q̇")
+        leaf = _checked(leaf, r, "leaf", "from inverse.leaf(q)")
+        if twist is not None:
+            size = self.task.twist_size
+            twist = _checked(twist, size, "the twist (v, ω)", "m/s and rad/s")
         if observer is not None and not (
             type(observer) is Observer and len(observer.state) == r
         ):
@@ -211,17 +207,21 @@ class LeafImpedance:
             )
 
 
-def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:
-    """Test whether values are an array of n finite doubles, which needs no conversion.
+def _checked(
+    values: ArrayLike, n: int, name: str, each: str = "one per joint"
+) -> Array:
+    """Check n numbers; an array of finite doubles is returned as it is.
 
-    False also for finite numbers whose squares overflow.
+    One whose squares overflow goes through :func:`vector`, which looks at each number.
     """
-    return (
+    if (
         type(values) is np.ndarray
         and values.dtype is FLOAT
         and values.shape == (n,)
         and ddot(values, values) < inf
-    )
+    ):
+        return values
+    return vector(values, n, name, each)
 
 
 def _stiffness(given: ArrayLike, kind: Kind) -> Array:
@@ -260,16 +260,12 @@ def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
     """
     model, drive = task.bodies_model()
     data = model.createData()
-
-    def own(q: Array, qdot: Array) -> tuple[Array, Array]:
-        return pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, qdot)
-
-    if drive is None:
-        return own
     S = drive.S
 
-    def driven(q: Array, qdot: Array) -> tuple[Array, Array]:
-        M, b = own(drive.joints(q), S @ qdot)
+    def dynamics(q: Array, qdot: Array) -> tuple[Array, Array]:
+        whole = drive.joints(q)
+        M = pin.crba(model, data, whole)
+        b = pin.nonLinearEffects(model, data, whole, drive.rates(qdot))
         return S.T @ M @ S, S.T @ b
 
-    return driven
+    return dynamics

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion.limits import JointLimits
-from .profile import STAGES, Segment, fastest, most_used
+from .profile import Segment, most_used, used_fractions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -49,14 +49,12 @@ _WELL_KEPT = 1.01
 it, time is stretched instead; for jerk, by a third of the excess."""
 
 _NEARLY_USED = 0.4
-"""A row of the linear program is used from the start if its slack is less than this fraction of its
-bound; other rows are added if they are violated."""
+"""A row of the linear program is used if its slack at the last solution is less than this fraction
+of its bound; other rows are added if they are violated."""
 
-_BESIDE = 10
-"""Number of intervals before and after a violated row whose rows are added with it."""
-
-_ROUNDS = 4
-"""Maximum number of solutions with a subset of the rows, before all rows are used."""
+_BESIDE = 70
+"""Number of rows before and after a violated row that are added with it: those of ten intervals
+between stages, for seven joints."""
 
 _SLACK = 1e-7
 """Violation of a row that the solver HiGHS tolerates."""
@@ -127,15 +125,13 @@ class _JerkSegment(Segment):
 
     def used(self, limits: JointLimits) -> Array:
         """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,)."""
-        _, _, push, jerk = self.derivatives(self.between())
-        share = np.maximum(
-            np.abs(push) / limits.acceleration, np.abs(jerk) / limits.jerk
-        )
+        _, *rates = used_fractions(limits, self.derivatives(self.between()))
+        share = np.maximum(*(used for _, _, used in rates))
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: JointLimits) -> float:
         """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
-        return most_used(limits, *self.derivatives(self.between()))
+        return most_used(limits, self.derivatives(self.between()))
 
 
 def _exponentials(z: Array) -> tuple[Array, Array]:
@@ -149,20 +145,6 @@ def _exponentials(z: Array) -> tuple[Array, Array]:
     return np.where(small, 1 + z / 6 + z**2 / 120, S), np.where(
         small, 0.5 + z / 24 + z**2 / 720, C
     )
-
-
-def fastest_with_jerk(
-    Q: Array,
-    limits: JointLimits,
-    stages: float = STAGES,
-    seams: tuple[int, ...] = (),
-    weight: float = 1.0,
-) -> _JerkSegment:
-    """Find the time-optimal profile with bounded jerk along a smooth joint path Q (T, n).
-
-    ``stages`` is the minimum number of stages. See :func:`with_jerk`.
-    """
-    return with_jerk(fastest(Q, limits, stages), limits, seams, weight)
 
 
 def with_jerk(
@@ -392,103 +374,97 @@ def _solved(
     Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits. Limits of
     acceleration and jerk are divided by ``tight`` (K - 1,).
     """
-    s, h = path.s, np.diff(path.s)
-    inner = slice(1, -1)
-    m = len(s) - 2
+    h, inner, m = np.diff(path.s), slice(1, -1), len(path.s) - 2
     x0 = near[inner]
-    unit = 2 * np.min(
-        limits.acceleration / np.maximum(np.abs(path.curve(s[inner], 1)), 1e-9), axis=1
-    )
-    scales = np.concatenate([x0, unit])
-    blocks = list(_rows(path, limits, near, tight))
-    columns = np.concatenate([block[1] for block in blocks])
-    coefficients = np.concatenate([block[0] for block in blocks]) * scales[columns]
-    bounds = np.concatenate([block[2] for block in blocks])
-
-    # x is a parabola between stages, x = c s^4/3 next to rest, and the same at both ends of a
-    # period
-    i = np.arange(m - 1)
-    within = np.stack(
-        [-np.ones(m - 1), np.ones(m - 1), -h[inner] / 2, -h[inner] / 2], axis=1
-    )
-    equal = [
-        within
-        * scales[cols := np.stack([i, i + 1, m + i, m + i + 1], axis=1)]
-        / x0[:-1, None]
-    ]
-    where = [cols]
-    for k, step in ((0, h[0]), (m - 1, -h[-1])):
-        where.append(np.array([[k, m + k, k, k]]))
-        equal.append(np.array([[4 / 3 / step * x0[k], -unit[k], 0.0, 0.0]]) / unit[k])
-    if ties:
-        a, b = (k - 1 for k in ties)
-        where.append(np.array([[a, b, a, a], [m + a, m + b, a, a]]))
-        equal.append(
-            np.array([[1, -x0[b] / x0[a], 0, 0], [1, -unit[b] / unit[a], 0, 0]])
-        )
-    A_eq = _sparse(np.concatenate(equal), np.concatenate(where), 2 * m)
-
+    slopes = np.maximum(np.abs(path.curve(path.s[inner], 1)), 1e-9)
+    unit = 2 * np.min(limits.acceleration / slopes, axis=1)
+    parts = zip(*_rows(path, limits, near, tight), strict=True)
+    rows = _Rows(*map(np.concatenate, parts)).scaled(np.concatenate([x0, unit]))
+    equal = _equalities(path.s, x0, unit, ties)
     most = np.minimum(path.most[inner], 3 * x0) / x0
-    for k, (end, step) in enumerate(((0, h[0]), (-1, -h[-1]))):
-        most[end] = min(
-            most[end], _most_beside_rest(path, limits, -k, step) / tight[-k] / x0[end]
-        )
-    limits_of_unknowns = np.array(
-        [*([1e-9, value] for value in most), *([-np.inf, np.inf] for _ in range(m))]
-    )
+    for end, step in ((0, h[0]), (-1, -h[-1])):
+        beside = _most_beside_rest(path, limits, end, step) / tight[end]
+        most[end] = min(most[end], beside / x0[end])
     spent = weights * h
     cost = np.concatenate([-(spent[1:] + spent[:-1]) / np.sqrt(x0), np.zeros(m)])
-    cost /= np.abs(cost).max()
-
     guess = np.concatenate([np.ones(m), near_slope[inner] / unit])
-    active = np.zeros(len(bounds), bool)
-    for _ in range(_ROUNDS):
-        active |= (coefficients * guess[columns]).sum(
-            axis=1
-        ) > bounds - _NEARLY_USED * np.abs(bounds)
-        guess = _optimum(
-            cost, (coefficients, columns, bounds), active, A_eq, limits_of_unknowns
-        )
-        broken = (coefficients * guess[columns]).sum(axis=1) > bounds + _SLACK
-        if not (broken & ~active).any():
-            break
-        beside = np.flatnonzero(broken)[:, None] + len(limits.acceleration) * np.arange(
-            -_BESIDE, _BESIDE + 1
-        )
-        active[np.clip(beside, 0, len(active) - 1)] = True
-    else:
-        guess = _optimum(
-            cost,
-            (coefficients, columns, bounds),
-            np.ones(len(bounds), bool),
-            A_eq,
-            limits_of_unknowns,
-        )
+    lower = np.repeat([1e-9, -np.inf], m)
+    between = np.stack([lower, np.append(most, np.full(m, np.inf))], axis=1)
+    z = _optimum(cost / np.abs(cost).max(), rows, equal, between, guess)
     x, slope = np.zeros(m + 2), np.zeros(m + 2)
-    x[inner], slope[inner] = guess[:m] * x0, guess[m:] * unit
+    x[inner], slope[inner] = z[:m] * x0, z[m:] * unit
     return x, slope
 
 
+class _Rows(NamedTuple):
+    """Rows ``A z ≤ b``, each with four coefficients.
+
+    ``coefficients`` and ``columns`` are (R, 4), ``bounds`` b (R,).
+    """
+
+    coefficients: Array
+    columns: NDArray[np.intp]
+    bounds: Array
+
+    def scaled(self, units: Array) -> _Rows:
+        """Convert the rows to unknowns in other units."""
+        return self._replace(coefficients=self.coefficients * units[self.columns])
+
+    def excess(self, z: Array) -> Array:
+        """Evaluate A z − b: (R,)."""
+        return (self.coefficients * z[self.columns]).sum(axis=1) - self.bounds
+
+
+def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_array:
+    """Create A of the equations ``A z = 0``, for unknowns x in units of x0 and x′ of ``unit``.
+
+    Between stages x is a parabola; next to rest it is ``c s^4/3``, hence ``x′ = 4/3 x / s``; at
+    both ends of a period x and x′ are the same.
+    """
+    h, m = np.diff(s), len(x0)
+    i = np.arange(m - 1)
+    columns = np.stack([i, i + 1, m + i, m + i + 1], axis=1)
+    whole, half = np.ones(m - 1), -h[1:-1] / 2
+    parabola = np.stack([-whole, whole, half, half], axis=1)
+    scales = np.concatenate([x0, unit])
+    equal, where = [parabola * scales[columns] / x0[:-1, None]], [columns]
+    for k, step in ((0, h[0]), (m - 1, -h[-1])):
+        equal.append(np.array([[4 / 3 / step * x0[k] / unit[k], -1.0, 0.0, 0.0]]))
+        where.append(np.array([[k, m + k, k, k]]))
+    if ties:
+        a, b = (k - 1 for k in ties)
+        for one, other in ((a, b), (m + a, m + b)):
+            equal.append(np.array([[1.0, -scales[other] / scales[one], 0.0, 0.0]]))
+            where.append(np.array([[one, other, one, one]]))
+    return _sparse(np.concatenate(equal), np.concatenate(where), 2 * m)
+
+
 def _optimum(
-    cost: Array,
-    rows: tuple[Array, NDArray[np.intp], Array],
-    active: NDArray[np.bool_],
-    A_eq: csr_array,
-    most: Array,
+    cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: Array
 ) -> Array:
-    """Solve ``min cost·z`` with ``A z ≤ b`` in the active rows, ``A_eq z = 0`` and bounds on z."""
+    """Solve ``min cost·z`` with the rows ``A z ≤ b``, ``equal z = 0``, and z within its bounds.
+
+    Few rows hold with equality. Those that nearly do at a guess are used first. As long as the
+    solution violates others, these and the rows beside them are added.
+    """
     from scipy.optimize import linprog  # slow to import
 
-    A = _sparse(rows[0][active], rows[1][active], len(cost))
-    found = linprog(
-        cost, A, rows[2][active], A_eq, np.zeros(A_eq.shape[0]), most, method="highs"
-    )
-    if found.x is None:
-        raise InputError(
-            "no speed along this joint path is within the limits together with those of jerk",
-            remedy="use a smoother path, or higher jerk limits",
-        )
-    return np.asarray(found.x, float)
+    active = np.zeros(len(rows.bounds), bool)
+    zero = np.zeros(equal.shape[0])
+    while True:
+        active |= rows.excess(guess) > -_NEARLY_USED * np.abs(rows.bounds)
+        A = _sparse(rows.coefficients[active], rows.columns[active], len(cost))
+        b = rows.bounds[active]
+        guess = linprog(cost, A, b, equal, zero, between, method="highs").x
+        if guess is None:
+            raise InputError(
+                "no speed along this joint path is within the limits together with those of jerk",
+                remedy="use a smoother path, or higher jerk limits",
+            )
+        broken = rows.excess(guess) > _SLACK
+        if not (broken & ~active).any():
+            return np.asarray(guess, float)
+        active |= np.convolve(broken, np.ones(2 * _BESIDE + 1), "same") > 0
 
 
 def _rows(

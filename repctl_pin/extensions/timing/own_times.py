@@ -11,7 +11,7 @@ import numpy as np
 from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion.limits import JointLimits
-from .profile import Segment, most_used
+from .profile import Segment, most_used, used_fractions
 
 _LONGER = 1.5
 """Ratio of successive smoothing times that are tried."""
@@ -108,7 +108,7 @@ def with_own_times(
         t = segment.smooth.x
         t = (t[:-1, None] + np.diff(t)[:, None] * _BETWEEN).ravel()
         moved = segment.derivatives(t)
-        used = most_used(limits, *moved)
+        used = most_used(limits, moved)
         if used > _KEPT and used < nearest:
             nearest, why = used, _worst(limits, moved, t + float(clock[0]), joints)
         return segment if used <= _KEPT else None
@@ -135,29 +135,21 @@ def _worst(
 ) -> str:
     """Describe the limit that is exceeded most, and when."""
     found = []
-    for what, values, limit in zip(
-        ("speed", "acceleration", "jerk"),
-        moved[1:],
-        (limits.velocity, limits.acceleration, limits.jerk),
-        strict=True,
-    ):
-        if limit is not None:
-            used = np.abs(values) / limit
-            k, j = divmod(int(np.argmax(used)), used.shape[1])
-            found.append(
-                (
-                    float(used[k, j]),
-                    f"{joints[j]} would need {used[k, j]:.4g} times its {what} at {t[k]:.3g} s",
-                )
+    for what, _, used in used_fractions(limits, moved):
+        k, j = divmod(int(np.argmax(used)), used.shape[1])
+        share = float(used[k, j])
+        found.append(
+            (
+                share,
+                f"{joints[j]} would need {share:.4g} times its {what} at {t[k]:.3g} s",
             )
+        )
     if limits.tool is not None:
         used = limits.tool(moved[0], moved[1])
         k = int(np.argmax(used))
+        share = float(used[k])
         found.append(
-            (
-                float(used[k]),
-                f"the tool would need {used[k]:.4g} times its speed at {t[k]:.3g} s",
-            )
+            (share, f"the tool would need {share:.4g} times its speed at {t[k]:.3g} s")
         )
     share, words = max(found)
     return words if share > 1 else "a torque would exceed its limit"

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ...arguments import Array, read_only
+from ...arguments import MOST_STEPS, Array, read_only
 from ...errors import InputError, needed
 from ...motion.limits import JointLimits
 
-_BEND = 0.05
+BEND = 0.05
 """Change of direction of the joint path, rad, above which a point is a corner."""
 
 SHARP = 0.3
@@ -25,6 +25,9 @@ STAGES = 450
 
 _LEAST_STAGES = 50
 """Minimum number of stages (grid points of the profile) between two stops."""
+
+MOST_SAMPLES = MOST_STEPS // 5
+"""Maximum number of samples of a timed motion; each takes the memory of several steps."""
 
 _BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
 """Points at which limits are checked between two stages, as fractions of the time."""
@@ -78,24 +81,31 @@ class Segment:
         that of jerk is not checked.
         """
         t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
-        return most_used(limits, *self.derivatives(t)[:3])
+        return most_used(limits, self.derivatives(t)[:3])
 
 
-def most_used(
-    limits: JointLimits,
-    Q: Array,
-    qdot: Array,
-    qddot: Array,
-    qdddot: Array | None = None,
-) -> float:
+def used_fractions(
+    limits: JointLimits, moved: Sequence[Array]
+) -> Iterator[tuple[str, int, Array]]:
+    """Yield the used fractions (T, n) of the limits of speed, acceleration and jerk.
+
+    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each fraction comes
+    with its name and its order k: it goes with the k-th power of the speed along the path.
+    """
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    named = zip(("speed", "acceleration", "jerk"), bounds, moved[1:], strict=False)
+    for k, (name, most, values) in enumerate(named, 1):
+        if most is not None:
+            yield name, k, np.abs(values) / most
+
+
+def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
     """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
 
-    The motion is given by (T, n) arrays; without q⃛, the limit of jerk is not checked.
+    The motion is given as for :func:`used_fractions`.
     """
-    factor = max(1.0, float((np.abs(qdot) / limits.velocity).max()))
-    factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
-    if limits.jerk is not None and qdddot is not None:
-        factor = max(factor, float(np.cbrt((np.abs(qdddot) / limits.jerk).max())))
+    used = [float(x.max()) ** (1 / k) for _, k, x in used_fractions(limits, moved)]
+    factor, (Q, qdot, qddot) = max(1.0, *used), moved[:3]
     if limits.tool is not None:
         factor = max(factor, float(limits.tool(Q, qdot).max()))
     if limits.torque is None or limits.dynamics is None:
@@ -104,10 +114,57 @@ def most_used(
         weight = limits.dynamics(q, 0 * v, 0 * v)
         moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
         available = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
-        factor = max(
-            factor, float(np.sqrt((np.abs(moving) / np.maximum(available, 1e-9)).max()))
-        )
+        share = float((np.abs(moving) / np.maximum(available, 1e-9)).max())
+        factor = max(factor, share**0.5)
     return factor
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Course:
+    """Segments in order as a function of time, each stretched to its duration, with rests between.
+
+    Attributes
+    ----------
+    segments
+        The segments.
+    begins, durations : (R,) arrays
+        Time at which each of them begins, and the time that it takes, s.
+    """
+
+    segments: Sequence[Segment]
+    begins: Array
+    durations: Array
+
+    def stretched(self, factor: float) -> Course:
+        """Return the course with all times multiplied by a factor."""
+        return Course(self.segments, self.begins * factor, self.durations * factor)
+
+    def derivatives(self, t: Array) -> Array:
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
+
+        The arm is at rest before the start, between two segments, and after the end.
+        """
+        which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
+        found = np.zeros((4, len(t), self.segments[0].curve.c.shape[2]))
+        for k in np.unique(which):
+            rows, segment = np.flatnonzero(which == k), self.segments[k]
+            end = segment.t[-1]
+            factor = self.durations[k] / end
+            own = (t[rows] - self.begins[k]) / factor
+            moved = np.array(segment.derivatives(np.clip(own, 0.0, end)))
+            found[:, rows] = moved / factor ** np.arange(4)[:, None, None]
+            found[1:, rows[(own < 0) | (own > end)]] = 0.0
+        return found
+
+
+def require_samples(count: float, seconds: float, rate: float) -> None:
+    """Raise InputError if a motion has too many samples."""
+    if not count < MOST_SAMPLES:
+        raise InputError(
+            f"{seconds:.3g} s at {rate:g} samples per second exceed {MOST_SAMPLES:,} samples; "
+            "lower the rate"
+        )
 
 
 class Profile:
@@ -115,6 +172,8 @@ class Profile:
 
     Attributes
     ----------
+    course : Course
+        The segments as a function of time.
     marks : (cycles + 1,) array
         Times at which the cycles begin and the last one ends, s; before a pause there, if any.
     stretch : float
@@ -133,14 +192,14 @@ class Profile:
         ends: list[int],
         limits: JointLimits,
     ) -> None:
-        self.runs = runs
         took = np.array([run.t[-1] for run in runs])
-        self.starts = np.cumsum(stays) + np.concatenate([[0.0], np.cumsum(took)[:-1]])
+        starts = np.cumsum(stays) + np.concatenate([[0.0], np.cumsum(took)[:-1]])
+        self.course = Course(runs, starts, took)
         marks, speeds = [0.0], [0.0]
         for k in ends[1:]:
             j = int(np.searchsorted(stops, k, side="left")) - 1
             passed = runs[j].passed[[k - stops[j]]]
-            marks.append(float(self.starts[j] + passed[0]))
+            marks.append(float(starts[j] + passed[0]))
             speeds.append(float(runs[j].law(passed)[1][0]))
         self.marks = np.array(marks)
         self.stretch = max(run.excess(limits) for run in runs)
@@ -152,44 +211,24 @@ class Profile:
             np.concatenate([run.speed for run in runs]),
         )
 
-    def derivatives(self, clock: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
-
-        The arm is at rest before the start and after the end.
-        """
-        which = np.clip(
-            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
-        )
-        found = np.zeros((4, len(clock), self.runs[0].curve(0.0).size))
-        for j in np.unique(which):
-            rows = which == j
-            run = self.runs[j]
-            t = clock[rows] - self.starts[j]
-            found[:, rows] = run.derivatives(np.clip(t, 0.0, run.t[-1]))
-            found[1:, np.flatnonzero(rows)[(t < 0) | (t > run.t[-1])]] = 0.0
-        return found
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A profile as a function of time, with its second cycle repeated.
+    """A course of a few cycles as a function of time, with its second cycle repeated.
 
     Attributes
     ----------
-    profile
-        Phase-plane profile of a few cycles.
-    factor
-        Factor by which the profile's time is stretched.
+    course
+        The course.
     lead
-        Time at rest before the profile, s.
+        Time at rest before the course, s.
     begin, period : float
         Time at which the second cycle begins, and its duration, s.
     more : int
         Number of additional repetitions of the second cycle.
     """
 
-    profile: Profile
-    factor: float
+    course: Course
     lead: float
     begin: float
     period: float
@@ -201,11 +240,10 @@ class Trajectory:
         if self.more:
             again = np.floor((clock - self.begin) / self.period)
             clock = clock - self.period * np.clip(again, 0, self.more)
-        found = self.profile.derivatives(clock / self.factor)
-        return found / self.factor ** np.arange(4)[:, None, None]
+        return self.course.derivatives(clock)
 
 
-def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list[int]:
+def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
     """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
 
     Cusps are found everywhere, other corners only among the indices ``candidates``.

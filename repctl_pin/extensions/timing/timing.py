@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import MOST_STEPS, Array, flag, positive, require_choice, require_type
+from ...arguments import (
+    Array,
+    flag,
+    positive,
+    read_only,
+    require_choice,
+    require_type,
+)
 from ...errors import InputError
 from ...model.bodies import bodies_of
 from ...motion.joint_motion import JointMotion
@@ -17,13 +24,21 @@ from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceler
 from ...motion.motion import CLOSED, Motion
 from ...motion.timed_motion import TimedMotion
 from ...studies.study_result import Row
-from .profile import SHARP, STAGES, Profile, Segment, Trajectory, corners_of, fastest
+from .profile import (
+    BEND,
+    MOST_SAMPLES,
+    SHARP,
+    STAGES,
+    Profile,
+    Segment,
+    Trajectory,
+    corners_of,
+    fastest,
+    require_samples,
+)
 
 _MOMENT = 1e-3
 """Half-width, s, of the central differences that give q̇ and q̈; the exact accelerations jump."""
-
-_MOST_SAMPLES = MOST_STEPS // 5
-"""Maximum number of samples of a timed motion; each takes the memory of several steps."""
 
 
 def timed(
@@ -89,133 +104,142 @@ def timed(
     if np.abs(Q - repeated(cycles)).max() < CLOSED:
         cycles = min(cycles, 3)
         Q = repeated(cycles)
+    laps = _Laps.of(motion, Q, cycles)
     if keep_times:
-        profile, stops = _profile(Q, motion, cycles, kept, keep_times=True)
-        timed = _sampled(
-            profile,
-            motion.task.robot_joints,
-            motion.cycles - cycles,
-            rate,
-            kept,
-            stops,
-        )
-        return replace(timed, motion=motion)
-    profile, stops = _profile(Q, motion, cycles, kept)
-    if (
-        motion.cycles > cycles and not profile.converged
-    ):  # speeding up takes longer than a cycle
-        cycles = motion.cycles
-        Q = repeated(cycles)
-        profile, stops = _profile(Q, motion, cycles, kept)
-    if kept.jerk is not None:
-        steady = motion.cycles - 2 if cycles == 3 and profile.converged else 0
-        profile, stops = _profile(Q, motion, cycles, kept, steady=steady)
-    timed = _sampled(
-        profile, motion.task.robot_joints, motion.cycles - cycles, rate, kept, stops
-    )
+        profile, stops = _in_own_times(laps, kept, motion)
+    else:
+        profile, stops = _as_fast_as_possible(laps, kept)
+        if motion.cycles > cycles and not profile.converged:
+            cycles = motion.cycles  # speeding up takes longer than a cycle
+            laps = _Laps.of(motion, repeated(cycles), cycles)
+            profile, stops = _as_fast_as_possible(laps, kept)
+        if kept.jerk is not None:
+            steady = motion.cycles - 2 if cycles == 3 and profile.converged else 0
+            profile, stops = _as_fast_as_possible(laps, kept, steady)
+    joints = motion.task.robot_joints
+    timed = _sampled(profile, joints, motion.cycles - cycles, rate, kept, len(stops))
     return replace(timed, motion=motion)
 
 
-def _profile(
-    Q: Array,
-    motion: Motion,
-    cycles: int,
-    limits: JointLimits,
-    *,
-    steady: int = -1,
-    keep_times: bool = False,
-) -> tuple[Profile, int]:
-    """Time a joint path segment by segment, between corners and pauses.
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Laps:
+    """Joint path of a few cycles, without the points that repeat those before them.
+
+    Attributes
+    ----------
+    Q : (P, n) array
+        The points.
+    clock, stays : (P,) arrays
+        The motion's own time at each point, and how long it stays there, s.
+    ends : tuple of int
+        Indices at which the cycles begin and the last one ends.
+    marks : tuple of int
+        Indices at which the path may have a corner.
+    """
+
+    Q: Array
+    clock: Array
+    stays: Array
+    ends: tuple[int, ...]
+    marks: tuple[int, ...]
+
+    @classmethod
+    def of(cls, motion: Motion, Q: Array, cycles: int) -> _Laps:
+        """Take the joint path Q (T, n) of some cycles of a motion."""
+        steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
+        moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
+        if not moving.any():
+            raise InputError("the joints do not move; there is nothing to time")
+        first = np.flatnonzero(np.append(True, moving))
+        last = np.append(first[1:], len(Q)) - 1
+        laps = t[:-1] + t[-1] * np.arange(cycles)[:, None]
+        clock = np.append(laps, cycles * t[-1])
+        breaks = np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))
+        marks = np.append(0, np.rint(breaks).astype(int))
+        begins = steps * np.arange(cycles + 1)
+        place = np.searchsorted(first, np.arange(len(Q)), side="right") - 1
+        return cls(
+            Q[first],
+            clock[first],
+            clock[last] - clock[first],
+            tuple(place[begins].tolist()),
+            tuple(place[marks[:, None] + begins[:-1]].ravel().tolist()),
+        )
+
+    def corners(self, bend: float = BEND) -> list[int]:
+        """Find the indices at which the direction changes by more than ``bend``, rad."""
+        return corners_of(self.Q, self.marks, bend)
+
+    def stops(self, corners: list[int]) -> list[int]:
+        """List the indices at which the arm rests: both ends, some corners, and pauses."""
+        pauses = np.flatnonzero(self.stays).tolist()
+        return sorted({0, len(self.Q) - 1, *corners, *pauses})
+
+    def profile(
+        self, runs: list[Segment], stops: list[int], limits: JointLimits
+    ) -> tuple[Profile, list[int]]:
+        """Join segments from stop to stop; return also the stops within the first cycle."""
+        stays = [float(self.stays[k]) for k in stops[:-1]]
+        profile = Profile(runs, stays, stops, list(self.ends), limits)
+        return profile, [k for k in stops if 0 < k < self.ends[1]]
+
+
+def _as_fast_as_possible(
+    laps: _Laps, limits: JointLimits, steady: int = -1
+) -> tuple[Profile, list[int]]:
+    """Time a joint path segment by segment, between corners and pauses; return also the stops.
 
     Jerk is not limited if ``steady`` is negative. If it is positive, the path has three cycles: the
-    second begins and ends at equal ṡ and s̈, and its time counts ``steady`` times. Returns the
-    profile and the number of stops within a cycle.
+    second begins and ends at equal ṡ and s̈, and its time counts ``steady`` times.
     """
-    steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
-    moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
-    if not moving.any():
-        raise InputError("the joints do not move; there is nothing to time")
-    kept = np.concatenate([[True], moving])  # points that are not those before them
-    place = np.cumsum(kept) - 1  # of every point among the kept
-    stays = np.zeros(int(place[-1]) + 1)
-    np.add.at(stays, place[1:][~moving], np.tile(np.diff(t), cycles)[~moving])
-    breaks = np.rint(
-        np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))
-    ).astype(int)
-    marks = [
-        int(place[k + cycle * steps]) for k in (0, *breaks) for cycle in range(cycles)
-    ]
-    corners = corners_of(Q[kept], marks)
-    stays_at = np.flatnonzero(stays).tolist()
-    last = int(place[-1])
-    ends = [int(place[cycle * steps]) for cycle in range(cycles + 1)]
-    if keep_times:
-        clock = np.append(
-            (t[:-1] + t[-1] * np.arange(cycles)[:, None]).ravel(), cycles * t[-1]
-        )[kept]
-        sharp = sorted({0, last, *corners_of(Q[kept], marks, SHARP), *stays_at})
-        runs, stops = _in_own_times(
-            Q[kept], clock, stays, sharp, corners, limits, motion
-        )
-    else:
-        stops = sorted({0, last, *corners, *stays_at})
-        way = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))]
-        )
-        density = STAGES * cycles / way[-1]
-        seams = (ends[1], ends[2]) if steady > 0 and len(stops) == 2 else ()
-        known: dict[bytes, Segment] = {}  # cycles have the same parts
-        runs = []
-        for a, b in pairwise(stops):
-            part = Q[kept][a : b + 1]
-            stages = density * (way[b] - way[a])
-            if steady < 0:
-                runs.append(fastest(part, limits, stages))
-                continue
-            key = part.tobytes()
-            if key not in known:
-                from .jerk import fastest_with_jerk  # most motions have no such limit
+    stops = laps.stops(laps.corners())
+    steps = np.linalg.norm(np.diff(laps.Q, axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    density = STAGES * (len(laps.ends) - 1) / way[-1]
+    seams = laps.ends[1:3] if steady > 0 and len(stops) == 2 else ()
+    known: dict[bytes, Segment] = {}  # cycles have the same parts
+    runs = []
+    for a, b in pairwise(stops):
+        part, stages = laps.Q[a : b + 1], density * (way[b] - way[a])
+        key = part.tobytes()
+        if key not in known:
+            known[key] = fastest(part, limits, stages)
+            if steady >= 0:
+                from .jerk import with_jerk  # most motions have no such limit
 
-                known[key] = fastest_with_jerk(part, limits, stages, seams, steady)
-            runs.append(known[key])
-    count = sum(0 < k < ends[1] for k in stops)
-    return Profile(
-        runs, [float(stays[k]) for k in stops[:-1]], stops, ends, limits
-    ), count
+                known[key] = with_jerk(known[key], limits, seams, steady)
+        runs.append(known[key])
+    return laps.profile(runs, stops, limits)
 
 
 def _in_own_times(
-    Q: Array,
-    clock: Array,
-    stays: Array,
-    stops: list[int],
-    corners: list[int],
-    limits: JointLimits,
-    motion: Motion,
-) -> tuple[list[Segment], list[int]]:
-    """Time a joint path in its own times, from stop to stop.
+    laps: _Laps, limits: JointLimits, motion: Motion
+) -> tuple[Profile, list[int]]:
+    """Time a joint path in its own times, from stop to stop; return also the stops.
 
-    Where the limits require it, the arm stops at gentler corners, too. Returns the segments and the
-    indices of all stops.
+    The arm stops at sharp corners, and at gentler ones where the limits require it.
     """
-    period, joints = (
-        float(motion.t[motion.steps] - motion.t[0]),
-        motion.task.robot_joints,
-    )
-
     from .own_times import with_own_times  # only paths with a clock need it
 
+    period = float(motion.t[motion.steps] - motion.t[0])
+
     def segment(a: int, b: int) -> Segment:
-        own = clock[a : b + 1].copy()
-        own[0] += stays[a]
-        added = int(a == 0) + int(b == len(Q) - 1)
+        own = laps.clock[a : b + 1].copy()
+        own[0] += laps.stays[a]
         return with_own_times(
-            Q[a : b + 1], own, limits, added=added, most=2 * period, joints=joints
+            laps.Q[a : b + 1],
+            own,
+            limits,
+            added=int(a == 0) + int(b == len(laps.Q) - 1),
+            most=2 * period,
+            joints=motion.task.robot_joints,
         )
 
+    corners = laps.corners()
     runs: list[Segment] = []
     found = [0]
-    for a, b in pairwise(stops):
+    for a, b in pairwise(laps.stops(laps.corners(SHARP))):
         gentle = [k for k in corners if a < k < b]
         try:
             runs.append(segment(a, b))
@@ -225,7 +249,7 @@ def _in_own_times(
                 raise
             runs += [segment(*ends) for ends in pairwise([a, *gentle, b])]
             found += [*gentle, b]
-    return runs, found
+    return laps.profile(runs, found, limits)
 
 
 def _sampled(
@@ -242,7 +266,7 @@ def _sampled(
     period = 0
     if len(marks) > 3:  # a steady cycle takes a whole number of samples
         steady = float(marks[2] - marks[1])
-        if not steady / dt < _MOST_SAMPLES:
+        if not steady / dt < MOST_SAMPLES:
             raise InputError(
                 f"a cycle of {steady:.3g} s at {rate:g} samples per second is too long; "
                 "lower the rate"
@@ -252,25 +276,19 @@ def _sampled(
         marks = profile.marks * factor
     moment = min(dt, _MOMENT)
     lead = int(np.ceil(2 * moment / dt - 1e-9))
-    if not marks[-1] / dt + (more * period) + 2 * lead < _MOST_SAMPLES:
-        raise InputError(
-            f"{marks[-1]:.3g} s at {rate:g} samples per second exceed {_MOST_SAMPLES:,} samples; "
-            "lower the rate"
-        )
+    require_samples(marks[-1] / dt + more * period + 2 * lead, marks[-1], rate)
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
-    clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
+    clock = np.arange(-lead, samples - lead, dtype=float) * dt
+    course = profile.course.stretched(factor)
     back, before, q, after, beyond = (
-        profile.derivatives((clock + k * moment) / factor)[0] for k in range(-2, 3)
+        course.derivatives(clock + k * moment)[0] for k in range(-2, 3)
     )
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)
-    begin = int(np.ceil((marks[1] / dt if more else 0) - 1e-6)) + lead
-    steady_rows = np.tile(np.arange(begin, begin + period), more)
-    rows = np.concatenate(
-        [np.arange(begin + period), steady_rows, np.arange(begin + period, len(clock))]
-    )
-    starts = marks
+    rows, starts = np.arange(samples + more * period), marks
     if more:
+        begin = int(np.ceil(marks[1] / dt - 1e-6)) + lead
+        rows -= period * np.clip((rows - begin) // period, 0, more)
         turns = marks[1] + period * dt * np.arange(more + 2)
         starts = np.concatenate([marks[:1], turns, marks[3:] + more * period * dt])
     length, speed = profile.phase
@@ -287,9 +305,7 @@ def _sampled(
         acceleration=limits.acceleration,
         stops=stops,
         jerk=limits.jerk,
-        trajectory=Trajectory(
-            profile, factor, lead * dt, float(marks[1]), period * dt, more
-        ),
+        trajectory=Trajectory(course, lead * dt, float(marks[1]), period * dt, more),
     )
 
 
@@ -385,12 +401,11 @@ def approach(
             )
     line = begin + share * (end - begin)
     rate = positive(rate, "rate", "samples per second")
-    if kept.jerk is None:
-        segment = fastest(line, kept)
-    else:
-        from .jerk import fastest_with_jerk
+    segment = fastest(line, kept)
+    if kept.jerk is not None:
+        from .jerk import with_jerk
 
-        segment = fastest_with_jerk(line, kept)
+        segment = with_jerk(segment, kept)
     ends_of_line = [0, len(line) - 1]
     profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
     return _sampled(profile, task.robot_joints, 0, rate, kept, 0)

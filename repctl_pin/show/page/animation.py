@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arguments import Array, file_name, positive
+from ...arguments import Array, file_name, positive, require_type
 from ...errors import InputError
 from ...files import prepare_folder, write_whole
 from ...motion import Motion
@@ -108,26 +108,16 @@ def animation(
     seconds = None if seconds is None else positive(seconds, "seconds", "s")
     if isinstance(motions, Study):
         return Animation(study_page(motions, seconds=seconds))
-    if isinstance(motions, Motion):
-        raise InputError(
-            "an animation requires motions by name; name the motion, as in {'mine': motion}"
-        )
-    if not isinstance(motions, Mapping):
-        raise InputError(
-            f"an animation requires motions by name, or a study; got {type(motions).__name__}"
-        )
-    wrong = next(
-        (name for name, motion in motions.items() if not isinstance(motion, Motion)),
-        None,
-    )
-    if wrong is not None or not motions:
-        what = (
-            f"{wrong!r} is a {type(motions[wrong]).__name__}"
-            if wrong is not None
-            else "there is none"
-        )
-        raise InputError(
-            f"an animation requires motions, such as those of rp.follow; {what}"
+    named = "motions by name, as in {'mine': motion}, or a study"
+    require_type(motions, Mapping, "motions", named)
+    if not motions:
+        raise InputError("an animation requires motions; there is none")
+    for name, motion in motions.items():
+        require_type(
+            motion,
+            Motion,
+            f"motions[{name!r}]",
+            "a motion, such as rp.follow(control, path, q0)",
         )
     every = list(motions.values())
     robot = every[0].task.robot

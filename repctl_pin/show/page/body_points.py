@@ -24,7 +24,7 @@ def body_drift(
     Parameters
     ----------
     bodies : sequence of (P, 3) arrays
-        Corners of each body, see :func:`.body_corners.corners`.
+        Corners of each body, see :func:`.visuals.corners`.
     placements : (T, S, 4, 4) array
         Placements of S bodies at T samples, cycle by cycle.
     per_cycle

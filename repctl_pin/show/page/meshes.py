@@ -7,9 +7,7 @@ and a web server.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -17,8 +15,8 @@ import umsgpack
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
+from ...model.shapes import Shape
 from ...model.surfaces import Surface, Surfaces
-from ...model.visuals import Shape
 
 Key = tuple[Any, ...]
 """Identity of a body: its mesh file, or kind and size; not its scale, colour or placement."""
@@ -39,7 +37,6 @@ _HIDDEN = (
 _ARRAYS = {"Int8Array": (0x11, "<i1"), "Uint8Array": (0x12, "<u1"), "Uint16Array": (0x14, "<u2"),
            "Uint32Array": (0x16, "<u4"), "Float32Array": (0x17, "<f4")}  # fmt: skip
 _GLOSS = {"specular": 0x1C1C1C, "shininess": 28}
-_REPEAT = [1000, 1000]  # three.js' RepeatWrapping
 _BOTH_SIDES = 2  # three.js' DoubleSide
 _VERTEX_COLORS = 2  # three.js' VertexColors
 
@@ -110,9 +107,10 @@ def _object(shape: Shape, surfaces: Surfaces) -> _Element:
         box = {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
         return _plain(box)
     if shape.kind == "sphere":
-        return _plain(_round(size[0], 0.0))
+        around = {"widthSegments": _RINGS, "heightSegments": _RINGS}
+        return _plain({"type": "SphereGeometry", "radius": size[0], **around})
     if shape.kind == "capsule":
-        return _plain(_round(size[0], size[1]))
+        return _plain(_capsule(*size), _UPRIGHT)
     if shape.kind == "cylinder":
         radius, height = size
         cylinder = {
@@ -130,72 +128,35 @@ def _object(shape: Shape, surfaces: Surfaces) -> _Element:
 
 def _plain(geometry: _Element, matrix: list[float] = _IDENTITY) -> _Element:
     """Make a three.js object of one geometry in meshcat's default material."""
-    return _scene({"uuid": "0", **geometry}, [_material("1")], "1", matrix)
+    return _scene(geometry, _material(), matrix)
 
 
 def _painted(surface: Surface) -> _Element:
-    """Make a three.js object with the colours and textures of its mesh file.
-
-    Each texture has its own material.
-    """
-    images = [image for *_, image in surface.groups]
-    numbers = map(str, count(1))
-    names = [next(numbers) for _ in images]
-    own_name = next(numbers)
-    urls = {
-        k: f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
-        for k, image in enumerate(images)
-        if image is not None
-    }
-    textures = {k: next(numbers) for k in urls}
-    pictures = {k: next(numbers) for k in urls}
-    materials = [
-        _material(name, vertexColors=_VERTEX_COLORS, **_GLOSS)
-        | ({"map": textures[k]} if k in textures else {})
-        for k, name in enumerate(names)
-    ]
-    geometry = {"uuid": "0", **_triangles(surface)}
-    scene = _scene(geometry, materials, names, _IDENTITY, own_name)
-    if urls:
-        scene["textures"] = [
-            {
-                "uuid": textures[k],
-                "wrap": _REPEAT,
-                "repeat": [1, 1],
-                "image": pictures[k],
-            }
-            for k in urls
-        ]
-        scene["images"] = [{"uuid": pictures[k], "url": url} for k, url in urls.items()]
-    return scene
+    """Make a three.js object with the colours of its mesh file."""
+    material = _material(vertexColors=_VERTEX_COLORS, **_GLOSS)
+    return _scene(_triangles(surface), material, _IDENTITY)
 
 
-def _scene(
-    geometry: _Element,
-    materials: list[_Element],
-    material: str | list[str],
-    matrix: list[float],
-    name: str = "2",
-) -> _Element:
+def _scene(geometry: _Element, material: _Element, matrix: list[float]) -> _Element:
     """Make a three.js scene of one mesh."""
     return {
         "metadata": {"version": 4.5, "type": "Object"},
-        "geometries": [geometry],
-        "materials": materials,
+        "geometries": [{"uuid": "0", **geometry}],
+        "materials": [material],
         "object": {
-            "uuid": name,
+            "uuid": "2",
             "type": "Mesh",
-            "geometry": geometry["uuid"],
-            "material": material,
+            "geometry": "0",
+            "material": material["uuid"],
             "matrix": matrix,
         },
     }
 
 
-def _material(name: str, **more: Any) -> _Element:
+def _material(**more: Any) -> _Element:
     """Make a three.js material with meshcat's defaults."""
     return {
-        "uuid": name,
+        "uuid": "1",
         "type": "MeshPhongMaterial",
         "color": 0xFFFFFF,
         "reflectivity": 0.5,
@@ -219,17 +180,11 @@ def _triangles(surface: Surface) -> _Element:
             "Uint8Array", np.round(lifted(s.colors) * 255), 3, normalized=True
         ),
     }
-    if s.uv is not None:
-        attributes["uv"] = _array("Float32Array", s.uv, 2)
-    groups = [
-        {"start": start, "count": corners, "materialIndex": k}
-        for k, (start, corners, _) in enumerate(s.groups)
-    ]
     small = len(s.points) < 2**16
     index = _array("Uint16Array" if small else "Uint32Array", s.faces, 1)
     return {
         "type": "BufferGeometry",
-        "data": {"attributes": attributes, "index": index, "groups": groups},
+        "data": {"attributes": attributes, "index": index},
     }
 
 
@@ -246,28 +201,10 @@ def _array(
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
 
 
-def _round(radius: float, length: float) -> _Element:
-    """Make the three.js geometry of a capsule along z, or of a sphere if ``length`` is 0."""
-    n = _RINGS
-    polar = np.concatenate(
-        [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
-    )
-    height = radius * np.cos(polar) + np.repeat(
-        [length / 2, -length / 2], n // 2
-    )  # (n,)
-    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    ring = radius * np.sin(polar)[:, None]
-    z = np.broadcast_to(height[:, None], (n, n))
-    points = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], -1).reshape(-1, 3)
-    i, j = (a.ravel() for a in np.indices((n - 1, n)))
-    a = i * n + j
-    b = i * n + (j + 1) % n
-    c = (i + 1) * n + j
-    d = (i + 1) * n + (j + 1) % n
-    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
-    position = _array("Float32Array", points, 3)
-    index = _array("Uint32Array", faces, 3)
-    return {
-        "type": "BufferGeometry",
-        "data": {"attributes": {"position": position}, "index": index},
-    }
+def _capsule(radius: float, length: float) -> _Element:
+    """Make the three.js geometry of a capsule along y: its outline from below, turned around y."""
+    angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS)
+    x = radius * np.cos(angles)
+    y = radius * np.sin(angles) + length / 2 * np.sign(angles)
+    outline = [{"x": float(a), "y": float(b)} for a, b in zip(x, y, strict=True)]
+    return {"type": "LatheGeometry", "points": outline, "segments": _RINGS}

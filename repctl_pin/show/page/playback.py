@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import pinocchio as pin
 
 from ...arguments import Array, read_only
 from ...errors import InputError
-from ...model.arm_links import arm_links
-from ...model.body_corners import corners
-from ...model.model import frame_id
+from ...model.arm_links import arm_links, link_origins
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, unit_of
-from ...model.visuals import Visuals
+from ...model.visuals import Visuals, corners
 from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
@@ -286,7 +283,7 @@ def _arm(
         np.where(counts, off, 0.0),
         color=track.color,
         unit=track.unit,
-        broken=_broken(played, rows, track.t is not None, track.motion),
+        broken=_broken(played, track, rows),
     )
 
 
@@ -313,46 +310,35 @@ def _is_of(chain: Task, task: Task) -> bool:
 
 
 def _broken(
-    played: Sequence[JointMotion], rows: Array, timed: bool, whole: JointMotion | None
+    played: Sequence[JointMotion], track: Playback, rows: Array
 ) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion; None without any.
 
     Speed limits count if the motion is timed, and collisions if it has one chain, or is that of a
-    task with all chains.
+    task with all chains. The page marks the origin of a link: of the joint's child, or of the first
+    link that collides.
     """
-    said = [(one.first_violation, one.task, "past its limit") for one in played]
-    said += [
-        (one.first_overspeed, one.task, "past its speed limit")
-        for one in played
-        if timed
-    ]
-    found = min(
-        ((*first, task, words) for first, task, words in said if first),
-        key=lambda one: one[0],
-        default=None,
-    )
-    touch = played[0].coarse.first_touch if len(played) == 1 else None
-    if whole is not None:
-        touch = whole.coarse.first_touch
-    cycles, robot = played[0].cycles, played[0].task.robot
-    if touch is not None and (found is None or touch[0] < found[0]):
+    description = played[0].task.robot.description
+    child = {joint.name: joint.child for joint in description.joints}
+    found: list[tuple[float, str, str, Task]] = []
+    for one in played:
+        if first := one.first_violation:
+            at, joint = first
+            found.append((at, f"{joint} past its limit", child[joint], one.task))
+        if track.t is not None and (first := one.first_overspeed):
+            at, joint = first
+            found.append((at, f"{joint} past its speed limit", child[joint], one.task))
+    whole = track.motion or (played[0] if len(played) == 1 else None)
+    if whole is not None and (touch := whole.coarse.first_touch):
         at, links = touch
-        link = next(name for name in links if name in robot.description.links)
-        data = robot.model.createData()
-        frame = frame_id(robot.model, link)
-        origin = np.empty((len(rows), 3))
-        for q, place in zip(robot.coupling.joints(rows), origin, strict=True):
-            pin.framesForwardKinematics(robot.model, data, q)
-            place[:] = data.oMf[frame].translation
-        return FirstViolation(
-            f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin
-        )
-    if found is None:
+        link = next(name for name in links if name in description.links)
+        found.append((at, f"{' and '.join(links)} have touched", link, whole.task))
+    if not found:
         return None
-    at, joint, task, words = found
-    k = task.robot_joints.index(joint)
-    origin = np.array([task.joint_origins(task.from_robot(q))[k] for q in rows])
-    return FirstViolation(f"{joint} {words}", at, cycle_of(at, cycles), origin)
+    at, words, link, task = min(found, key=lambda one: one[0])
+    Q = np.array([task.from_robot(q) for q in rows])
+    origin = link_origins(task, [link], Q)[:, 0]
+    return FirstViolation(words, at, cycle_of(at, track.cycles), origin)
 
 
 def _summary(

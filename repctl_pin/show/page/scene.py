@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ...arguments import Array, read_only
 from ...errors import InputError
+from ...model.shapes import Shape
 from ...model.surfaces import Surfaces
-from ...model.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.headline import NO_HEADLINE, Headline, names_of
@@ -306,7 +306,7 @@ def _describe(
             "body": library.get(key(shape)),
             "scale": [float(s) for s in shape.scale],
             "color": None
-            if shape.textured
+            if shape.color is None
             else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
             "pose": None if moving[k] else poses[0, k].tolist(),
             "standing": shape.standing,

@@ -35,12 +35,11 @@ from ...arguments import (
 )
 from ...errors import InputError
 from ...model.arm_links import arm_links
-from ...model.body_corners import corners
 from ...model.length import arm_length
 from ...model.several_frames import one_frame
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, require_task
-from ...model.visuals import Visuals
+from ...model.visuals import Visuals, corners
 from ...motion import elbow
 from ...motion.displacement import farthest
 from ...paths import TaskPath

@@ -13,10 +13,10 @@ from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
-from .lines import COLUMNS, Span, fitted, with_options, wrapped
+from .lines import COLUMNS, Span, fitted, wrapped
 from .motion_summary import MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, number, percent
-from .table import NARROW, outside_words, table
+from .table import NARROW, outside_words, table_spans
 
 ROWS = 24
 """Number of rows of the terminal into which the answer fits."""
@@ -73,7 +73,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
         f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)
     ]
     notes += _proved(study)
-    notes += [f"note: {with_options(note)}" for note in _notes(study, rows)]
+    notes += [f"note: {note}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
     left = ROWS - 2 - above - _height_of(below)  # without command and next prompt
@@ -106,22 +106,8 @@ def _about(study: Study) -> str:
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
     """Format the short table; the text of a bad or good value has that tone."""
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
-    cells = _cells(study, rows)
-    text = (
-        table(header, [[name, *(cell.text for cell in line)] for name, line in cells])
-        + "\n"
-    )
-    out: list[Span] = []
-    for line in text.splitlines(keepends=True):
-        found = next((row for name, row in cells if line.startswith(f"{name}  ")), [])
-        at = 0
-        for cell in found:
-            begin = line.find(cell.text, max(at, len(cells[0][0])))
-            if begin < 0:  # in a block of columns of its own
-                continue
-            out += [Span(line[at:begin]), cell]
-            at = begin + len(cell.text)
-        out.append(Span(line[at:]))
+    cells = [[Span(name), *line] for name, line in _cells(study, rows)]
+    out = [*table_spans(header, cells), Span("\n")]
     if unchecked := _unchecked(study):
         meshes = bodies_of(study.task).missing
         lost = (
@@ -241,10 +227,12 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
         for row in rows
         if row.motion is None and row.key not in ("pseudoinverse", "repeatable")
     ]
-    blind = [note for note in notes if note.startswith(_FIRST)]
-    first = [note for note in notes if not note.startswith((*_FIRST, *_LAST))]
-    last = [note for note in notes if note.startswith(_LAST)]
-    return [*stopped, *blind, *first, *_meanings(study), *last]
+    return [*stopped, *sorted([*notes, *_meanings(study)], key=_rank)]
+
+
+def _rank(note: str) -> int:
+    """Sort key of notes: those that come first, those between, and those left out first."""
+    return 0 if note.startswith(_FIRST) else 2 if note.startswith(_LAST) else 1
 
 
 def _meanings(study: Study) -> list[str]:

@@ -138,28 +138,29 @@ def headline_of(
     said = [*_winds(summaries), *(Span(f"{text} ", "bad") for text in stopped)]
     if not summaries:
         return Headline(tuple(said), ())
+    notes = tuple(_notes(summaries))
     if cycles == 1 and all(_is_open(one) for one in summaries):
-        way = metres(max(one.hand_off for one in summaries)).replace(" ", "\u00a0")
+        way = _whole(metres(max(one.hand_off for one in summaries)))
         words = f"The path is not closed: the hand ends {way} from where it began."
-        return Headline((*said, Span(words)), tuple(_notes(summaries)))
-    worst = max(summaries, key=lambda one: one.off)
+        return Headline((*said, Span(words)), notes)
     lost = _lost(summaries, times)
     whose = _EITHER.get(len(summaries), " under every control")
     if stopped and len(summaries) == 1:
         whose = f" under {_alone(summaries[0])}"
-    back = hands_are(hands)
-    words = lost or [Span(f"After {times} {back} back{whose}. ")]
+    said += lost or [Span(f"After {times} {hands_are(hands)} back{whose}. ")]
     if all(one.back and not one.turned for one in summaries):
         every = f"every part of the {'arm' if hands == 1 else 'arms'}"
         also = f"After {times} {every} is back: " if lost else f"So is {every}: "
-        words += [Span(also), Span("0", "good", _exact(worst)), Span(" off.")]
+        worst = max(summaries, key=lambda one: one.off)
+        said += [Span(also), Span("0", "good", _exact(worst)), Span(" off.")]
     else:
-        subject, verb, offs = _drifted(summaries, worst)
-        if lost and verb == "is not":
-            verb = "is not back"
-        start = f"After {times} {subject}" if lost else capital(subject)
-        words += [Span(f"{start} {verb}: "), *offs, Span(".")]
-    return Headline((*said, *words, *_ends(summaries)), tuple(_notes(summaries)))
+        said += _drifted(summaries, f"After {times} " if lost else "")
+    return Headline((*said, *_ends(summaries)), notes)
+
+
+def _whole(text: str) -> str:
+    """Keep a text on one line, by no-break spaces."""
+    return text.replace(" ", "\u00a0")
 
 
 def _is_open(one: MotionSummary) -> bool:
@@ -167,19 +168,38 @@ def _is_open(one: MotionSummary) -> bool:
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
 
-def _drifted(
-    summaries: Sequence[MotionSummary], worst: MotionSummary
-) -> tuple[str, str, list[Span]]:
-    """Write which part or joint is off, the verb, and by how much it is off under each."""
+def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
+    """Write which part or joint is off, and by how much under each controller.
+
+    ``after`` says after how many cycles, if the sentence before does not say it.
+    """
+    worst = max(summaries, key=lambda one: one.off)
     subject = worst.part if worst.part[:4] == "arm " else f"{worst.part} of the arm"
     if not any(letter.isdigit() for letter in worst.part):
         subject = f"the {worst.part}"
+    verb = "is not back" if after else "is not"
     if worst.off >= SMALL:
-        return subject, "is not", _offs(summaries, " off")
-    if any(one.turned for one in summaries):
-        joint, offs = _turned(summaries)
-        return joint, "is not", offs
-    return subject, "has hardly drifted", _offs(summaries, "")
+        offs = _offs(summaries, " off")
+    elif any(one.turned for one in summaries):
+        _, joint = max(
+            (one.joint_displacement for one in summaries), key=lambda x: x[0]
+        )
+        subject = f"the joint {joint}"
+        offs = [_turned(one) for one in summaries]
+    else:
+        verb = "has hardly drifted"
+        offs = _offs(summaries, "")
+    said = [
+        Span(f"{after}{subject} {verb}: " if after else capital(f"{subject} {verb}: "))
+    ]
+    for one, off in zip(summaries, offs, strict=True):
+        said += [off, Span(f"{_by(one, summaries)}, ")]
+    return [*said[:-1], Span(f"{_by(summaries[-1], summaries)}.")]
+
+
+def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
+    """Write under which controller, to end a phrase; empty if there is only one."""
+    return f" under {under(one.label)}" if len(summaries) > 1 else ""
 
 
 def _alone(one: MotionSummary) -> str:
@@ -234,7 +254,7 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
             Span(f"{words if plain else f'{words} {end}'} {'' if k else 'is '}{most}")
         )
         off = max(one.ends[end] for one in summaries)
-        value = f"{metres(off)}{'' if k else ' off'}".replace(" ", "\u00a0")
+        value = _whole(f"{metres(off)}{'' if k else ' off'}")
         said.append(Span(value, "bad", f"{end}: {off:.3g} m"))
     return [*said, Span(".")]
 
@@ -243,24 +263,20 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
     """Write under which controllers the hand leaves its path or is not back; empty without any."""
     said = []
     for one in summaries:
-        if one.path_loss is None:
-            if _is_open(one):
-                said += [
-                    Span(
-                        f"Under {under(one.label)} the hand is not back after {times}: "
-                    ),
-                    Span(f"{metres(one.hand_off)} off".replace(" ", "\u00a0"), "bad"),
-                    Span(". "),
-                ]
+        if one.path_loss is not None:
+            cycle, way, angle = one.path_loss
+            what = f"leaves its path in cycle {cycle}"
+            off = metres(way) if way > ON_PATH * one.size else radians(angle)
+        elif _is_open(one):
+            what = f"is not back after {times}"
+            off = metres(one.hand_off)
+        else:
             continue
-        cycle, way, angle = one.path_loss
-        by = metres(way) if way > ON_PATH * one.size else radians(angle)
-        said.append(
-            Span(
-                f"Under {under(one.label)} the hand leaves its path in cycle {cycle}: "
-            )
-        )
-        said += [Span(f"{by} off".replace(" ", "\u00a0"), "bad"), Span(". ")]
+        said += [
+            Span(f"Under {under(one.label)} the hand {what}: "),
+            Span(_whole(f"{off} off"), "bad"),
+            Span(". "),
+        ]
     return said
 
 
@@ -278,7 +294,7 @@ def _exact(one: MotionSummary) -> str:
 
 
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
-    """List the displacement under each controller, as part of a sentence.
+    """Format the displacement under each controller.
 
     ``unit`` follows each value, except a 0 that is not the first. Where the controllers differ in
     the part that is off most, the smaller values name theirs.
@@ -289,131 +305,100 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
         value, tone, exact = off_of(one)
         word = "" if one.back and k else unit
         word += "" if one.back or one.part == worst else f" ({one.part})"
-        said += [Span(", ")] if said else []
-        said.append(Span(f"{value}{word}".replace(" ", "\u00a0"), tone, exact))
-        said += [Span(f" under {under(one.label)}")] if len(summaries) > 1 else []
+        said.append(Span(_whole(f"{value}{word}"), tone, exact))
     return said
 
 
-def _turned(summaries: Sequence[MotionSummary]) -> tuple[str, list[Span]]:
-    """Write which joint is displaced although parts are not, or hardly, and by how much."""
-    _, name = max((one.joint_displacement for one in summaries), key=lambda x: x[0])
-    said: list[Span] = []
-    for one in summaries:
-        angle = one.joint_displacement[0]
-        said += [Span(", ")] if said else []
-        value = "0" if angle < _UNTURNED else radians(angle)
-        said.append(
-            Span(value.replace(" ", "\u00a0"), "bad" if angle >= TURNED else "good")
-        )
-        said += [Span(f" under {under(one.label)}")] if len(summaries) > 1 else []
-    return f"the joint {name}", said
+def _turned(one: MotionSummary) -> Span:
+    """Format by how much a joint is displaced although parts are not, or hardly."""
+    angle = one.joint_displacement[0]
+    value = "0" if angle < _UNTURNED else _whole(radians(angle))
+    return Span(value, "bad" if angle >= TURNED else "good")
 
 
 def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write the extra joint speed, present and predicted limit violations, and body distances."""
-    first, last = summaries[0], summaries[-1]
-    said: list[Span] = []
-    if (
-        len(summaries) > 1
-        and first.speed > 0
-        and not (first.path_loss or last.path_loss)
-    ):
-        cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
-        subject = capital(under(summaries[-1].label))
-        said.append(
-            Span(f"{subject} takes no more joint speed (rms).")
-            if cost.startswith("0")
-            else Span(
-                f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed (rms)."
-            )
-        )
     return [
-        *said,
+        *_extra_speed(summaries[0], summaries[-1]),
         *_limits(summaries),
-        *_leads(summaries),
         *_bodies(summaries),
         *_unchecked(summaries),
     ]
 
 
+def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
+    """Write how much more joint speed the last motion takes than the first; empty if unknown."""
+    if last is first or not first.speed > 0 or first.path_loss or last.path_loss:
+        return []
+    cost = percent(last.speed / first.speed - 1)
+    amount = "no more"
+    if not cost.startswith("0"):
+        amount = _whole(cost[1:]) + (" more" if cost[0] == "+" else " less")
+    return [Span(f"{capital(under(last.label))} takes {amount} joint speed (rms).")]
+
+
 def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Write which limits are violated, and which will be if an arm drifts on."""
     said = []
     for one in summaries:
-        words = f" under {under(one.label)}" if len(summaries) > 1 else ""
+        by = _by(one, summaries)
         if one.limit_violation:
             cycle, joint = one.limit_violation
-            said.append(
-                Span(f"{joint} leaves its range in cycle {cycle}{words}.", "bad")
-            )
+            said.append(Span(f"{joint} leaves its range in cycle {cycle}{by}.", "bad"))
         if one.speed_ratio > TOO_FAST:
-            said.append(
-                Span(
-                    f"{one.speed_ratio:.2g} times the speed limit{words}.",
-                    "bad",
-                )
-            )
-    later = any(one.leaves is not None for one in summaries)
-    return said or [Span(f"Joint limits kept{' so far' if later else ''}.")]
-
-
-def _leads(summaries: Sequence[MotionSummary]) -> list[Span]:
-    found = [(one.leaves, one) for one in summaries if one.leaves is not None]
-    return [
+            times = f"{one.speed_ratio:.2g} times"
+            said.append(Span(f"{times} the speed limit{by}.", "bad"))
+    later = [
         Span(
-            f"At this rate {leaves[1]} leaves its range in cycle {leaves[0]}"
-            + (f" under {under(one.label)}." if len(summaries) > 1 else ".")
+            f"At this rate {one.leaves[1]} leaves its range in cycle {one.leaves[0]}"
+            f"{_by(one, summaries)}."
         )
-        for leaves, one in found
+        for one in summaries
+        if one.leaves is not None
     ]
-
-
-def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write how many bodies are not checked for collisions; empty without any."""
-    count = max(one.unchecked for one in summaries)
-    return (
-        [Span(f"Collisions not checked: {without_shape(count)}.", "near")]
-        if count
-        else []
-    )
+    return [
+        *(said or [Span(f"Joint limits kept{' so far' if later else ''}.")]),
+        *later,
+    ]
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write collisions and the minimum body distance; links are named if they are near."""
     known = [one for one in summaries if one.body_distance is not None]
-    if not known:
-        return []
-    touching = [one for one in known if one.collision_cycle]
+    free = [one for one in known if not one.collision_cycle]
     said = [
         Span(
             f"{' and '.join(one.near)} touch in cycle {one.collision_cycle} "
             f"under {under(one.label)}.",
             "bad",
         )
-        for one in touching
+        for one in known
+        if one.collision_cycle
     ]
-    free = [one for one in known if not one.collision_cycle]
     near = [one for one in free if (one.body_distance or 0.0) < NEAR]
-    texts = [_near_words(one) for one in near]
-    if len(near) == 2 and texts[0] == texts[1]:
+    texts = [
+        f"{' and '.join(one.near)} come as near as {_distance(one)}" for one in near
+    ]
+    if len(texts) == 2 and texts[0] == texts[1]:
         said.append(Span(f"{texts[0]}, in both.", "near"))
-    elif len(summaries) > 1:
+    else:
         said += [
-            Span(f"{text} under {under(one.label)}.", "near")
+            Span(f"{text}{_by(one, summaries)}.", "near")
             for text, one in zip(texts, near, strict=True)
         ]
-    else:
-        said += [Span(f"{text}.", "near") for text in texts]
     if said or len(free) < len(summaries):
         return said
-    least = min(one.body_distance or 0.0 for one in free)
-    value = metres(least).replace(" ", "\u00a0")
-    return [
-        Span(f"Links {value} apart or more{', in both' if len(free) == 2 else ''}.")
-    ]
+    least = min(free, key=lambda one: one.body_distance or 0.0)
+    both = ", in both" if len(free) == 2 else ""
+    return [Span(f"Links stay at least {_distance(least)} apart{both}.")]
 
 
-def _near_words(one: MotionSummary) -> str:
-    """Write which two links come near to each other, and how near."""
-    value = metres(one.body_distance or 0.0).replace(" ", "\u00a0")
-    return f"{' and '.join(one.near)} come as near as {value}"
+def _distance(one: MotionSummary) -> str:
+    return _whole(metres(one.body_distance or 0.0))
+
+
+def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Write how many bodies are not checked for collisions; empty without any."""
+    count = max(one.unchecked for one in summaries)
+    said = Span(f"Collisions not checked: {without_shape(count)}.", "near")
+    return [said] if count else []

@@ -27,11 +27,6 @@ class Span(NamedTuple):
     exact: str = ""
 
 
-def with_options(text: str) -> str:
-    """Name the option of ``repctl`` in place of the argument, in a text of the library."""
-    return text.replace("by package_dirs", "by --package-dir")
-
-
 def capital(text: str) -> str:
     """Capitalise the first letter of a text, and change no other."""
     return text[:1].upper() + text[1:]

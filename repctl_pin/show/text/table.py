@@ -11,7 +11,7 @@ from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
 from ...studies.quantities import JOINTS, QUANTITIES, SHARE, Quantity
 from .headline import stopped_cell, study_headline
-from .lines import fitted, terminal_width, with_options
+from .lines import Span, fitted, terminal_width
 from .numbers import number
 
 if TYPE_CHECKING:
@@ -29,39 +29,45 @@ def table(
 
     If the terminal is too narrow, the columns that do not fit follow in further blocks below.
     """
+    spans = table_spans(header, [[Span(cell) for cell in row] for row in rows], left)
+    text = "".join(span.text for span in spans)
+    return "\n".join(line.rstrip() for line in text.split("\n"))
+
+
+def table_spans(
+    header: Sequence[str], rows: Sequence[Sequence[Span]], left: int = 1
+) -> list[Span]:
+    """Align a table, as :func:`table`, whose cells keep their tones."""
     high = max(cell.count("\n") for cell in header)
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
-    lines = [*zip(*names, strict=True), *rows]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    heads = [[Span(name) for name in line] for line in zip(*names, strict=True)]
+    widths = [
+        max(len(line[i].text) for line in [*heads, *rows]) for i in range(len(header))
+    ]
+    out: list[Span] = []
+    for columns in _blocks(widths):
+        out += [Span("\n\n")] if out else []
+        for k, line in enumerate([*heads, *rows]):
+            out += [Span("\n")] if k else []
+            for i in columns:
+                pad = Span(" " * (widths[i] - len(line[i].text)))
+                gap = Span("  " if i != columns[0] else "")
+                out += [gap, line[i], pad] if i < left else [gap, pad, line[i]]
+            if k == high:
+                rule = "─" * (sum(widths[i] for i in columns) + 2 * len(columns) - 2)
+                out.append(Span(f"\n{rule}"))
+    return out
+
+
+def _blocks(widths: Sequence[int]) -> list[list[int]]:
+    """Divide the columns of a table into blocks that fit; each begins with the first column."""
     blocks = [[0]]
-    width = terminal_width()
-    for i in range(1, len(header)):
-        if (
-            sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > width
-            and len(blocks[-1]) > 1
-        ):
+    for i in range(1, len(widths)):
+        wide = sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2
+        if wide > terminal_width() and len(blocks[-1]) > 1:
             blocks.append([0])
         blocks[-1].append(i)
-    aligned = [
-        [
-            cell.ljust(w) if i < left else cell.rjust(w)
-            for i, (cell, w) in enumerate(zip(line, widths, strict=True))
-        ]
-        for line in lines
-    ]
-    return "\n\n".join(_block(aligned, widths, block, high + 1) for block in blocks)
-
-
-def _block(
-    lines: Sequence[Sequence[str]],
-    widths: Sequence[int],
-    columns: Sequence[int],
-    heads: int,
-) -> str:
-    """Format some columns of a table, with a rule below ``heads`` header lines."""
-    out = ["  ".join(line[i] for i in columns).rstrip() for line in lines]
-    rule = "─" * (sum(widths[i] for i in columns) + 2 * len(columns) - 2)
-    return "\n".join([*out[:heads], rule, *out[heads:]])
+    return blocks
 
 
 def study_table(study: Study) -> str:
@@ -73,7 +79,7 @@ def study_table(study: Study) -> str:
     header = ["", *("\n".join(textwrap.wrap(row.label, NARROW)) for row in study.rows)]
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
     legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
-    notes = [f"note: {with_options(note)}" for note in study_notes(study)]
+    notes = [f"note: {note}" for note in study_notes(study)]
     before = fitted("\n".join([*loud, str(study_headline(study)), "", *head]))
     return "\n".join(
         [before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])]

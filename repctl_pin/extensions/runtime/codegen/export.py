@@ -19,12 +19,12 @@ from ....regions import Region
 from ....regions.region import A_REGION
 from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.cell import Cell
-from ...cells.cell_potentials import CellPotentials
+from ...cells.chart import CellPotentials
 from ...cells.function import InverseFunction
 from ...cells.sector import Sector
 from .kdl import kdl_header, quoted
 from .source import about, region_of, write_source
-from .text import checked_name, filled, pose, poses, row, table, value
+from .text import checked_name, filled, initialiser
 from .vectors import (
     BAD_NUMBER,
     OUTSIDE,
@@ -136,7 +136,9 @@ def export_c(
         f"{name}_kdl.hpp": kdl_header(control, name, about(control, kept), start),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
-        "loop.c": filled("loop.c", name, {"start": row(start)} | _loop(inverse, kept)),
+        "loop.c": filled(
+            "loop.c", name, {"start": initialiser(start)} | _loop(inverse, kept)
+        ),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = Path(folder)
@@ -204,7 +206,8 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
         most = region.half_width
     first, second = np.argsort(-most, kind="stable")[:2]
     radii = min(0.02, 0.45 * most[first]), min(0.02, 0.9 * most[second])
-    return {"along": table(along[[first, second]]), "radii": row(radii)}
+    rows = ",\n".join(f"        {initialiser(along[k])}" for k in (first, second))
+    return {"along": rows, "radii": initialiser(radii)}
 
 
 def _vector(
@@ -214,38 +217,36 @@ def _vector(
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
     gain = -1.0 if vector.gain is None else vector.gain
-    entries = [row(vector.q), row(vector.xdot), poses(vector.target)]
-    entries.append(value(vector.dt))
-    for part, size in (
-        (vector.twist, task.twist_size),
-        (vector.leaf, task.r),
-    ):  # flag and value
-        entries += [
-            str(int(part is not None)),
-            row(np.zeros(size) if part is None else part),
-        ]
-    entries.append(
-        f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}"
-    )
-    gains = ", ".join(map(value, vector.gains[1:5]))
-    entries += [row(vector.joint_speed), row(np.ravel(vector.M)), row(vector.bias)]
-    most = row(vector.gains.observer_limit)
-    entries.append(f"{{{row(vector.gains.stiffness)}, {gains}, {most}}}")
-    observer = np.zeros(task.r) if vector.observer is None else vector.observer
-    entries += [str(int(vector.observer is not None)), row(observer)]
-    entries += [
-        f"{name.upper()}_{STATUS[said[key]]}"
-        for key in ("usable", "inside", "velocity", "step", "torque")
+    r, nowhere = np.zeros(task.r), (pin.SE3.Identity(),) * len(task.frames)
+    codes = ("usable", "inside", "velocity", "step", "torque")
+    entries = [
+        vector.q,
+        vector.xdot,
+        vector.target,
+        vector.dt,
+        *_optional(vector.twist, task.twist_size),
+        *_optional(vector.leaf, task.r),
+        (gain, limit, vector.damping, vector.stay_inside),
+        vector.joint_speed,
+        np.ravel(vector.M),
+        vector.bias,
+        vector.gains,
+        *_optional(vector.observer, task.r),
+        *(f"{name.upper()}_{STATUS[said[code]]}" for code in codes),
+        said.get("placement", nowhere),
+        np.ravel(said.get("J", np.zeros((task.m, task.n)))),
+        said.get("c", r),
+        said["qdot"],
+        said["q_next"],
+        said["tau"],
+        said.get("observer", r),
     ]
-    nowhere = (pin.SE3.Identity(),) * len(task.frames)
-    entries.append(poses(said.get("placement", nowhere)))
-    entries += [
-        row(np.ravel(said.get("J", np.zeros((task.m, task.n))))),
-        row(said.get("c", np.zeros(task.r))),
-    ]
-    entries += [row(said[key]) for key in ("qdot", "q_next", "tau")]
-    entries.append(row(said.get("observer", np.zeros(task.r))))
-    return "    {" + ",\n     ".join(entries) + "}"
+    return "    {" + ",\n     ".join(map(initialiser, entries)) + "}"
+
+
+def _optional(given: Array | None, size: int) -> tuple[int, Array]:
+    """Return whether a vector is given, and the vector; 0 if it is not."""
+    return int(given is not None), np.zeros(size) if given is None else given
 
 
 def _function_vectors(function: InverseFunction, name: str) -> str:
@@ -259,9 +260,8 @@ def _function_vectors(function: InverseFunction, name: str) -> str:
         status = (
             OUTSIDE if status == BAD_NUMBER else status
         )  # targets are valid placements, so the cell is the only cause
-        rows.append(
-            f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}"
-        )
+        entries = (target, leaf, f"{name.upper()}_{STATUS[status]}", q)
+        rows.append(f"    {initialiser(entries)}")
     return filled(
         "function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)}
     )

@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from ....model.task import Task
-from .text import filled, pasted, row
+from .text import filled, initialiser, pasted
 
 _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 
@@ -16,17 +16,16 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header.
 
-    All three are empty for a task in other joint coordinates or of several frames, which has no
-    governor.
+    All three are empty for a task in other joint coordinates, which has no governor.
     """
-    if task.coordinates is not None or len(task.frames) > 1:
+    if task.coordinates is not None:
         return "", "", ""
     structs, types = _structs("governor.h", name)
     parts = {
         "structs": structs,
         "types": types,
         "library": pasted("governor.h", *_GOVERNOR),
-        "velocity": row(task.velocity_limit),
+        "velocity": initialiser(task.velocity_limit),
     }
     header, code, more = (filled(f"governor.{end}", name, parts) for end in _ENDINGS)
     return header, code, more
@@ -39,7 +38,7 @@ def torque_code(task: Task, name: str) -> tuple[str, str]:
         "structs": structs,
         "types": types,
         "library": pasted("torque.h", "torque.c"),
-        "stiffness": row(np.where(task.kind.linear, 1000.0, 50.0)),
+        "stiffness": initialiser(np.where(task.kind.linear, 1000.0, 50.0)),
     }
     header, code = (filled(f"torque.{end}", name, parts) for end in _ENDINGS[:2])
     return header, code
@@ -64,7 +63,7 @@ def _structs(file: str, name: str) -> tuple[str, str]:
         public = re.sub(rf"\b{known}\b(?! of)", f"{name}_{known.lower()}", public)
     for macro in macros:
         public = re.sub(rf"\b{macro}\b", f"{big}_{macro}", public)
-    public = re.sub(r"\bMOST_(?=[NM]\b)", f"{big}_", public)
+    public = re.sub(r"\bMOST_(?=(N|M|FRAMES)\b)", f"{big}_", public)
     lines = [f"#define {macro} {big}_{macro}" for macro in macros]
     lines += [f"typedef {name}_{known.lower()} {known};" for known in own]
     return public.strip("\n") + "\n", "\n".join(lines) + "\n"

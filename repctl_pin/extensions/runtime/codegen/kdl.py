@@ -6,7 +6,7 @@ from ....arguments import Array
 from ....model.task import Task
 from ....strategies.repeatable import RepeatableInverse
 from ...cells.function import InverseFunction
-from .text import filled, row
+from .text import filled, initialiser
 
 
 def kdl_header(
@@ -36,7 +36,7 @@ def kdl_header(
     )
     parts = {
         "about": about,
-        "start": row(start),
+        "start": initialiser(start),
         "rates": _rates(task),
         "solver": filled(solver, name, {}).rstrip("\n"),
     }

@@ -17,11 +17,10 @@ from ....regions import Region
 from ....strategies.native_arm import native_arm
 from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.cell import Cell
-from ...cells.cell_potentials import CellPotentials
+from ...cells.chart import CellPotentials
 from ...cells.function import InverseFunction
-from .constants import constants
 from .governor import governor_source, torque_code
-from .text import comment, filled, pasted
+from .text import comment, constants, filled, pasted
 
 _MEANING = {
     "pose": "position and orientation: xdot = (v, omega), base axes, m/s and rad/s",
@@ -75,11 +74,9 @@ def write_source(
     """
     inverse, declared, defined = control, "", ""
     if isinstance(control, InverseFunction):
-        inverse, declared, defined = (
-            control.inverse,
-            filled("function.h", name, {}),
-            _function_code(control, name),
-        )
+        inverse = control.inverse
+        declared = filled("function.h", name, {})
+        defined = _function_code(control, name)
     inverse = require_type(
         inverse,
         RepeatableInverse,
@@ -122,25 +119,19 @@ def write_source(
     }
     governed = governor_source(task, name) if governor else ("", "", "")
     closing = _closing_source(closes, task, name)
-    torque = torque_code(task, name)
-    header = parts | {
-        "torque": torque[0],
-        "function": declared,
-        "governor": governed[0],
-        "closing": closing[0],
+    sections = {
+        "torque": torque_code(task, name),
+        "function": (declared, defined),
+        "governor": governed,
+        "closing": closing,
     }
-    code = parts | {
-        "torque": torque[1],
-        "function": defined,
-        "governor": governed[1],
-        "closing": closing[1],
-    }
-    return _Source(
-        filled("arm.h", name, header),
-        filled("arm.c", name, code),
-        governed[2],
-        closing[2],
+    header, code = (
+        filled(
+            f"arm.{end}", name, parts | {key: made[i] for key, made in sections.items()}
+        )
+        for i, end in enumerate("hc")
     )
+    return _Source(header, code, governed[2], closing[2])
 
 
 def _frame_sizes(arm: Any) -> dict[str, str | int]:

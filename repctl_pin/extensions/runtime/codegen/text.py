@@ -1,10 +1,11 @@
-"""Formatting of C code: names, numbers, safe comments, and templates."""
+"""Formatting of C code: names, numbers, structs as constants, safe comments, and templates."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -15,6 +16,9 @@ from ....errors import InputError
 
 _PLAIN = re.compile(r"[A-Za-z0-9 ,.;:+=()<>\[\]_-]")
 _LONGEST = 80
+
+_TYPES = {"frame": "Arm"}
+"""Types of the members that do not bear their type's name."""
 
 _VARIANT = re.compile(r"(_r|_t|_np|f?(32|64|128)x?|f|l)$")
 """Ending of variants of a name of the C library, such as ``sinf`` and ``gamma_r``."""
@@ -66,27 +70,23 @@ def comment(text: str) -> str:
     return "".join(c if _PLAIN.match(c) else _escaped(c) for c in short)
 
 
-def table(rows: Iterable[Iterable[float]], indent: str = "        ") -> str:
-    """Format rows of doubles as the rows of a two-dimensional C initialiser."""
-    return ",\n".join(f"{indent}{{{', '.join(map(value, row))}}}" for row in rows)
+def initialiser(value: Any) -> str:
+    """Format a value as C: a number, a name, or in braces an array, a tuple or a placement.
+
+    Numbers may be infinite or nan. A placement is its position, and its rotation row by row.
+    """
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, float):
+        return _double(value)
+    if isinstance(value, pin.SE3):
+        value = value.translation, np.ravel(value.rotation)
+    return f"{{{', '.join(map(initialiser, value))}}}"
 
 
-def row(values: Iterable[float]) -> str:
-    """Format doubles as a C initialiser, ``{1.0, HUGE_VAL}``."""
-    return f"{{{', '.join(map(value, values))}}}"
-
-
-def pose(placement: pin.SE3) -> str:
-    """Format a placement as a C initialiser: position, and rotation row by row."""
-    return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
-
-
-def poses(placements: Iterable[pin.SE3]) -> str:
-    """Format the placements of all frames as a C initialiser."""
-    return f"{{{', '.join(map(pose, placements))}}}"
-
-
-def value(x: float) -> str:
+def _double(x: float) -> str:
     """Format a double, which may be infinite or nan, as a C expression."""
     if math.isnan(x):
         return "(HUGE_VAL - HUGE_VAL)"
@@ -95,15 +95,49 @@ def value(x: float) -> str:
     return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
 
 
-def number(value: float) -> str:
-    """Format a finite number in C by the shortest text that parses to the same double."""
-    assert math.isfinite(value)
-    return repr(float(value) + 0.0)
+def constants(made: Any, kind: str, name: str) -> str:
+    """Write a struct of :func:`repctl_pin.native.filled_struct` as ``static const`` C.
+
+    Parameters
+    ----------
+    made
+        The struct; ``made.held`` has its arrays, and the structs it points to, by member.
+    kind
+        Name of its type in C; a struct that the member ``x`` points to is an ``X``, a frame an
+        ``Arm``.
+    name
+        Name of the constant; the names of its arrays begin with it.
+    """
+    return "\n".join(_definitions(made, kind, name)) + "\n"
 
 
-def integer(values: Iterable[int]) -> str:
-    """Format integers as a C initialiser, ``{1, 2}``."""
-    return f"{{{', '.join(str(int(v)) for v in values)}}}"
+def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
+    entries = []
+    for member, of in made._fields_:
+        held = made.held.get(member)
+        if of is not ctypes.c_void_p:
+            entries.append(initialiser(getattr(made, member)))
+        elif held is None or len(held) == 0:
+            entries.append("NULL")
+        else:
+            yield from _array(held, member, f"{name}_{member}")
+            entries.append(f"{name}_{member}")
+    yield f"static const {kind} {name}[1] = {{{{{', '.join(entries)}}}}};"
+
+
+def _array(held: Any, member: str, name: str) -> Iterator[str]:
+    """Write the array of numbers, or of structs, that a member points to."""
+    if isinstance(held, np.ndarray):
+        kind = "double" if held.dtype.kind == "f" else "int"
+        values = initialiser(held.ravel())
+        yield f"static const {kind} {name}[{held.size}] = {values};"
+        return
+    kind, entries = _TYPES.get(member, member.capitalize()), []
+    for k, one in enumerate(held):
+        *arrays, last = _definitions(one, kind, f"{name}_{k}")
+        yield from arrays
+        entries.append(last.split(" = ")[1][1:-2])
+    yield f"static const {kind} {name}[{len(held)}] = {{{', '.join(entries)}}};"
 
 
 def _template(file: str) -> str:

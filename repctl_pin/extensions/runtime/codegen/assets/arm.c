@@ -19,6 +19,7 @@
 #define JOINTS @joints
 #define MOST_JOINTS @most
 #define MOST_N ARM_N
+#define MOST_FRAMES ARM_FRAMES
 #define TERMS @terms
 #define WIDTH (ARM_R * (ARM_N + 1))
 #define OK ARM_OK
@@ -41,14 +42,8 @@ typedef arm_report Report;
 
 arm_status arm_placement(const double q[ARM_N], arm_pose pose[ARM_FRAMES])
 {
-    double p[3 * FRAMES], R[9 * FRAMES];
-    int f, i;
     if (!all_finite(q, N)) return ARM_BAD_NUMBER;
-    place(arm_tables, q, p, R, NULL);
-    for (f = 0; f < FRAMES; f++) {
-        for (i = 0; i < 3; i++) pose[f].p[i] = p[3 * f + i];
-        for (i = 0; i < 9; i++) pose[f].R[i] = R[9 * f + i];
-    }
+    find_poses(arm_tables, q, pose);
     return ARM_OK;
 }
 

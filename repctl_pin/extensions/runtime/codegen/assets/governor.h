@@ -7,10 +7,11 @@
  *
  *     arm_limits limits;
  *     arm_governor governor;
+ *     arm_pose target[ARM_FRAMES];
  *     arm_governor_limits(&limits);                         the speed limits of the URDF
  *     for (i = 0; i < ARM_N; i++) limits.acceleration[i] = 5.0;
  *     if (arm_governor_start(&governor, q, 0.001, &limits) != ARM_OK) ...
- *     for (;;) status = arm_governor_step(&governor, &target, NULL, q);        send q to the robot
+ *     for (;;) status = arm_governor_step(&governor, target, NULL, q);         send q to the robot
  */
 
 @structs
@@ -31,8 +32,8 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
  * start was refused, the governor holds: q_next is not written, so it keeps the joints of the last command or of the
  * measurement, and the status is that of the start.
  *
- * target   placement of the frame to move to, as fast as the limits allow; NULL: none
- * twist    velocity (v, omega) of the frame instead, base axes, m/s and rad/s; NULL: none. Without both it stops.
+ * target   placement of each frame to move to, as fast as the limits allow; NULL: none
+ * twist    velocity (v, omega) of each frame instead, base axes, m/s and rad/s; NULL: none. Without both it stops.
  *
  * ARM_OK          the target is reached, or the twist is the one asked for
  * ARM_SLOWED      on the way, as fast as the limits of speed, acceleration and jerk allow

@@ -17,7 +17,8 @@ inline Status governor_start(Governor& governor, const Joints& q, double dt, con
 }
 
 /* Compute the next joints to command; nullptr: no target, no twist. Without both it stops. */
-inline Status governor_step(Governor& governor, const Pose* target, const Twist* twist, Joints& q_next) noexcept
+inline Status governor_step(Governor& governor, const Poses* target, const Twist* twist, Joints& q_next) noexcept
 {
-    return static_cast<Status>(arm_governor_step(&governor, target, twist ? twist->data() : nullptr, q_next.data()));
+    return static_cast<Status>(arm_governor_step(&governor, target ? first(*target) : nullptr,
+                                                 twist ? twist->data() : nullptr, q_next.data()));
 }

@@ -20,13 +20,15 @@ export class Callouts {
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far it was off, m, and when.
   say(read = null) {
     for (const { arm, part, hand } of this.sets) {
-      const [off, when] = read ? read(arm) : [arm.partOff(), this.scene.leading || arm.reference ? "from the repeatable arm, in grey" : "from its place in cycle 1"], way = arm.handOff();
+      const grey = arm.ghostSpot() ? ", in grey" : "", base = this.scene.leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+      const from = arm.repeats && !this.scene.leading ? "the same in every cycle" : `from ${base}${grey}`;
+      const [off, when] = read ? read(arm) : [arm.partOff(), from], way = arm.handOff();
       write(part.note, when);
       write(part.value, this.words(off));
       part.value.className = tint(off);
       part.box.title = `${off.toPrecision(3)} m`;
       write(hand.value, `hand ${inMetres(way)} off`);
-      hand.box.title = `${way.toPrecision(3)} m`;
+      hand.box.title = `${way.toPrecision(3)} m ${from}`;
     }
     if (!this.scene.leading) this.place(); // else the picture that follows places them
   }

@@ -65,7 +65,7 @@ async function main() {
   }
   const { arms, paths, line, leave, extent, eye, points, near, panes } = await setStage(viewer, scene), study = { ...scene, last: scene.arms[0].drift.length };
 
-  const compare = () => { const found = scene.live ? null : referenceOf(arms); for (const arm of arms) arm.reference = arm === found ? null : found; };
+  const compare = () => { const found = scene.live ? null : referenceOf(arms); for (const arm of arms) Object.assign(arm, { repeats: arm === found, reference: arm === found ? null : found }); };
   compare();
 
   // ---- what is shown at each time
@@ -75,7 +75,7 @@ async function main() {
   let tell = () => {}, ways = scene.live ? [] : leave(), own = null;
   function show() {
     const { cycles } = clock, leading = own && own.lead, full = scene.live ? LIVE_FULL : fullDrift(arms);
-    byId("drift-to").textContent = `${inMetres(full)} off or more`;
+    byId("drift-to").textContent = `${inMetres(full)} off${scene.live ? " or more" : ""}`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (leading) arm.stand(1, 0); else if (!scene.live || !api.received) arm.stand(cycle, part);

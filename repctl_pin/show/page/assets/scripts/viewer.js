@@ -23,20 +23,7 @@ export async function openViewer(errors, progress) {
     if (++done % 4 === 0) { progress(start / stream.length); await new Promise((go) => setTimeout(go)); }
   }
   viewer.hide_background();
-  await texturesLoaded(viewer.scene);
   return viewer;
-}
-
-async function texturesLoaded(root) {
-  const waiting = () => {
-    let open = 0;
-    root.traverse((node) => {
-      for (const material of [node.material].flat())
-        if (material && material.map && !(material.map.image && material.map.image.complete !== false)) open++;
-    });
-    return open;
-  };
-  for (let i = 0; i < 200 && waiting(); i++) await new Promise((go) => setTimeout(go, 25));
 }
 
 // From over the viewer's shoulder: shadows fall behind the arm.

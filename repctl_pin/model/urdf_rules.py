@@ -1,14 +1,14 @@
-"""Validity checks of a URDF, on a plain XML tree."""
+"""Rules that a URDF must keep, checked on a plain XML tree."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from lxml import etree
 
-from .xml import bad, label, line, short
+from .urdf_xml import bad, label, line, short
 
 _MAX_JOINTS = 1000
 _MAX_DEPTH = 300  # links in a chain; Pinocchio crashes on thousands
@@ -68,6 +68,7 @@ _NOT_NEGATIVE = _NEEDED | {
     ("limit", "velocity"),
     ("limit", "effort"),
 }
+_NEEDED |= {("inertia", entry) for entry in _NUMBERS["inertia"]}
 _ANY_SIZE = ("limit", "safety_controller", "dynamics", "calibration")
 
 
@@ -215,14 +216,6 @@ def _check_body(link: etree._Element) -> None:
         for tag in ("mass", "inertia"):
             if inertial.find(tag) is None:
                 raise bad(inertial, f"has no <{tag}>; add it, or delete the <inertial>")
-        for inertia in inertial.findall("inertia"):
-            lacking = [
-                attribute
-                for attribute in _NUMBERS["inertia"]
-                if inertia.get(attribute) is None
-            ]
-            if lacking:
-                raise bad(inertia, f"has no {', '.join(lacking)}; add it")
     for visible in (*link.findall("visual"), *link.findall("collision")):
         geometry = visible.find("geometry")
         shapes = [] if geometry is None else [child.tag for child in geometry]
@@ -280,44 +273,50 @@ def _freedom(joint: etree._Element) -> int:
     return _FREEDOM.get(joint.get("type"), 1)
 
 
-def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> None:
-    mimic = joint.find("mimic")
-    name = joint.get("name")
-    if mimic is None:
-        return
-    if mimic.get("joint") in (None, "", name):
-        raise bad(mimic, "does not name another joint; correct it, or delete it")
-    if leader(name, mimic.get("joint"), joints) is None:
-        raise bad(
-            mimic,
-            f"there is no joint {short(mimic.get('joint'))}; "
-            "correct the name, or delete the <mimic>",
-        )
-    follower, seen = joint, {name}
-    while follower.find("mimic") is not None:
-        following = leader(
-            follower.get("name"), follower.find("mimic").get("joint"), joints
-        )
-        if following is None:
-            return  # reported when that joint is checked
-        if following in seen:
-            raise bad(
-                mimic,
-                f"joints mimic each other in a loop: {', '.join(map(short, seen))}; "
-                "delete one <mimic>",
-            )
-        seen.add(following)
-        follower = joints[following]
-    several = next((j for j in (joint, follower) if _freedom(j) > 1), None)
+def _check_mimic(joint: etree._Element, joints: Mapping[str, etree._Element]) -> None:
+    chain = mimic_chain(joint, joints)
+    ends = (joint, joints[chain[-1][1]]) if chain else ()
+    several = next((j for j in ends if _freedom(j) > 1), None)
     if several is not None:
         raise bad(
-            mimic,
+            joint.find("mimic"),
             f"{label(several)} is {several.get('type')} and has several coordinates; "
             "delete the <mimic>",
         )
 
 
-def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
+def mimic_chain(
+    joint: etree._Element, joints: Mapping[str, etree._Element]
+) -> list[tuple[etree._Element, str]]:
+    """List the ``<mimic>`` elements from a joint to the independent joint that it follows.
+
+    Each comes with the name of the joint that it refers to; the last one is the independent joint.
+    """
+    chain: list[tuple[etree._Element, str]] = []
+    seen = {joint.get("name")}
+    while (mimic := joint.find("mimic")) is not None:
+        written, name = mimic.get("joint"), joint.get("name")
+        if written in (None, "", name):
+            raise bad(mimic, "does not name another joint; correct it, or delete it")
+        following = _leader(name, written, joints)
+        if following is None:
+            raise bad(
+                mimic,
+                f"there is no joint {short(written)}; correct the name, or delete the <mimic>",
+            )
+        chain.append((mimic, following))
+        if following in seen:
+            raise bad(
+                chain[0][0],
+                f"joints mimic each other in a loop: {', '.join(map(short, seen))}; "
+                "delete one <mimic>",
+            )
+        seen.add(following)
+        joint = joints[following]
+    return chain
+
+
+def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
     """Find the joint that a mimic joint follows; None if there is none.
 
     It has the name that is written, or that name with the follower's prefix, which macros often

@@ -10,13 +10,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
+import numpy as np
 from lxml import etree
 
 from ..errors import UrdfError
-from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
-from .shapes import Solid, shapes_of
-from .xml import line, parse, short
+from .shapes import Shape, shapes_of
+from .urdf_rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, mimic_chain, number
+from .urdf_xml import bad, expand, line, parse, short
 
 _MAX_BYTES = 5_000_000
 """Maximum size of a file, bytes: over twenty times the largest robot of example-robot-data."""
@@ -60,9 +62,9 @@ class Description:
     ----------
     root : str
         Root link, which has no parent joint.
-    shapes : tuple of Solid
+    shapes : tuple of Shape
         Visual shapes to draw.
-    collisions : tuple of Solid
+    collisions : tuple of Shape
         All collision shapes of the file.
     meshes : tuple of str
         Visual mesh files, as written in the file, without duplicates.
@@ -71,8 +73,8 @@ class Description:
         leader's name lacks its prefix, limits that may be in degrees.
     xml : str
         URDF for Pinocchio: continuous joints are revolute ones with limits of ±``NO_LIMIT``; planar
-        and floating joints are split, so that every joint has one coordinate; relative mesh names
-        are absolute; only links, joints and materials remain.
+        and floating joints are split, so that every joint has one coordinate; only joints, links
+        and their inertias remain.
     """
 
     name: str
@@ -80,8 +82,8 @@ class Description:
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
     root: str
-    shapes: tuple[Solid, ...]
-    collisions: tuple[Solid, ...]
+    shapes: tuple[Shape, ...]
+    collisions: tuple[Shape, ...]
     meshes: tuple[str, ...]
     notes: tuple[str, ...]
     xml: str
@@ -120,9 +122,7 @@ def read_urdf(
         _drop_colors(robot, notes)
         root = check(robot)
         if robot.xpath("joint[@type='planar' or @type='floating']"):
-            from .split import split_joints
-
-            split_joints(robot, notes)
+            _split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
         joints = tuple(
             _joint(element, elements, notes) for element in elements.values()
@@ -147,7 +147,7 @@ def read_urdf(
             dict.fromkeys(shape.filename for shape in shapes if shape.filename)
         ),
         notes=tuple(_one_line(note) for note in [*notes, *_degrees(joints)]),
-        xml=_for_pinocchio(robot, joints, path.absolute().parent),
+        xml=_for_pinocchio(robot, joints),
     )
 
 
@@ -185,8 +185,6 @@ def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
         if not path.is_file():
             raise UrdfError("is not a regular file; give a .urdf file")
         if path.suffix == ".xacro":
-            from .xacro import expand
-
             data = expand(path, _MAX_BYTES, package_dirs)
         else:
             with path.open("rb") as file:
@@ -262,43 +260,36 @@ def _mimicked(
 
     Returns its name, multiplier and offset; None, 1 and 0 for an independent joint.
     """
-    following = None
-    multiplier = 1.0
-    offset = 0.0
+    chain = mimic_chain(element, joints)
+    if not chain:
+        return None, 1.0, 0.0
     name = element.get("name")
-    while (mimic := element.find("mimic")) is not None:
-        written = mimic.get("joint")
-        follower = element.get("name")
-        leading = leader(follower, written, joints)
-        assert leading is not None, "checked before"
-        if leading != written and following is None:
-            notes.append(
-                f"joint {follower!r} mimics {written!r}, which is not in this file; "
-                f"read as {leading!r}"
-            )
-        offset += multiplier * number(mimic, "offset")
-        multiplier *= number(mimic, "multiplier", 1.0)
-        following, element = leading, joints[leading]
-    if following is not None and element.get("type") == "fixed":
+    (first, leading), following = chain[0], chain[-1][1]
+    if leading != first.get("joint"):
+        notes.append(
+            f"joint {name!r} mimics {first.get('joint')!r}, which is not in this file; "
+            f"read as {leading!r}"
+        )
+    if joints[following].get("type") == "fixed":
         notes.append(
             f"joint {name!r} mimics {following!r}, which is fixed; read as an independent joint"
         )
         return None, 1.0, 0.0
+    multiplier = 1.0
+    offset = 0.0
+    for mimic, _ in chain:
+        offset += multiplier * number(mimic, "offset")
+        multiplier *= number(mimic, "multiplier", 1.0)
     return following, multiplier, offset
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     """Write a note on revolute joints with a limit beyond two turns; no note if there are none."""
-    ends = {
-        j.name: [abs(x) for x in (j.lower, j.upper) if math.isfinite(x)]
-        for j in joints
-        if j.kind == "revolute"
-    }
-    far = {
-        name: max(sizes)
-        for name, sizes in ends.items()
-        if any(x > _MANY_TURNS for x in sizes)
-    }
+    far = {}
+    for joint in joints:
+        ends = [abs(x) for x in (joint.lower, joint.upper) if math.isfinite(x)]
+        if joint.kind == "revolute" and max(ends, default=0.0) > _MANY_TURNS:
+            far[joint.name] = max(ends)
     if not far:
         return []
     name, limit = max(far.items(), key=lambda item: item[1])
@@ -309,9 +300,7 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     ]
 
 
-def _for_pinocchio(
-    robot: etree._Element, joints: tuple[Joint, ...], folder: Path
-) -> str:
+def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
     """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree."""
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
@@ -329,11 +318,8 @@ def _for_pinocchio(
         limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
         limit.set("upper", repr(min(joint.upper, NO_LIMIT)))
         limit.set("velocity", repr(min(joint.velocity, NO_LIMIT)))
-    _tidy_materials(robot)
-    for mesh in robot.iter("mesh"):
-        name = mesh.get("filename")
-        if "://" not in name and not Path(name).is_absolute():
-            mesh.set("filename", str(folder / name))
+    for look in robot.xpath("link/visual | link/collision | material"):
+        look.getparent().remove(look)
     return etree.tostring(robot, encoding="unicode")
 
 
@@ -349,31 +335,93 @@ def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
             color.getparent().remove(color)
 
 
-def _tidy_materials(robot: etree._Element) -> None:
-    """Remove materials without a colour or a texture, which Pinocchio warns about."""
-    for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
-        color.getparent().remove(color)
-    colored = {
-        material.get("name")
-        for material in robot.iter("material")
-        if _has_look(material)
-    }
-    for material in [m for m in robot.iter("material") if not _has_look(m)]:
-        if material.getparent() is robot or material.get("name") not in colored:
-            material.getparent().remove(material)
-    for material in robot.iterfind("link/visual/material"):
-        material.set(
-            "name", material.get("name", "")
-        )  # else Pinocchio drops a shape with an unnamed colour
-
-
-def _has_look(material: etree._Element) -> bool:
-    return (
-        material.find("color") is not None
-        or material.find("texture[@filename]") is not None
-    )
-
-
 def _one_line(text: str) -> str:
     """Fold a message into one printable line."""
     return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))
+
+
+# ---- planar and floating joints ----
+
+_Step: TypeAlias = tuple[str, str, tuple[float, ...]]  # suffix, kind, axis
+
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_FLOATING: tuple[_Step, ...] = (
+    ("x", "prismatic", _X),
+    ("y", "prismatic", _Y),
+    ("z", "prismatic", _Z),
+    ("yaw", "continuous", _Z),
+    ("pitch", "continuous", _Y),
+    ("roll", "continuous", _X),
+)
+
+
+def _split_joints(robot: etree._Element, notes: list[str]) -> None:
+    """Replace planar joints by 3 joints, floating joints by 6, with one coordinate each.
+
+    The joints of a planar joint translate in the plane normal to its axis, and rotate about the
+    axis. The rotations of a floating joint are yaw, pitch and roll, singular where the pitch is
+    ±π/2. ``notes`` receives a note for each joint that is replaced.
+    """
+    names = {element.get("name") for element in robot}
+    for joint in robot.findall("joint"):
+        if joint.get("type") not in ("planar", "floating"):
+            continue
+        steps = _planar(axis_of(joint)) if joint.get("type") == "planar" else _FLOATING
+        named = [f"{joint.get('name')}_{suffix}" for suffix, _, _ in steps]
+        taken = names & {*named, *(f"{name}_link" for name in named)}
+        if taken:
+            raise bad(
+                joint,
+                f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it",
+            )
+        notes.append(
+            f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
+            "to hold them still, lock them, or choose a base link beyond them"
+        )
+        _replace(robot, joint, steps, named)
+
+
+def _planar(axis: tuple[float, float, float]) -> tuple[_Step, ...]:
+    """Return the three joints that replace a planar joint with a given unit axis.
+
+    Two are prismatic, along directions in the plane (x and y if the axis is z); the third is
+    continuous, about the axis.
+    """
+    a = np.array(axis)
+    u = np.eye(3)[(int(np.argmax(np.abs(a))) + 1) % 3]
+    u = u - (u @ a) * a
+    u /= np.linalg.norm(u)
+    return (
+        ("x", "prismatic", (*u,)),
+        ("y", "prismatic", (*np.cross(a, u),)),
+        ("yaw", "continuous", axis),
+    )
+
+
+def _replace(
+    robot: etree._Element,
+    joint: etree._Element,
+    steps: tuple[_Step, ...],
+    names: list[str],
+) -> None:
+    """Replace a joint by a chain of single-axis joints, with massless links between them."""
+    at = robot.index(joint)
+    parent = joint.find("parent").get("link")
+    robot.remove(joint)
+    for name, (_, kind, axis) in zip(names, steps, strict=True):
+        new = etree.Element("joint", name=name, type=kind)
+        last = name == names[-1]
+        child = joint.find("child").get("link") if last else f"{name}_link"
+        etree.SubElement(new, "parent", link=parent)
+        etree.SubElement(new, "child", link=child)
+        etree.SubElement(new, "axis", xyz=" ".join(repr(float(x)) for x in axis))
+        if kind == "prismatic":
+            etree.SubElement(new, "limit", lower="-1e16", upper="1e16")
+        if name == names[0] and joint.find("origin") is not None:
+            new.append(joint.find("origin"))
+        added = [new] if last else [new, etree.Element("link", name=child)]
+        for element in added:
+            element.sourceline = joint.sourceline
+            robot.insert(at, element)
+            at += 1
+        parent = child

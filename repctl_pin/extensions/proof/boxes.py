@@ -1,8 +1,10 @@
-"""Boxes that cover a region of joint space, and their distance to the joint limits."""
+"""Boxes of joints: those that cover a region or a path, their halves, and their distance to the
+joint limits."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import InputError
@@ -11,16 +13,16 @@ from ...regions import Box, Region, Tube, WorkspaceBox
 from .potentials import U
 
 _STRETCH = 0.25
-"""Maximum motion of a joint on a section of a tube enclosed in one box, relative to the radius."""
+"""Maximum motion of a joint on a section of a path, relative to its clearance."""
 
 
 def cover(region: Region) -> tuple[Array, Array]:
     """Cover a region by boxes: their lower and upper corners, (K, n) each.
 
-    A tube is divided into sections of consecutive samples, on which no joint moves by more than a
-    quarter of the radius or which have two samples. One box encloses the tube along each section,
-    all configurations between its samples included. Where boxes overlap, the later ones are
-    reduced. A workspace box is covered by the box of joints that it selects from.
+    A tube is divided into sections of consecutive samples, see :func:`sections`. One box encloses
+    the tube along each section, all configurations between its samples included. Where boxes
+    overlap, the later ones are reduced. A workspace box is covered by the box of joints that it
+    selects from.
 
     Raises
     ------
@@ -40,22 +42,63 @@ def cover(region: Region) -> tuple[Array, Array]:
 
 
 def _stretches(tube: Tube) -> tuple[Array, Array]:
-    """Enclose sections of a tube in boxes: their lower and upper corners, (K, n) each.
-
-    A section has at least two samples; its last one is the first one of the next section.
-    """
-    Q, first, ends = tube.samples, 0, []
+    """Enclose sections of a tube in boxes: their lower and upper corners, (K, n) each."""
+    Q = tube.samples
     wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
-    for i in range(1, len(Q)):
-        moved = np.ptp(Q[first : i + 1], axis=0)
-        if i > first + 1 and (moved > _STRETCH * tube.radius).any():
-            ends.append((first, i))
-            first = i - 1
-    parts = [Q[a:b] for a, b in [*ends, (first, len(Q))]]
-    low, high = (
-        np.array([f(part, axis=0) for part in parts]) for f in (np.min, np.max)
-    )
+    parts = [Q[part] for part in sections(Q, np.tile(tube.radius, (len(Q), 1)))]
+    low = np.array([part.min(axis=0) for part in parts])
+    high = np.array([part.max(axis=0) for part in parts])
     return low - wide, high + wide
+
+
+def sections(Q: Array, clearance: Array) -> list[slice]:
+    """Divide a path through Q (K, n) into sections, on which each joint moves by at most a quarter
+    of its smallest ``clearance`` (K, n).
+
+    A section has at least two configurations; its last one is the first one of the next section.
+    """
+    first, parts = 0, []
+    for i in range(2, len(Q)):
+        moved = np.ptp(Q[first : i + 1], axis=0)
+        least = clearance[first : i + 1].min(axis=0)
+        if i > first + 1 and (moved > _STRETCH * least).any():
+            parts.append(slice(first, i))
+            first = i - 1
+    return [*parts, slice(first, len(Q))]
+
+
+def centered(low: Array, high: Array) -> tuple[Array, Array]:
+    """Compute centres and half-widths of boxes from their corners.
+
+    The half-widths are enlarged, so that the boxes contain both corners in spite of rounding.
+    """
+    Q = (low + high) / 2
+    size = np.maximum(np.abs(low), np.abs(high))
+    return Q, (high - low) / 2 * (1 + 1e-12) + 4 * U * size
+
+
+def halved(
+    low: Array, high: Array, split: NDArray[np.int32]
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Halve boxes along the joints ``split`` (K,), at a number that both halves share.
+
+    Boxes with a negative ``split``, which were not evaluated yet, are returned whole, and first.
+
+    Returns
+    -------
+    low, high : (L, n) arrays
+        Corners of the halves.
+    parents : (L,) array
+        Index of the box of each half.
+    """
+    whole, rows = np.flatnonzero(split < 0), np.flatnonzero(split >= 0)
+    parents = np.concatenate([whole, rows, rows])
+    low, high = low[parents], high[parents]
+    first = len(whole) + np.arange(len(rows))
+    second, joint = first + len(rows), split[rows]
+    middle = (low[first, joint] + high[first, joint]) / 2
+    high[first, joint] = low[second, joint] = middle
+    return low, high, parents
 
 
 def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:

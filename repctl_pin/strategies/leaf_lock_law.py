@@ -1,4 +1,4 @@
-"""Control law of a repeatable inverse in NumPy, with feedback to its leaf.
+"""Law of the leaf lock in NumPy: one step of a repeatable inverse, with feedback to its leaf.
 
 The law stands twice: in C (:mod:`.native_law`), which is the default, and here, as reference and
 for what C cannot hold: user-defined potentials, arms of more than 64 joints.

@@ -1,14 +1,23 @@
-"""Answer of an audit: a sentence and a short table, for a terminal of 24 rows."""
+"""Report of an audit: a sentence and a table for a terminal of 24 rows, a page and a figure."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ...arguments import Array
+from ...files import prepare_folder, write_whole
 from ...model.task import unit_of
+from ...motion.joint_motion import JointMotion
+from ...show.page.playback import Playback, playback_page, traced_chains
+from ...show.palette import GREY, INK, PURPLE, SKY, VERMILLION
+from ...show.plots.motions import plain, png, quiet, titled
 from ...show.text.headline import Headline, hands_are
 from ...show.text.lines import Span, capital, fitted, wrapped
 from ...show.text.numbers import metres, number
@@ -27,6 +36,19 @@ _STILL = 1e-3
 """Displacement of an origin, in m per rad or m of the joints, below which it does not move."""
 
 _SPANS = ((3600.0, "h"), (60.0, "min"), (0.0, "s"))
+
+
+_STEPS = 48
+"""Samples per cycle on the page; half as many if there are more cycles than this number."""
+
+_CYCLES = 240
+"""Maximum number of cycles on the page."""
+
+_STYLES = ((INK, "o"), (PURPLE, "s"), (GREY, "^"), (SKY, "D"))
+"""Colours and markers of the joints in the figure, which are those that creep most."""
+
+_LEAST = 2e-3
+"""Minimum height of an axis, m or rad, so that rounding errors are not magnified."""
 
 
 def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
@@ -116,7 +138,7 @@ def _farthest(audit: Audit) -> tuple[str, str]:
     """
     joint = int(np.argmax(audit.differences))
     value = float(audit.differences[joint])
-    name = f"the {part_of(audit)}"
+    name = f"the {_part_of(audit)}"
     off = metres(audit.difference)
     if audit.difference < _STILL * value:
         unit = unit_of([audit.task.revolute[joint]])
@@ -125,7 +147,7 @@ def _farthest(audit: Audit) -> tuple[str, str]:
     return name, off.replace(" ", "\u00a0")
 
 
-def audit_headline(audit: Audit) -> Headline:
+def _headline(audit: Audit) -> Headline:
     """Write the headline of the page: the sentence of the audit, and its consequences."""
     notes = [note.removeprefix("! ") for note in _leads(audit)]
     return Headline(
@@ -158,7 +180,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
             metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1)
         )
         rate = f"{metres(audit.rate * seconds)} per {unit}"
-        return f"the {part_of(audit)}", rate, f"(95 %: {low} to {high})"
+        return f"the {_part_of(audit)}", rate, f"(95 %: {low} to {high})"
     joint = int(np.argmax(np.abs(audit.joints.rate) / audit.joints.error))
     rate, error = (
         number(float(value))
@@ -175,7 +197,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
     )
 
 
-def part_of(audit: Audit) -> str:
+def _part_of(audit: Audit) -> str:
     """Name the part that is off most."""
     return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
@@ -205,7 +227,7 @@ def _table(audit: Audit) -> str:
     seconds, unit = audit.clock
     each = float(visits.t[-1] - visits.t[0]) / audit.returns
     rates = (audit.rate * each, audit.rate * seconds, audit.error * seconds)
-    rows = [[part_of(audit), *map(metres, (audit.difference, *rates))]]
+    rows = [[_part_of(audit), *map(metres, (audit.difference, *rates))]]
     order = np.argsort(-audit.differences)[:_JOINTS]
     for i in order:
         rate, error = float(joints.rate[i]), float(joints.error[i])
@@ -241,3 +263,122 @@ def _order(groups: NDArray[np.intp]) -> str:
     sizes = np.bincount(groups)
     most = f"{sizes.max()} of {len(groups)} visits are within the noise of one another"
     return f"configurations in turn: {names[:_SHOWN]}{more}; {most}"
+
+
+def write_audit(audit: Audit, folder: Path) -> list[Path]:
+    """Write ``audit.html`` and ``audit.png`` atomically.
+
+    Parameters
+    ----------
+    audit
+        The audit of a log that repeats.
+    folder
+        Output folder.
+
+    Returns
+    -------
+    The files, in this order.
+    """
+    contents: dict[str, str | bytes] = {
+        "audit.html": _audit_page(audit),
+        "audit.png": png(_audit_figure(audit)),
+    }
+    prepare_folder(folder)
+    return [write_whole(folder / name, content) for name, content in contents.items()]
+
+
+def _audit_page(audit: Audit) -> str:
+    """Write the HTML page of the recorded motion, with the first visit as the ghost.
+
+    Each cycle is the part of the log between two consecutive visits. If there are too many, evenly
+    spaced ones are shown.
+    """
+    task, visits = audit.task, audit.visits
+    ends = np.unique(
+        np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int)
+    )
+    steps = _STEPS if len(ends) <= _STEPS else _STEPS // 2
+    rows = [_between(audit, end, steps) for end in ends]
+    q = np.vstack([rows[0][:1], *(cycle[1:] for cycle in rows)])
+    mean = float(np.median(np.diff(visits.t)))
+    t = np.linspace(0, mean * len(ends), len(q))
+    drift = np.linalg.norm(visits.q[ends] - visits.q[0], axis=1)
+    motion = JointMotion(task, t, q, np.gradient(q, t, axis=0), len(ends), steps)
+    label = "the recorded motion"
+    track = Playback(
+        label,
+        VERMILLION,
+        task.to_robot(q),
+        motion.cycles,
+        drift,
+        task.unit,
+        t,
+        motion=motion if len(task.frames) > 1 else None,
+    )
+    count = (
+        f", {len(ends)} of its {audit.returns} returns"
+        if len(ends) < audit.returns
+        else ""
+    )
+    return playback_page(
+        traced_chains(task, visits.q[0]),
+        [track],
+        name=f"{Path(audit.log.name).name}{count}",
+        headline=_headline(audit),
+    )
+
+
+def _between(audit: Audit, end: int, steps: int) -> Array:
+    """Interpolate the log between visits ``end`` − 1 and ``end``: (steps + 1, n), at equal
+    times."""
+    visits, log = audit.visits, audit.log
+    t = np.linspace(visits.t[end - 1], visits.t[end], steps + 1)
+    q = np.stack([np.interp(t, log.t, column) for column in log.q.T], axis=1)
+    q[0], q[-1] = visits.q[end - 1], visits.q[end]
+    return q
+
+
+def _audit_figure(audit: Audit) -> Figure:
+    """Draw ``audit.png``: creep of the part that is off most, and of the joints, over time."""
+    task = audit.task
+    visits = audit.visits
+    joints = audit.joints
+    assert joints is not None
+    seconds, unit = audit.clock
+    order = np.argsort(-np.abs(joints.rate))[: len(_STYLES)]
+    title = f"{task.robot.name}, {Path(audit.log.name).name}: {audit.returns} returns to one pose"
+    figure = titled(7.6, 5.6, title)
+    first, second = figure.subplots(2, 1, sharex=True)
+    time = (visits.t - audit.log.t[0]) / seconds
+    _line(first, time, 100 * audit.along, 100 * audit.rate * seconds, VERMILLION, "o")
+    first.set_ylabel(f"{plain(_part_of(audit))} (cm)")
+    for i, (colour, marker) in zip(order, _STYLES, strict=False):
+        values = visits.q[:, i] - visits.q[0, i]
+        rate = float(joints.rate[i])
+        name = plain(task.joint_names[i])
+        _line(second, time, values, rate * seconds, colour, marker, name)
+    second.set_ylabel(f"joints, since the first visit ({task.unit})")
+    second.set_xlabel(f"time ({unit}s)")
+    second.legend(frameon=False, fontsize=8, ncols=2)
+    for ax, least in ((first, 100 * _LEAST), (second, _LEAST)):
+        low, high = ax.get_ylim()
+        more = max(0.0, least - (high - low)) / 2
+        ax.set_ylim(low - more, high + more)
+        quiet(ax)
+    return figure
+
+
+def _line(
+    ax: Axes,
+    time: Array,
+    values: Array,
+    slope: float,
+    colour: str,
+    marker: str,
+    label: str | None = None,
+) -> None:
+    """Draw the values at the visits as dots, and their trend as a line."""
+    level = float(np.median(values - slope * time))
+    ends = time[[0, -1]]
+    ax.plot(time, values, marker, ms=3.5, color=colour, label=label)
+    ax.plot(ends, level + slope * ends, color=colour, lw=1)

@@ -1,0 +1,259 @@
+"""What an arm reaches of a cell: poses by Newton's method, straight rays from the middle, and boxes
+that grow around many middles at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...motion.solve_ik import random_configurations
+from ...redundancy import nullspace
+from ...solvers import newton_rows
+from ...strategies.strategy import Inverse
+from .cell import Cell
+from .kinematics import bases, null_bases, placed
+
+EXACT = 1e-9
+"""Norm of the task error, m and rad, below which a pose is reached."""
+
+SINGULAR = 0.01
+"""σ_min / σ_max of J at which following a ray is stopped."""
+
+STEPS = 10
+"""Number of sizes through which a box grows; the last one is its own."""
+
+_LONGEST = 0.4
+"""Longest Newton step of any joint, and longest step of a box that grows, rad or m."""
+
+_PUSH, _ROOM = 0.3, 0.1
+"""Gain of the null-space motion away from the joint limits, and margin at which it begins: rad, m,
+or the share of the joint's range if that is less."""
+
+_STEP = 0.5
+"""Joint step, rad or m, between two points of a ray at which following the ray is stopped."""
+
+_NEAR = 0.3
+"""Task error, as a share of a step, below which a step of a box that grows counts as made."""
+
+
+def reached(
+    cell: Cell,
+    p: Array,
+    R: Array,
+    Q: Array,
+    *,
+    inward: bool = False,
+    iterations: int = 60,
+) -> tuple[Array, Array]:
+    """Solve the inverse kinematics of K poses, by Newton's method with J⁺.
+
+    Parameters
+    ----------
+    cell
+        The cell, whose task errors are to become 0.
+    p, R, Q : (K, 3), (K, 3, 3) and (K, n) arrays
+        Positions, m, and rotations of the poses, and the initial configurations.
+    inward
+        Move joints away from their limits in the null space.
+    iterations
+        Maximum number of steps.
+
+    Returns
+    -------
+    Q : (K, n) array
+        Final configurations.
+    left : (K,) array
+        Norm of the remaining task error, m and rad.
+    """
+    task = cell.task
+    inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
+
+    def correction(Q: Array, on: NDArray[np.intp]) -> Array:
+        p_now, R_now, J = placed(task, Q)
+        G, N, _ = bases(J)
+        e = cell.errors(p[on], R[on], p_now, R_now)
+        dQ = np.einsum("Knm,Km->Kn", G, e)
+        if inward:
+            low = np.maximum(0.0, task.lower + inner - Q)
+            back = low - np.maximum(0.0, Q - task.upper + inner)
+            dQ += _PUSH * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
+        return dQ
+
+    Q, _ = newton_rows(
+        correction,
+        Q,
+        longest=_LONGEST,
+        tolerance=EXACT / 10,
+        iterations=iterations,
+    )
+    p_now, R_now, _ = placed(task, Q)
+    return Q, np.linalg.norm(cell.errors(p, R, p_now, R_now), axis=1)
+
+
+def unlike_rows(
+    rows: Array, distance: float, count: int, norm: float = np.inf
+) -> list[int]:
+    """Select the first rows (K, ·) that are farther than a distance from each one before.
+
+    At most ``count`` indices are returned. ``norm`` is the order of the norm of a difference.
+    """
+    kept: list[int] = []
+    for k, row in enumerate(rows):
+        if len(kept) == count:
+            break
+        if (np.linalg.norm(rows[kept] - row, norm, axis=1) > distance).all():
+            kept.append(k)
+    return kept
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Rays:
+    """Results of following K straight rays from the middle of a cell.
+
+    Attributes
+    ----------
+    U : (K, k) array
+        End poses of the rays, in coordinates of the cell.
+    Q, N : (K, n) and (K, n, r) arrays
+        Last configuration on each ray, and null-space basis there, aligned along the ray.
+    reached : (K,) array
+        Fraction of each ray that was followed; 1 means that the end pose was reached.
+    least : (K,) array
+        Minimum joint-limit margin on each ray, rad or m.
+    """
+
+    U: Array
+    Q: Array
+    N: Array
+    reached: Array
+    least: Array
+
+
+def rays(
+    desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16
+) -> Rays:
+    """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
+
+    The steps along a ray are ``Δq = G_d (x_next − f(q))``.
+
+    Parameters
+    ----------
+    desired
+        G_d.
+    cell, q_middle
+        The cell, and the configuration (n,) in its middle; or one configuration per ray, (K, n).
+    U : (K, k) array
+        End poses of the rays, in coordinates of the cell.
+    steps
+        Number of points on each ray.
+    """
+    task, K = cell.task, len(U)
+    starts, ray = np.unique(
+        np.broadcast_to(q_middle, (K, task.n)), axis=0, return_inverse=True
+    )
+    Q = starts[ray]
+    N = np.array([nullspace(task.jacobian(q)) for q in starts])[ray]
+    reached, least = np.zeros(K), np.full(K, np.inf)
+    on = np.arange(K)
+    for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:
+        p, R, J = placed(task, Q[on])
+        N[on], s = null_bases(J, N[on])
+        least[on] = np.minimum(least[on], cell.limit_margin(Q[on]).min(axis=1))
+        good = s[:, -1] > SINGULAR * s[:, 0]
+        on, p, R, J = on[good], p[good], R[good], J[good]
+        if not len(on):
+            break
+        error = cell.errors(*cell.placements(U[on] * ahead), p, R)
+        dQ = np.einsum("Knm,Km->Kn", desired.batch(Q[on], J), error)
+        good = np.abs(dQ).max(axis=1) < _STEP
+        on = on[good]
+        Q[on] += dQ[good]
+        reached[on] = ahead
+    p, R, _ = placed(task, Q)
+    missed = np.abs(cell.errors(*cell.placements(U), p, R)).max(axis=1) > 1e-6
+    reached[missed] = np.minimum(reached[missed], 1 - 1 / steps)
+    return Rays(U, Q, N, reached, least)
+
+
+class Grown(NamedTuple):
+    """K middles of a box, and how far the box grows around each.
+
+    Attributes
+    ----------
+    p, Q : (K, 3) and (K, n) arrays
+        Positions of the middles, m, and configurations there.
+    steps : (K,) array
+        Number of steps by which the box grew; :data:`STEPS` is its own size.
+    margin : (K,) array
+        Smallest limit margin on the ways to its corners, rad or m.
+    ends : (K, C, n) array
+        Configurations at the corners and face centres of the box of that size.
+    """
+
+    p: NDArray[Any]
+    Q: NDArray[Any]
+    steps: NDArray[Any]
+    margin: NDArray[Any]
+    ends: NDArray[Any]
+
+
+def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draw random configurations Q (K, n); return the positions p (K, 3) of the frame, and Q.
+
+    Coordinates of the positions that the task does not command are those of the box.
+    """
+    task = box.task
+    Q = random_configurations(task, count, rng)
+    p = placed(task, Q)[0]
+    still = np.setdiff1d(range(3), task.rows[: min(3, task.m)])
+    p[:, still] = box.placement.translation[still]
+    return p, Q
+
+
+def grown(box: Cell, p: Array, Q: Array) -> Grown:
+    """Let a box grow around positions p (K, 3), which are solved for from configurations Q (K, n).
+
+    Positions that are not reached inside the joint limits are left out. J⁺ leads from each middle
+    straight to all corners and face centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box
+    stops growing where one of them is not reached or is singular, or one joint leaves its limits.
+    """
+    task, n = box.task, box.task.n
+    R_middle = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))
+    Q, left = reached(box, p, R_middle, Q, inward=True, iterations=40)
+    inside = (left < EXACT) & (task.limit_margin(Q).min(axis=1) > 0)
+    p, Q = p[inside], Q[inside]
+    corners, R = box.placements(box.corners())
+    offsets, C = corners - box.placement.translation, len(corners)
+    near = _NEAR * np.linalg.norm(offsets, axis=1).max() / STEPS
+    steps, margin = np.zeros(len(p), int), np.full(len(p), np.inf)
+    ends = np.repeat(Q[:, None], C, axis=1)
+    on, now = np.arange(len(p)), ends.reshape(-1, n)
+    jumps = np.zeros(len(now), bool)
+    for step in range(STEPS + 1):
+        p_now, R_now, J = placed(task, now)
+        G, _, s = bases(J)
+        aims = (p[on, None] + step / STEPS * offsets).reshape(-1, 3)
+        turns = np.tile(R, (len(on), 1, 1))
+        error = box.errors(aims, turns, p_now, R_now)
+        least = task.limit_margin(now).min(axis=1)
+        good = (s[:, -1] > SINGULAR * s[:, 0]) & (least > 0) & ~jumps
+        good &= np.linalg.norm(error, axis=1) < near
+        together = good.reshape(-1, C).all(axis=1)
+        rows = together.repeat(C)
+        on, now = on[together], now[rows]
+        if not len(on):
+            break
+        ends[on], steps[on] = now.reshape(-1, C, n), step
+        margin[on] = np.minimum(margin[on], least[rows].reshape(-1, C).min(axis=1))
+        error[:, : len(box.half_width)] += np.tile(
+            offsets[:, task.rows[: len(box.half_width)]] / STEPS, (len(together), 1)
+        )
+        dQ = np.einsum("Knm,Km->Kn", G[rows], error[rows])
+        jumps = np.abs(dQ).max(axis=1) > _LONGEST
+        now = now + dQ
+    return Grown(p, Q, steps, margin, ends)
