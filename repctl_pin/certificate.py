@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .arguments import Array, as_matrices, freeze, read_only
 from .errors import InputError, printable
@@ -31,7 +32,7 @@ _SAME_ANGLE = 1e-7
 class ClosingRadius:
     """Distance from a start pose, or from a closed path, within which every closed path closes.
 
-    Every closed path of the frame whose poses are all within :attr:`metres` **and**
+    Every closed path of the frame (of all frames) whose poses are all within :attr:`metres` **and**
     :attr:`radians` of the start pose closes, however long it is: its motion, begun at the end of
     the straight way from the start, stays in Ω and ends where it began. Around a path that closes
     itself, every closed path that deviates by less than both, at each moment, closes too. That the
@@ -53,7 +54,8 @@ class ClosingRadius:
     start : (n,) array
         Configuration on the leaf, at the start, rad or m.
     positions, rotations : (K, 3) and (K, 3, 3) arrays
-        The start pose, or poses along the path, m.
+        The start pose, or poses along the path, m. With F frames: (K, 3 F) and (K, 3 F, 3), those
+        of the first frame first.
     boxes : int
         Number of boxes evaluated.
     complete : bool
@@ -102,27 +104,44 @@ class ClosingRadius:
         Parameters
         ----------
         placement : pinocchio.SE3 or (4, 4) array
-            Placement of the frame, such as ``task.placement(q)``.
+            Placement of the frame, such as ``task.placement(q)``; of several frames, one each,
+            ``task.placements(q)``.
 
         Raises
         ------
         InputError
-            If it is no placement.
+            If it is no placement, or not one per frame.
         """
-        given = getattr(placement, "homogeneous", placement)
-        (T,) = as_matrices(("the placement", given, "4 4"), exact=True)
-        away = T[:3, 3] - self.positions
-        if len(self.kind) == 2:
-            away = away[:, ["xyz".index(c) for c in self.kind]]
+        kinds = self.kind.split(" + ")
+        several = isinstance(placement, tuple) or len(kinds) > 1
+        if several and not isinstance(placement, (tuple, list, np.ndarray)):
+            raise InputError(f"there must be {len(kinds)} placements, one per frame")
+        given = list(placement) if several else [placement]
+        if len(given) != len(kinds):
+            raise InputError(
+                f"there must be {len(kinds)} placements, one per frame, not {len(given)}"
+            )
+        near = np.ones(len(self.positions), bool)
+        for f, (kind, each) in enumerate(zip(kinds, given, strict=True)):
+            T = getattr(each, "homogeneous", each)
+            (T,) = as_matrices(("the placement", T, "4 4"), exact=True)
+            near &= self._near(kind, T, slice(3 * f, 3 * f + 3))
+        return bool(near.any())
+
+    def _near(self, kind: str, T: Array, frame: slice) -> NDArray[np.bool_]:
+        """Test to which poses of one of the frames a placement is near enough, (K,)."""
+        away = T[:3, 3] - self.positions[:, frame]
+        if len(kind) == 2:
+            away = away[:, ["xyz".index(c) for c in kind]]
         near = (away**2).sum(axis=1) <= self.metres**2
-        if self.radians is None or not near.any():
-            return bool(near.any())
-        turned = T[:3, :3] - self.rotations
-        if self.kind == "axis":
+        if self.radians is None or kind not in ("pose", "axis"):
+            return np.asarray(near)
+        turned = T[:3, :3] - self.rotations[:, frame]
+        if kind == "axis":
             chord = (turned[:, :, 2] ** 2).sum(axis=1)
         else:
             chord = (turned**2).sum(axis=(1, 2)) / 2
-        return bool((near & (chord <= self.squared_chord)).any())
+        return np.asarray(near & (chord <= self.squared_chord))
 
     @property
     def squared_chord(self) -> float:
@@ -164,7 +183,7 @@ def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
     """
     if not inverse.same_leaf(q, closes.start):
         return True
-    return not closes.contains(inverse.task.placement(q))
+    return not closes.contains(inverse.task.placements(q))
 
 
 @dataclass(frozen=True, eq=False)

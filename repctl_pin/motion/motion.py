@@ -100,7 +100,7 @@ class Motion(JointMotion):
         closes = self.closing_radius
         if not closes:
             return None
-        poses = map(self.task.placement, self.q)
+        poses = map(self.task.placements, self.q)
         return float(np.mean([not closes.contains(pose) for pose in poses]))
 
     @cached_property

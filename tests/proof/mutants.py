@@ -328,20 +328,20 @@ def wrong(
 
 
 INVERSE_C = {
-    "no R Z_c": ("z[k] = Y[i][k] + rough[i][k]", "z[k] = Y[i][k]"),
-    "half of R Z_c": ("Y[i][k] + rough[i][k]", "Y[i][k] + 0.5 * rough[i][k]"),
-    "no ζ": ("z[k] = Y[i][k] + rough[i][k]", "z[k] = rough[i][k]"),
-    "half of ζ": ("z[k] = Y[i][k] +", "z[k] = 0.5 * Y[i][k] +"),
-    "no rounding of Z_c": ("eps * (norm(x) * g->beta + norm(x + 3));", "0;"),
-    "no rounding of the tool": ("dd) + eps * g->beta;", "dd);"),
+    "no R Z_c": ("+ rough[i][6 * f + k];", ";"),
+    "half of R Z_c": ("+ rough[i][6 * f + k]", "+ 0.5 * rough[i][6 * f + k]"),
+    "no ζ": ("z[k] = Y[i][6 * f + k] +", "z[k] ="),
+    "half of ζ": ("z[k] = Y[i][6 * f + k] +", "z[k] = 0.5 * Y[i][6 * f + k] +"),
+    "no rounding of Z_c": ("g->eps * (norm(x) * g->beta + norm(x + 3));", "0;"),
+    "no rounding of the tool": ("dd) + g->eps * g->beta;", "dd);"),
     "no rounding of sums": ("F[i][c] = eps;", "F[i][c] = 1e-30;"),
     "no rounding at the end": ("(all + eps) * (1 + 64 * eps)", "all"),
-    "the tool stands still": ("moved += h[j] * norm(dd[j]), ", ""),
+    "the tool stands still": ("moved[f] += h[j] * norm(dd[f][j]);", ";"),
     "the tool has no slopes": (
-        "dZ[j][i][k] + (k < 3 ? 0 : x[k - 3])",
-        "dZ[j][i][k]",
+        "dZ[j][i][6 * f + k] + (k < 3 ? 0 : x[k - 3])",
+        "dZ[j][i][6 * f + k]",
     ),
-    "the tool goes straight": ("norm(Z[i]) * bent)", "0)"),
+    "the tool goes straight": ("norm(value) * bent[f])", "0)"),
     "half of its bend": (
         "0.5 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
         "0.25 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
@@ -351,14 +351,14 @@ INVERSE_C = {
         "0.5 * by.H_R * by.H_R * by.L",
     ),
     "no slide": ("cross(xi[p] + 3, tip, x);", "x[0] = x[1] = x[2] = 0;"),
-    "no changes times moves": ("(norm(wide) + norm(z)) * moved", "0"),
+    "no changes times moves": ("(norm(wide) + norm(z)) * moved[f]", "0"),
     "no squares": (
-        "+ both + square_v / (2 * v) + ratio * square_w / (2 * w)",
+        "+ both + row.square",
         "+ both",
     ),
-    "no linear square": ("+ both + square_v / (2 * v) +", "+ both +"),
+    "no linear square": ("+= square_v / (2 * v) +", "+="),
     "no angular square": (" + ratio * square_w / (2 * w);", ";"),
-    "no slopes along": ("+ both + square_v", "+ square_v"),
+    "no slopes along": ("+ both + row.square", "+ row.square"),
     "apart without slopes": (
         "sqrt(v * v + 2 * apart_v + square_v)",
         "sqrt(v * v + square_v)",
@@ -370,8 +370,8 @@ INVERSE_C = {
     "apart without squares": ("2 * apart_v + square_v)", "2 * apart_v)"),
     "apart without angular squares": ("2 * apart_w + square_w)", "2 * apart_w)"),
     "the twist about the middle link": (
-        "Z[i][3 + k] += x[3 + k];",
-        "Z[i][3 + k] = x[3 + k];",
+        "z[3 + k] += x[3 + k];",
+        "z[3 + k] = x[3 + k];",
     ),
 }
 """What is wrong with the kernel of the rates of G_r, inverse_bounds.c."""

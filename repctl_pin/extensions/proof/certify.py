@@ -14,7 +14,6 @@ from ...certificate import CELL_THEOREM, Proof
 from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError, SingularityError
-from ...model.several_frames import one_frame
 from ...model.task import Task
 from ...native import required_library
 from ...paths.task_path import ClosedPath
@@ -79,8 +78,7 @@ def prove(
         Closing radius to prove: metres, or (metres, radians). By default the largest one that some
         250,000 boxes prove; False for none. A closed path: the largest
         one along it, in place of the surroundings of the start; for a tube, by default along the
-        path of the design's cycle. A function closes all paths in its cell. None is proved of
-        several frames.
+        path of the design's cycle. A function closes all paths in its cell.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
@@ -133,10 +131,6 @@ def prove(
                 remedy="omit it",
             )
     closing = _asked_closing(closes, ratio)
-    if closing and (closing.path or closing.metres is not None):
-        one_frame(what.task, "a closing radius")
-    elif len(what.task.frames) > 1:
-        closing = None
     if not callable(progress):
         progress = flag(progress, "progress")
     required_library("a proof")

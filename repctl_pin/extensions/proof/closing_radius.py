@@ -13,6 +13,7 @@ from ...motion import follow
 from ...paths.task_path import ClosedPath
 from ...regions import Box, Region, Tube, WorkspaceBox
 from .boxes import sections
+from .chain import frames_of
 from .leaf_margin_bounds import LeafMarginProblem
 from .lifts import Places, Reach, bound_reach
 
@@ -51,7 +52,7 @@ def closing_radius(
         Processor time after which the bounds found so far are taken.
     """
     task = design.task
-    turns = task.kind in ("pose", "axis")
+    turns = any(part.kind.turns for part in frames_of(task))
     ratio = ratio if turns else 0.0
     start = _start(design, region, path)
     if path is None:
@@ -59,7 +60,7 @@ def closing_radius(
     else:
         Q, why = _followed(design, path, start)
         around = "path"
-    poses = [task.placement(q) for q in Q]
+    poses = [task.placements(q) for q in Q]
     radius, boxes, complete = 0.0, 0, True
     if not why:
         clearance = _clearance(region, Q)
@@ -94,8 +95,8 @@ def closing_radius(
         around,
         str(task.kind),
         start,
-        np.array([pose.translation for pose in poses]),
-        np.array([pose.rotation for pose in poses]),
+        np.array([[x.translation for x in pose] for pose in poses]).reshape(len(Q), -1),
+        np.array([[x.rotation for x in pose] for pose in poses]).reshape(len(Q), -1, 3),
         boxes,
         complete,
         why,

@@ -5,11 +5,12 @@ half-widths ``w_1 < w_2 < …``. While such a lift is in S_k, joint i moves by a
 
 .. math::
 
-   T_{ki} = \max_{S_k} \left(‖g_{i,v}‖ + \frac{α}{ρ} ‖g_{i,ω}‖\right) \text{ per metre},
+   T_{ki} = \max_{S_k} \sum_f \left(‖g_{i,v_f}‖ + \frac{α}{ρ} ‖g_{i,ω_f}‖\right) \text{ per metre},
    \qquad g_i \text{ row i of } G_r.
 
-Branch and bound proves the T_k. They give the length ρ that every line has before its lift leaves
-the last box. The theory, "The closing radius", has the theorem.
+Each frame f moves along a line of its own, in the same time. Branch and bound proves the T_k. They
+give the length ρ that every line has before its lift leaves the last box. The theory, "The closing
+radius", has the theorem.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from ...errors import SingularityError
 from ...model.task import Task
 from ...potentials.basis import Potentials
 from .boxes import halved
+from .chain import frames_of
 from .leaf_margin_bounds import LeafMarginProblem
 
 _BATCH = 4096
@@ -143,6 +145,8 @@ class _Search:
         goal: float | None,
     ) -> None:
         self.problem, self.places, self.ratio = problem, places, ratio
+        turns = [part.kind.turns for part in frames_of(task)]
+        self.ratios = ratio * np.array(turns, float)
         slack = _SLACK
         if goal is not None:
             slack = _largest_slack(task, field, places, ratio, goal)
@@ -189,7 +193,7 @@ class _Search:
         Q = self.places.center[place] + (low + high) / 2
         half = (high - low) / 2 * (1 + 1e-12) + 1e-15 * (1 + np.abs(Q))
         bound, value, split = rate_bounds(
-            self.problem, Q, half, self.rates[place, within], self.ratio
+            self.problem, Q, half, self.rates[place, within], self.ratios
         )
         self.boxes += len(Q)
         self._raise(place, within, value)
@@ -326,9 +330,15 @@ def _sampled(
 
 
 def rate_bounds(
-    problem: LeafMarginProblem, Q: Array, half: Array, most: Array, ratio: float
+    problem: LeafMarginProblem,
+    Q: Array,
+    half: Array,
+    most: Array,
+    ratio: float | Array,
 ) -> tuple[Array, Array, NDArray[np.int32]]:
-    """Bound ``‖g_v‖ + ratio ‖g_ω‖`` of the rows g of G_r in boxes Q ± half, (K, n) each.
+    """Bound ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames, of the rows g of G_r.
+
+    The boxes are Q ± half, (K, n) each; ``ratio`` is one number, or one per frame.
 
     Returns the bounds, the values at the centres, both (K, n), and the joint along which to halve
     each box in order to come below ``most`` (K, n) soonest.
@@ -336,23 +346,24 @@ def rate_bounds(
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)
     most = np.ascontiguousarray(most, float)
-    problem.run("inverse_bounds", Q, half, most, ratio, bound, value, split)
+    ratios = np.full(len(problem.chains), ratio, float)
+    problem.run("inverse_bounds", Q, half, most, ratios, bound, value, split)
     return bound, value, split
 
 
 @np.errstate(all="ignore")
 def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
-    """Evaluate ``‖g_v‖ + ratio ‖g_ω‖`` of the rows g of G_r at configurations (K, s, n)."""
-    J, V = (
-        task.jacobians(Q.reshape(-1, Q.shape[2])),
-        field.gradients(Q.reshape(-1, Q.shape[2])),
-    )
-    J_V = np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1)
-    G = _inverses(J_V)[:, :, : task.m]
-    split = 3 if task.kind in ("pose", "axis", "position") else 2
-    rates = np.linalg.norm(G[:, :, :split], axis=2)
-    if ratio:
-        rates = rates + ratio * np.linalg.norm(G[:, :, split:], axis=2)
+    """Evaluate the sum of ``‖g_v‖ + ratio ‖g_ω‖`` over the frames at configurations (K, s, n)."""
+    points = Q.reshape(-1, Q.shape[2])
+    J, V = task.jacobians(points), field.gradients(points)
+    G = _inverses(np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1))
+    rates, row = np.zeros(points.shape), 0
+    for part in frames_of(task):
+        g = G[:, :, row : row + part.m]
+        row += part.m
+        rates += np.linalg.norm(g[:, :, part.kind.linear], axis=2)
+        if ratio and part.kind.turns:
+            rates += ratio * np.linalg.norm(g[:, :, ~part.kind.linear], axis=2)
     return np.nan_to_num(rates, nan=np.inf).reshape(Q.shape)
 
 

@@ -42,12 +42,13 @@ def run(options: Options) -> int:
     if isinstance(design, rp.CellDesign):
         files = rp.export_c(design.function, options.out, options.name)
     else:
+        alone = len(design.task.frames) == 1  # C has the closing radius of one frame
         files = rp.export_c(
             design.inverse,
             options.out,
             options.name,
             region=design.region,
-            closes=(design.proof and design.proof.closes) or None,
+            closes=(alone and design.proof and design.proof.closes) or None,
         )
     return report(
         options, lambda: {**design.task.as_dict(), "name": options.name}, files=files
