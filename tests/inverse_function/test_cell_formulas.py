@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arms import Q_PANDA, chain_with_bodies, planar_task, planar_urdf
-from cell_functions import cell_of, chart_of, middle, panda, rays
+from cell_functions import cell_of, chart_of, middle, panda, reach
 from sectors import found as sector_design
 
 import repctl_pin as rp
@@ -877,7 +877,7 @@ def test_rays_are_followed_until_they_stop(tmp_path: Path) -> None:
     cell, G_d = rp.Cell(task, task.placement(q), 1.2), rp.Pseudoinverse(task)
     U = np.concatenate([cell.sample(28), cell.corners()])
     for options, steps in (({}, 16), ({"steps": 40}, 40)):
-        ends = rays(G_d, cell, q, U, **options)
+        ends = reach.rays(G_d, cell, q, U, **options)
         Q, least, reached = straight(G_d, cell, q, U, steps)
         assert 0.2 < (reached == 1).mean() < 0.9 and len({*reached}) > 4
         assert np.allclose(ends.reached, reached, rtol=0, atol=1e-12)
