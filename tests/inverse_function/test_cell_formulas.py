@@ -671,7 +671,7 @@ def test_the_largest_margin_of_a_self_motion(tmp_path: Path) -> None:
         for way in (1, -1):
             rising = margin_of(lambda Q, way=way: way * Q[:, 2:])
             gain = rising.attainable(chart, at, **options) - way * (0.4 + s)
-            assert (farthest < gain).all() and (gain < reach + 0.06).all()
+            assert (farthest < gain).all() and (gain < farthest + 0.06).all()
     hill = margin_of(lambda Q: -np.abs(Q[:, 2:] - 0.4))
     assert np.allclose(hill.least(at), -np.abs(s))
     assert (hill.attainable(chart, at) > -5e-4).all()

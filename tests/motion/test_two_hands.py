@@ -65,18 +65,3 @@ def test_elbow_and_hand_on_one_chain_come_back():
     drifted, closed = closed_and_plain(task, [None, circle], cycles=3, steps=600)
     assert drifted.drift[-1] > 1e-3
     assert closed.drift[-1] < 1e-9
-
-
-def test_a_closing_radius_of_several_frames_is_refused_in_one_line():
-    task = rp.Robot.load("panda").task(
-        [("panda_link4", "xy"), ("panda_link8", "position")]
-    )
-    region = rp.Box(regular_start(task), 0.02)
-    options = rp.FitOptions(samples=256, held_out=256)
-    plain = rp.Pseudoinverse(task)
-    design = rp.nearest_repeatable(plain, None, region, degree=1, options=options)
-    with pytest.raises(
-        rp.InputError, match="a closing radius takes a task of one frame"
-    ) as refused:
-        rp.prove(design, closes=0.01)
-    assert "\n" not in str(refused.value)
