@@ -10,7 +10,7 @@
    LANES boxes at a time. */
 
 #define MOST 286 /* monomials of ten variables */
-#include "chain.h"
+#include "linear_algebra.h"
 #include "taylor.h"
 
 typedef struct ArmAngle {

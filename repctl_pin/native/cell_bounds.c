@@ -2,7 +2,7 @@
 
    LANES boxes at a time where there are Taylor models, one box at a time elsewhere. */
 
-#include "chain.h"
+#include "linear_algebra.h"
 #include "leaf_margin_bounds.h"
 #include "taylor.h"
 

@@ -8,7 +8,7 @@
 
    A row of G_r has (Z_v, Z_w + Z_v x (d - d_c)) for each frame, with d its tool as seen from the origin of its screws. */
 
-#include "chain.h"
+#include "linear_algebra.h"
 #include "leaf_margin_bounds.h"
 
 static double dot(const double *x, const double *y) { return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]; }

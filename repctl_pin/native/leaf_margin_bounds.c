@@ -14,7 +14,7 @@
 
 #include "leaf_margin_bounds.h"
 
-#include "chain.h"
+#include "linear_algebra.h"
 
 static void screw(const double *R, const double *o, const double *a, int revolute, double *xi) {
   double w[3];

@@ -4,7 +4,7 @@
 
 #include "levels.h"
 
-#include "chain.h"
+#include "linear_algebra.h"
 #include "function.h"
 
 CellBounds cell_bounds_plain;

@@ -1,7 +1,7 @@
 /* Rotations and linear equations. Matrices are in rows. */
 
-#ifndef REPCTL_CHAIN_H
-#define REPCTL_CHAIN_H
+#ifndef REPCTL_LINEAR_ALGEBRA_H
+#define REPCTL_LINEAR_ALGEBRA_H
 
 #ifndef EXPORT
 #define EXPORT __attribute__((visibility("default")))

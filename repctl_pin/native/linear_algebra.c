@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "chain.h"
+#include "linear_algebra.h"
 
 double eliminate(int n, double *A, double *b) {
   double pivots = 1;
