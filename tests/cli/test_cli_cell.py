@@ -310,6 +310,7 @@ def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> No
 # ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_start_is_that_of_a_study(tmp_path: Path, capsys) -> None:
     """Issue 20, item 18: around the reference pose, in which this arm is stretched, no cell
     exists; a study and a design choose another start."""
@@ -331,6 +332,7 @@ def test_the_start_is_that_of_a_study(tmp_path: Path, capsys) -> None:
         assert json.loads(capsys.readouterr().out)["everywhere"]
 
 
+@pytest.mark.slow
 def test_a_start_from_which_the_cell_fits_is_preferred(tmp_path: Path, capsys) -> None:
     """Issue 20, item 18: from the first start, J⁺ does not reach every corner straight; from the
     one that is chosen it does."""

@@ -51,6 +51,7 @@ def as_row(place: pin.SE3) -> np.ndarray:
     return np.array([*place.translation, w, x, y, z])
 
 
+@pytest.mark.slow
 def test_it_answers_with_f_or_with_the_reason(tmp_path: Path) -> None:
     """1,000 poses of a cell get F to 1e-12; poses outside, and what is no pose, get none."""
     function = function_of("poses")

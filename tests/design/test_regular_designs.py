@@ -12,6 +12,7 @@ from arms import Q_PANDA, spatial_task
 import repctl_pin as rp
 
 
+@pytest.mark.slow
 def test_the_verdict_does_not_hang_on_the_sample() -> None:
     """tiago ±0.15, degree 2: a descent on few nodes runs into a singularity between them."""
     task = rp.Robot.load("tiago").task(None, "pose")

@@ -101,6 +101,7 @@ class Watched(rp.Box):
         return sum(one() is not None for one in self.__dict__["alive"])
 
 
+@pytest.mark.slow
 def test_few_nodes_first_then_all(panda: rp.Robot, few_nodes: None) -> None:
     """2048 nodes start from the optimum on 1024; nothing is left on the worker."""
     many = {"samples": 2048, "degree": 1, "batch": 256}

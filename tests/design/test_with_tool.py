@@ -100,6 +100,7 @@ def test_other_desired_inverses_move_with_the_tool(
     assert np.allclose(gap, design.inverse(q) - design.desired(q), atol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_certificate_is_converted_and_holds(at_flange: rp.Design) -> None:
     """Bounds of the converted certificate are below those of a fresh one, or equal."""
     proved = replace(at_flange, proof=rp.prove(at_flange))
@@ -128,6 +129,7 @@ def test_the_certificate_is_converted_and_holds(at_flange: rp.Design) -> None:
         replace(moved, shrunk=1.0)  # the certificate belongs to it
 
 
+@pytest.mark.slow
 def test_at_constant_orientation_no_metre_is_lost(at_flange: rp.Design) -> None:
     proof = rp.prove(at_flange)
     assert proof.closes is not None

@@ -107,6 +107,7 @@ def dh_urdf(d: list[float], turn: list[float], limit: np.ndarray) -> str:
     return f'<robot name="iiwa">{"".join(parts)}</robot>'
 
 
+@pytest.mark.slow
 def test_a_map_shows_where_the_box_works(tmp_path: Path) -> None:
     """Closed form: a box fits where its corners are within reach, 1.2 m, and not beyond."""
     pytest.importorskip("matplotlib")

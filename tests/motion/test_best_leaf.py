@@ -90,6 +90,7 @@ def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
     assert "exceeds its limits" in first and "exceeds" not in second
 
 
+@pytest.mark.slow
 def test_tiago_given_start_breaks_a_limit(tiago) -> None:
     q0 = tiago.task.reference
     path = rp.circle(tiago.task, q0, 0.05, normal="xy", start_angle=np.pi)

@@ -107,6 +107,7 @@ def study(hands):
     )
 
 
+@pytest.mark.slow
 def test_a_study_says_that_both_hands_are_back_and_what_is_not(study):
     assert study.row("pseudoinverse").motion.drift[-1] > 1e-2
     assert study.row("repeatable").motion.drift[-1] < 1e-9

@@ -84,6 +84,7 @@ def test_where_it_is_singular() -> None:
     assert 0 < conventional.distance(Q_PANDA) <= np.pi / 2
 
 
+@pytest.mark.slow
 def test_a_control_that_holds_it_repeats_and_polynomials_correct_it(
     quick_choices: None,
 ) -> None:

@@ -109,6 +109,7 @@ def design_over(angle: rp.PotentialBasis, region: rp.Box) -> rp.Design:
     )
 
 
+@pytest.mark.slow
 def test_a_panda_s_arm_angle_is_proved_and_its_certificate_is_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -182,6 +182,7 @@ def most_used(every: dict[str, Any], library: Any = None) -> float:
     return worst
 
 
+@pytest.mark.slow
 def test_the_enclosures_of_gradients_are_not_wasteful(every: dict[str, Any]) -> None:
     assert 0.8 < most_used(every) <= 1
 

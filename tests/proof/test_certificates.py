@@ -252,6 +252,7 @@ def test_check_says_by_its_exit_code_that_a_proof_is_not_reached(
         assert "do not rely on it" in note
 
 
+@pytest.mark.slow
 def test_the_commands_prove_sectors_and_cells_of_positions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

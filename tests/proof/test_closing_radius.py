@@ -207,6 +207,7 @@ def test_what_is_asked_is_proved_or_refused(panda_design: rp.Design) -> None:
         rp.prove(panda_design, ratio=-1)
 
 
+@pytest.mark.slow
 def test_a_smaller_radius_is_proved_in_fewer_boxes(tmp_path: Path) -> None:
     design, _ = cases(tmp_path)[3]
     largest = rp.prove(design, margin=0.01, seconds=5).closes

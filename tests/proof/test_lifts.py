@@ -156,6 +156,7 @@ def is_sound(module: Any, given: list[tuple[rp.Design, float]]) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_lengths_of_rates_guessed_too_low(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,6 +18,7 @@ import repctl_pin as rp
 # ---- whole regions -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_panda_s_box_is_proved_within_a_few_per_cent_of_the_sampled_margin(
     panda_design: rp.Design,
 ) -> None:

@@ -132,8 +132,17 @@ def python_of(page: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), flags=re.DOTALL)
 
 
+LONG = {"proof", "cell", "pick-and-place", "learning"}
+"""Pages whose Python takes seconds: among the slow tests."""
+
+
 @pytest.mark.parametrize(
-    "page", [*filter(python_of, PAGES)], ids=lambda page: page.stem
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if page.stem in LONG else [])
+        for page in filter(python_of, PAGES)
+    ],
+    ids=lambda page: page.stem,
 )
 def test_the_python_of_a_page_runs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_nodes: None

@@ -203,6 +203,7 @@ def test_the_command_writes_it_for_ones_own_arm(
     assert len(Tags(text).all("img")) >= 6
 
 
+@pytest.mark.slow
 def test_it_plays_offline_and_no_figure_is_cut_on_paper(
     page: str, tags: Tags, tmp_path: Path, driver: Any
 ) -> None:

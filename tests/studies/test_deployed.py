@@ -141,6 +141,7 @@ def test_outside_is_the_loudest_line(tmp_path, monkeypatch, capsys) -> None:
     assert told(capsys, "follow", "d.json", "--path", "circle:0.3")["outside"] > 0.3
 
 
+@pytest.mark.slow
 def test_a_cycle_takes_as_long_as_the_joints_need(
     tmp_path, monkeypatch, capsys
 ) -> None:
