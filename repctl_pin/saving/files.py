@@ -17,7 +17,7 @@ from ..model.tool import require_pose
 from ..plugins import Extension, all_extensions
 from .design_file import FORMAT, KIND, FileKind, read, write
 from .schema import Sealed
-from .task_identity import carrying_tool, compare, task_of
+from .task_identity import carrying_tool, compare, task_of, written_task
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
@@ -121,7 +121,7 @@ def load(path: str | Path, task: Task | None = None) -> Any:
         raise InputError(
             f"{where} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
             f"load it with the task: rp.load({where!r}, rp.Robot.load({made_for.file!r})"
-            f".task({made_for.frame!r}, {made_for.task!r}))"
+            f".task({written_task(made_for)}))"
         )
     if task is None:
         task = task_of(made_for, Robot.load(made_for.robot))

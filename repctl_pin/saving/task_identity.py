@@ -107,6 +107,13 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
     return carrying_tool(made_for, task)
 
 
+def written_task(made_for: TaskFile) -> str:
+    """Write the arguments of :meth:`Robot.task` that make a saved task, as Python."""
+    if isinstance(made_for.frames, msgspec.UnsetType):
+        return f"{made_for.frame!r}, {made_for.task!r}"
+    return repr([_frame_asked_for(one) for one in made_for.frames])
+
+
 def _frame_asked_for(one: FrameFile) -> tuple[str, ...]:
     """Return one of several frames as :meth:`Robot.task` takes it."""
     given = (one.frame, one.task)

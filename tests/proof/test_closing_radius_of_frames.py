@@ -221,7 +221,9 @@ def test_each_frame_counts(tmp_path: Path) -> None:
         proof.closes.contains(there[0])
 
 
-def test_a_file_holds_the_radius_of_both_hands(tmp_path: Path) -> None:
+def test_a_file_holds_the_radius_of_both_hands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     task = tree(tmp_path).task(["left", "right"], "xy")
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), rp.Polynomial(Q0, 1, 0.1), rp.Box(Q0, 0.1)
@@ -231,3 +233,8 @@ def test_a_file_holds_the_radius_of_both_hands(tmp_path: Path) -> None:
     again = rp.load_design(tmp_path / "d.json", task).proof
     np.testing.assert_array_equal(again.closes.positions, proof.closes.positions)
     assert again.seal == proof.seal and again.closes.positions.shape == (1, 6)
+    with pytest.raises(rp.InputError, match="load it with the task: ") as refused:
+        rp.load_design(tmp_path / "d.json")
+    asked = str(refused.value).split("load it with the task: ")[1]
+    monkeypatch.chdir(tmp_path)
+    assert eval(asked).proof.seal == proof.seal
