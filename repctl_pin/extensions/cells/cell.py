@@ -1,4 +1,8 @@
-"""Cell of the workspace: a box of positions, and a box of rotations around one orientation."""
+"""Cell of the workspace: a box of positions, and a box of rotations around one orientation.
+
+The coordinates u of a pose in the cell go from −1 to 1. A function q = F(x) over the cell gives one
+configuration for each of its poses.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +54,10 @@ C = TypeVar("C", bound="Cell")
 @dataclass(frozen=True, eq=False, init=False)
 @read_only
 class Cell:
-    r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
-    ``|u_i| ≤ 1``.
+    r"""Box of poses: positions and rotations on either side of a middle.
+
+    It consists of all placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``,
+    every ``|u_i| ≤ 1``.
 
     p has only the components that the task commands. ω is a rotation vector, in base axes for a
     pose task; for an axis task it lies along the tool's own x and y axes. Other tasks leave the
@@ -220,7 +226,10 @@ class Cell:
         return self._placed(self.spread(U))
 
     def _placed(self, Y: Array) -> tuple[Array, Array]:
-        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3), m, and R (K, 3, 3).
+
+        An offset, m or rad, is the difference from the placement in the middle of the cell.
+        """
         positions = len(self.half_width)
         moved = np.eye(3)[self.task.rows[:positions]]
         p = self.placement.translation + Y[:, :positions] @ moved
@@ -271,14 +280,19 @@ class Cell:
         ]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
-        """Test whether placements lie in the cell, (K,), given the result (U, off) of
-        :meth:`coordinates`."""
+        """Test whether placements lie in the cell, (K,), given their coordinates.
+
+        U (K, k) and off (K,) are the result of :meth:`coordinates`: u, which goes from −1 to 1
+        inside, and the deviation along the coordinates of width 0.
+        """
         within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
         return within & (off <= TURNED)
 
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
-        """Return U if all placements lie in the cell, given the result (U, off) of
-        :meth:`coordinates`.
+        """Return the coordinates U if all placements lie in the cell; else raise an InputError.
+
+        U (K, k) and off (K,) are the result of :meth:`coordinates`: u, which goes from −1 to 1
+        inside, and the deviation along the coordinates of width 0.
 
         Raises
         ------
@@ -311,7 +325,8 @@ class Cell:
         """Compute the factor by which the cell must be scaled to have given poses on its boundary.
 
         The poses are those of the configurations Q (K, n). The factors (K,) are above 1 for poses
-        outside, and infinite for those that deviate in a coordinate of width 0.
+        outside, and infinite for those that deviate in a coordinate of width 0. Any region Ω, in
+        which a design is valid, has this method.
         """
         U, off = self.coordinates(
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
@@ -322,7 +337,11 @@ class Cell:
     # -------------------------------------------------------------------------------------------
 
     def _native_region(self) -> Any:
-        """Create the struct :data:`REGION` of the cell as a region Ω, for the native library."""
+        """Create the C struct :data:`REGION` of the cell, so that C can test whether q is in Ω.
+
+        Ω, the region in which a design is valid, is then the set of configurations whose pose is in
+        the cell.
+        """
         ints, reals, scalars = self._tables()
         region, _ = filled_struct(REGION, {}, {}, {})
         point(region, "chart", [filled_struct(CHART, ints, reals, scalars)[0]])
@@ -331,8 +350,10 @@ class Cell:
     def _tables(
         self,
     ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
-        """Return the members of the struct :data:`CHART` that describe the cell: arrays of
-        integers, arrays of numbers, and single numbers."""
+        """Return the members of the C struct :data:`CHART` that describe the cell, by their names.
+
+        They are arrays of integers, arrays of numbers, and single numbers, in three dictionaries.
+        """
         lower, upper = self._range_of_offsets()
         bounds = np.where(self.widths == 0, TURNED, self.widths * (1 + EDGE))
         bounds[list(self.free)] = np.inf
@@ -348,7 +369,10 @@ class Cell:
         return {"moved": self.moved}, reals, {"k": self.k}
 
     def _range_of_offsets(self) -> tuple[Array, Array]:
-        """Return the smallest and the largest offsets (m,) in all task coordinates."""
+        """Return the smallest and the largest offset (m,) of each task coordinate in the cell.
+
+        An offset, m or rad, is the difference from the placement in the middle of the cell.
+        """
         whole = self.whole
         reach = np.zeros(len(self.widths))
         reach[whole.moved] = whole._active_widths * whole._bounds
@@ -359,17 +383,29 @@ class Cell:
 
     @property
     def whole(self: C) -> C:
-        """The same cell, with the coordinates that symmetries remove included in u."""
+        """The same cell, with the coordinates that symmetries remove included in u.
+
+        If one joint turns the whole arm about an axis, a function is designed without the angle
+        about it.
+        """
         return self._changed(removed=()) if self.removed else self
 
     @property
     def _removed(self) -> list[int]:
-        """Indices, among the m task coordinates, of those that symmetries remove from u."""
+        """Indices, among the m task coordinates, of those that symmetries of the arm remove from u.
+
+        A single joint moves the frame along such a coordinate, so a function is designed without
+        it.
+        """
         return [one.coordinate for one in self.removed]
 
     @property
     def along(self) -> Array:
-        """∂F/∂y (n, l) for the l coordinates y, rad, that symmetries remove from u."""
+        """∂F/∂y (n, l) of a function F for the l coordinates y, rad, that symmetries remove from u.
+
+        A single joint j moves the frame along such a coordinate, so the column is 1 or −1 at j, and
+        else 0.
+        """
         along = np.zeros((self.task.n, len(self.removed)))
         for column, one in enumerate(self.removed):
             along[one.joint, column] = one.sign
@@ -378,20 +414,25 @@ class Cell:
     def _split(self, U: Array) -> tuple[Array, Array]:
         """Convert coordinates U (K, ·) of :attr:`whole` to those of this cell (K, k).
 
-        Return also the term (K, n) that the removed symmetries add to F there.
+        Return also the term (K, n) of a function F there that the removed coordinates add: the
+        motion of the joints which move the frame along these.
         """
         kept = np.isin(self.whole.moved, self.moved)
         return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T
 
     def _lifted(self, U: Array) -> Array:
-        """Convert coordinates U (K, k) to those of :attr:`whole`, at 0 in the removed ones."""
+        """Convert coordinates U (K, k) to those of :attr:`whole`, at 0 in the removed ones.
+
+        Symmetries of the arm remove coordinates along which a single joint moves the frame.
+        """
         Y, whole = self.spread(U), self.whole
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths
 
     def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
-        """Evaluate Q − q_ref (K, n), less what the removed symmetries add to F at placements.
+        """Evaluate Q − q_ref (K, n), the distance of configurations from the reference of a chart.
 
-        In their joints, full turns are removed.
+        The motion of joints along coordinates that symmetries remove from u is subtracted; in these
+        joints, full turns are removed. p (K, 3) and R (K, 3, 3) are the placements of Q.
         """
         away = Q - q_ref
         if self.removed:
@@ -418,13 +459,17 @@ class Cell:
 
     @property
     def excepted(self) -> tuple[str, ...]:
-        """Joints that limit margins leave out: their limits end a range that is ``"all"``."""
+        """Joints that limit margins leave out: their limits end a range that is ``"all"``.
+
+        Such a range of a sector's angle or spin goes as far as the joint does, so its margin is 0.
+        """
         lower, upper, _ = self.task.joint_limits
         joints = [one.joint for one in self.removed if one.coordinate in self.free]
         limited = np.isfinite(lower) | np.isfinite(upper)
         return tuple(self.task.joint_names[j] for j in joints if limited[j])
 
     def _changed(self: C, **changes: Any) -> C:
+        """Return a copy of the cell with the given attributes changed; they are not checked."""
         other = object.__new__(type(self))
         freeze(other, **vars(self) | changes)
         return other
@@ -454,9 +499,10 @@ class Cell:
         )
 
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements.
+        """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements p (K, 3), m, and R (K, 3, 3).
 
-        The rows of ∂u/∂x are in the order of the columns of :meth:`twists`.
+        The gradient of a potential that is a function of u needs them. The rows of ∂u/∂x are in the
+        order of the columns of :meth:`twists`.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
@@ -469,9 +515,10 @@ class Cell:
         return U, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
-        """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), with E of :meth:`twists`.
+        """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), which scales u to unit task speed.
 
-        The product ∂F/∂u C is in joint speed per unit of task speed.
+        E = ∂x/∂u is that of :meth:`twists`. For a function F, the product ∂F/∂u C is in joint speed
+        per unit of task speed, so that cells of different sizes can be compared.
         """
         _, R = self.placements(U)
         E = self.twists(U, R)
@@ -587,7 +634,10 @@ class Cell:
 
     @property
     def _active(self) -> NDArray[np.bool_]:
-        """Mask (m,) of the task coordinates that belong to u."""
+        """Mask (m,) of the task coordinates that belong to u.
+
+        Left out are those of width 0, and those that symmetries of the arm remove.
+        """
         active = np.array(self.widths > 0, bool)
         active[self._removed] = False
         return active
@@ -603,17 +653,23 @@ class Cell:
 
     @property
     def _active_widths(self) -> Array:
+        """Half-widths (k,) of the coordinates that belong to u, m or rad: a change of u by 1."""
         return self.widths[self._active]
 
     @property
     def _offset(self) -> Array:
-        """Task coordinates (m,) of the middle relative to the placement, m and rad; 0 but for the
-        spin of some sectors."""
+        """Task coordinates (m,) of the middle relative to the placement, m and rad.
+
+        They are 0, except in some sectors, where the middle of the spin is moved.
+        """
         return np.zeros(len(self.widths))
 
     def spread(self, U: ArrayLike) -> Array:
-        """Convert coordinates U (K, k) to offsets (K, m) from the placement in all m task
-        coordinates, m and rad."""
+        """Convert coordinates U (K, k) to offsets (K, m) in all m task coordinates, m and rad.
+
+        The offsets are from the placement in the middle of the cell; coordinates that are held
+        constant are included.
+        """
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.tile(self._offset, (len(U), 1))
         Y[:, self._active] += U * self._active_widths
@@ -622,7 +678,8 @@ class Cell:
     def _measured(self, p: Array, R: Array) -> Array:
         """Convert placements to offsets (K, m) from that of the cell in all m task coordinates.
 
-        They are in m and rad. Coordinates of width 0 are included.
+        p (K, 3), m, and R (K, 3, 3) are the placements. Offsets are in m and rad. Coordinates of
+        width 0 are included.
         """
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
@@ -664,8 +721,10 @@ class Cell:
         )
 
     def _frame_twists(self, Y: Array) -> Array:
-        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
-        coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
+        """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
+
+        It is in base axes. Y (K, m) are the offsets from the middle of the cell, m and rad.
+        """
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))
         T[:, self.task.rows[:positions], np.arange(positions)] = 1.0

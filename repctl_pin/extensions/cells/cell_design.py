@@ -1,5 +1,8 @@
-"""Result of designing an inverse function over a cell: the function, its evaluation, maps over
-slices of the cell, and the problem of a closed path through it."""
+"""Result of designing an inverse function over a cell, a box of poses.
+
+It consists of the function q = F(x), its evaluation, maps over slices of the cell, and the problem
+of a closed path through it.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +105,9 @@ class CellDesign:
     ) -> CellDesign:
         """Make a design from a chart, whose function is s = 0, and its evaluation.
 
-        ``how`` are the other attributes of the design.
+        A chart is a pair of polynomials that approximate a configuration and the null space for
+        each pose; s is the position along the self-motion. ``desired`` is the inverse G_d to which
+        the function is to be near. ``how`` are the other attributes of the design.
         """
         u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
         middle = chart.solve(u)
@@ -131,7 +136,10 @@ class CellDesign:
 
     @property
     def inverse(self) -> RepeatableInverse:
-        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is the function."""
+        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is the function.
+
+        A leaf is the set of configurations at which the potentials have the values c.
+        """
         return self.function.inverse
 
     @property
@@ -242,8 +250,12 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _symmetry(self) -> dict[str, str]:
-        """Return texts by display name: the symmetries that are used, and the range of each
-        symmetric coordinate; empty if the cell is no sector."""
+        """Return texts by display name: the symmetries that are used, and the ranges they allow.
+
+        In a sector, one joint may turn the whole arm about the axis, or the tool about its z axis.
+        There is one range for each such coordinate. The dictionary is empty if the cell is no
+        sector.
+        """
         sector = self.function.chart.cell
         if not isinstance(sector, Sector):
             return {}
@@ -272,19 +284,23 @@ class CellDesign:
 
 
 def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
-    """Make the function s = 0 of a chart; on its leaf it checks joint limits if the evaluation
-    demands it.
+    """Make the function q = F(x) of a chart; it checks joint limits if the evaluation demands it.
 
-    It checks them there at every call if some evaluated pose violates a limit, or if the range of a
-    coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0
-    alone; on other leaves the limits are always checked.
+    F is s = 0 in the chart, with s the position along the self-motion. The checks cost time at
+    every call. They are needed if some evaluated pose violates a limit, or if the range of a
+    coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0, the
+    function itself; on other leaves, with other configurations of the same poses, the limits are
+    always checked.
     """
     ends_at_limits = bool(chart.cell.free) or not evaluation.everywhere
     return InverseFunction(chart, keep_limits=ends_at_limits)
 
 
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
-    """Return the set of poses of a cell as plain data, with the symmetries that are used."""
+    """Return the set of poses of a cell as plain data, with the symmetries that are used.
+
+    A fingerprint is made of it, by which a certificate for another cell is noticed.
+    """
     box = rounded(cell.placement.homogeneous), cell.widths
     if not isinstance(cell, Sector):
         return "box", *box
@@ -293,7 +309,7 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Return a note if a requested margin is not met; an empty text if it is, or is 0."""
+    """Return a note if a requested margin is not met; else an empty text."""
     return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
@@ -326,8 +342,10 @@ class Slice:
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
     """Evaluate maps over each pair of translational coordinates of a cell, at most three pairs.
 
-    If the cell has fewer than two translational coordinates, pairs of all its coordinates are
-    taken. The symmetric coordinates of a sector are 0; the figures do not depend on them.
+    The figures of a cell show the limit margin and the extra joint speed in them. There are
+    ``count`` points along each coordinate. If the cell has fewer than two translational
+    coordinates, pairs of all its coordinates are taken. The symmetric coordinates of a sector are
+    0; the figures do not depend on them.
     """
     cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]
@@ -361,9 +379,11 @@ def _problem_of_cell(
     path: str | ClosedPath | PathOf | Literal[False] | None,
     plane: str | None,
 ) -> Problem:
-    """Create a problem inside a cell.
+    """Create a problem, a start with a closed path, inside the cell of a design.
 
-    By default it begins at the configuration that the function gives for the path's first pose.
+    So a saved cell can be used with ``repctl follow``. A path that is not given is a circle that
+    fits in the cell, or a random path through a sector. By default the problem begins at the
+    configuration that the function gives for the path's first pose.
     """
     begin = design.posture if start is None else start
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
@@ -387,10 +407,11 @@ PROBLEM = (CellDesign, _problem_of_cell)
 
 
 def tour(cell: Cell) -> TaskPath:
-    r"""Make a random smooth closed path through a cell.
+    r"""Make a random smooth closed path through a cell, on which its function can be shown.
 
     Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
-    1, with random a and b, scaled so that the maximum of every |u_i| is 0.9.
+    1, with random a and b, scaled so that the maximum of every |u_i| is 0.9. The path is the same
+    at every call.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)
