@@ -446,10 +446,11 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
 
 
 def _unchecked(content: _CellFile, task: Task) -> list[str]:
-    """Refuse a robot whose ranges or masses differ from those of the file; list what is not checked.
+    """Refuse a robot that has changed since the file was written; list what cannot be checked.
 
-    Other data are compared before, see :class:`repctl_pin.saving.design_file.FileKind`. An older
-    file has no collision bodies to compare.
+    Joint limits and masses are compared; if one differs, an InputError is raised. Older files lack
+    some of them, or the collision bodies; the names of these are returned. See
+    :class:`repctl_pin.saving.design_file.FileKind`.
     """
     known = content.bodies is not msgspec.UNSET
     return [

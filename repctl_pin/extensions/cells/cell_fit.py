@@ -355,10 +355,10 @@ def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
 
 
 def _fit(cost: Cost, a: Array) -> Descent:
-    """Minimise the cost from coefficients a (N, r) of the label s, the position along the self-motion.
+    """Minimise the cost from coefficients a (N, r) of the label s.
 
-    If the function of these coefficients does not exist at some node, start from zero, which is the
-    reference function.
+    The function is at the position s along the self-motion of each pose. If the function of these
+    coefficients does not exist at some node, start from zero, which is the reference function.
     """
     found = descend(cost, a)
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
@@ -367,7 +367,7 @@ def _fit(cost: Cost, a: Array) -> Descent:
 def _recharted(
     cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool
 ) -> Chart:
-    """Fit the final chart, in which the optimised function is s = 0, so that it is fast to evaluate.
+    """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
     A chart has polynomials q_ref and n_ref; s is the position along the self-motion. Its q_ref
     approximates the configurations of the function, its n_ref the null spaces there. The degree is
@@ -392,7 +392,7 @@ def _recharted(
 
 
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
-    """Reduce the degree of n_ref, the null-space directions of a chart, if it stays accurate enough.
+    """Reduce the degree of n_ref, the null-space directions of a chart, if it stays accurate.
 
     ``N`` (K, n, r) are the null spaces at the poses U (K, k), which n_ref approximates. The
     function s = 0 stays close to the chart's q_ref for any n_ref near the null space. A lower
@@ -459,7 +459,7 @@ def _rank(
 
 
 def _share(found: CellDesign) -> float:
-    """Compute which share of a joint's range a function uses along a sector's ``"all"`` coordinates.
+    """Compute which share of a joint's range a design reaches in a sector's ``"all"`` coordinates.
 
     Such a coordinate, angle or spin, goes as far as the limits of its joint, less what the joint
     moves over the cell. The share is rounded to 5 %. The result is the minimum of all such

@@ -123,8 +123,7 @@ def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
 
 
 def _separate(box: Cell, found: Grown) -> NDArray[np.bool_]:
-    """Test around which middles of a box no bodies collide, in the middle and at its corners: (K,).
-    """
+    """Test around which middles of a box no bodies collide, there and at its corners: (K,)."""
     K, C, n = found.ends.shape
     Q = np.concatenate([found.Q[:, None], found.ends], axis=1).reshape(-1, n)
     distances = bodies_of(box.task).distances(Q).reshape(K, C + 1)

@@ -1,6 +1,8 @@
 r"""Cost of a candidate for the inverse function over a cell, and its minimisation.
 
-The cost is the mean distance of ∂F/∂x from G_d, plus penalties on small margins."""
+The function q = F(x) gives one configuration for each pose of the cell. The cost is the mean
+distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +36,10 @@ damping."""
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Value:
-    """The cost at given coefficients, with the configurations at which it was evaluated.
+    """The cost of a candidate F, with the configurations at which it was evaluated.
 
-    ∂F = ∂F/∂u, E = ∂x/∂u and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
+    G_d is the desired inverse, s(u) the position of F along the self-motion. ∂F = ∂F/∂u, E = ∂x/∂u
+    and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
 
     Attributes
     ----------
@@ -67,6 +70,8 @@ class _Value:
 class Penalty:
     """A kind of margin that the cost penalises, and the poses at which it does.
 
+    A function whose margins are too small at some poses is thus moved away from limits there.
+
     Attributes
     ----------
     margin : Margin
@@ -86,9 +91,10 @@ class Cost:
     r"""``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
     T_t(u)``.
 
-    The unknowns are the coefficients a of the label s(u) in the monomials T_t of the cell's
-    coordinates u. A cell may have fewer coordinates than the task, so ∂F/∂x is replaced by ∂F/∂u C
-    with ``C = (EᵀE)^(−1/2)`` and E = ∂x/∂u, in joint speed per unit of task speed.
+    G_d is the desired inverse. The unknowns are the coefficients a of s(u), the position of F along
+    the self-motion of each pose, in the monomials T_t of the cell's coordinates u. A cell may have
+    fewer coordinates than the task, so ∂F/∂x is replaced by ∂F/∂u C with ``C = (EᵀE)^(−1/2)`` and E
+    = ∂x/∂u, in joint speed per unit of task speed.
 
     Parameters
     ----------
@@ -140,7 +146,10 @@ class Cost:
         self._last: Array | None = None
 
     def value(self, a: Array) -> _Value:
-        """Evaluate the cost at coefficients a (N, r), with the function's configurations."""
+        """Evaluate the cost at coefficients a (N, r), with the function's configurations.
+
+        It is infinite if the function does not exist at some node.
+        """
         s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
         points = self.chart.solve(self.U, s, self._last, goals=self.goals)
         if not points.found.all():
@@ -232,11 +241,15 @@ class Cost:
         return gradient.ravel(), 2 * _products(features, L, r)
 
     def _joint_speeds(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
-        """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r)."""
+        """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r).
+
+        The first two are the joint speeds of the function and of the desired inverse per unit of
+        task speed.
+        """
         return self.chart.joint_speeds(self.desired, points, ds, self.C)
 
     def _residual(self, points: Points, ds: Array) -> Array:
-        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l)."""
+        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), whose mean square is the cost."""
         own, desired, _ = self._joint_speeds(points, ds)
         return own - desired
 
@@ -244,9 +257,10 @@ class Cost:
 def _products(features: Array, L: Array, r: int) -> Array:
     """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
 
-    ``features`` (K, 1 + k, N) are the same for each of the r labels. The factors L (K, r (1 + k),
-    r (1 + k)) are lower triangular, so the rows of label j have entries in the first j + 1 of r
-    blocks only; the products leave out the others.
+    It is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and their
+    slopes, the same for each of the r labels. The factors L (K, r (1 + k), r (1 + k)) are lower
+    triangular, so the rows of label j have entries in the first j + 1 of r blocks only; the
+    products leave out the others.
     """
     p, N = features.shape[1:]
     rows = []
@@ -313,29 +327,36 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
 
 
 class _Problem:
-    """The cost as a problem for :func:`levenberg_marquardt`, with D = diag H."""
+    """The cost as a problem for :func:`levenberg_marquardt`, with D = diag H, H the Hessian."""
 
     def __init__(self, cost: Cost) -> None:
         self.cost = cost
 
     def evaluate(self, x: Array) -> Point[_Value]:
-        """Evaluate the cost at x, with the values that :meth:`model` needs; infinite if the
-        function does not exist at some node."""
+        """Evaluate the cost at coefficients x (N, r), with the values that :meth:`model` needs.
+
+        It is infinite if the function does not exist at some node.
+        """
         value = self.cost.value(x)
         return Point(value.cost, value.cost, True, value, x)
 
     def merit(self, x: Array) -> float:
-        """Evaluate the cost alone, as a number."""
+        """Evaluate the cost alone, as a number, at coefficients x (N, r)."""
         return self.cost.value(x).cost
 
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
-        """Evaluate the gradient (N r,), the Gauss–Newton Hessian (N r, N r), and the scaling
-        (N r,)."""
+        """Evaluate the gradient (N r,), Gauss–Newton Hessian (N r, N r) and scaling (N r,).
+
+        ``at`` is the result of :meth:`evaluate`.
+        """
         gradient, H = self.cost.model(at.data)
         return gradient, H, _scaling(H)
 
     def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` with μ = ``damping``."""
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping``, for one step of the minimisation.
+
+        ``model`` is the gradient g, the Hessian H and the diagonal D, from :meth:`model`.
+        """
         gradient, H, scale = model
         matrix = H + np.diag((damping + _REGULAR) * scale)
         dx = -np.asarray(np.linalg.solve(matrix, gradient), float)
@@ -350,10 +371,10 @@ def _scaling(H: Array) -> Array:
 
 
 def predicted_gain(cost: Cost, a: Array) -> float:
-    """Predict the relative decrease of the cost by a Gauss–Newton step from coefficients
-    a (N, r).
+    """Predict by how much a Gauss–Newton step from coefficients a (N, r) would lower the cost.
 
-    Return infinity if the function does not exist at some node.
+    It is the relative decrease, by which the fit decides whether a higher degree is worthwhile. It
+    is infinite if the function does not exist at some node.
     """
     value = cost.value(a)
     if not np.isfinite(value.cost):

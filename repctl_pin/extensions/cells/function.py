@@ -180,7 +180,10 @@ class InverseFunction:
         leaf: ArrayLike | None,
         missing: Literal["raise", "nan"],
     ) -> Array:
-        """Evaluate F at targets as :meth:`batch` does, in NumPy."""
+        """Evaluate F at targets as :meth:`batch` does, in NumPy.
+
+        It is needed without the native library, and to say why a target has no configuration.
+        """
         cell = self.cell
         U, off = self._coordinates(targets)
         c = self._leaves(leaf, len(U))
@@ -225,7 +228,8 @@ class InverseFunction:
     def _law(self, U: Array, C: Array) -> tuple[Array, tuple[int, InputError] | None]:
         """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, on the leaves C (K, r).
 
-        Rows without a configuration are NaN. Returns also the first of them, and why, if any.
+        A leaf c is a position along the self-motion. Rows without a configuration are NaN. Return
+        also the number of the first of them with an InputError that says why, or None.
         """
         reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, C)
@@ -241,7 +245,10 @@ class InverseFunction:
         return Q, error
 
     def _matrices(self, targets: Array) -> Array:
-        """Convert targets to homogeneous matrices (K, 4, 4); NaN for coordinates outside."""
+        """Convert targets to homogeneous matrices (K, 4, 4); NaN for coordinates outside the cell.
+
+        Targets have any of the forms of :meth:`batch`, as an array.
+        """
         if targets.shape[1:] == (4, 4) and targets.dtype == float:
             return np.ascontiguousarray(targets)
         if targets.ndim != 2 or targets.shape[1] == 7:
@@ -304,8 +311,11 @@ class InverseFunction:
         return np.stack([-done[:r], done[r:]], axis=1)
 
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
-        """Convert targets to coordinates U (K, k), and to their deviations (K,) from the cell in
-        the coordinates of width 0."""
+        """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
+
+        Targets have any of the forms of :meth:`batch`. A deviation is along the coordinates of
+        width 0, m or rad.
+        """
         if (
             isinstance(targets, np.ndarray)
             and targets.ndim != 3
@@ -330,6 +340,7 @@ class InverseFunction:
         return np.tile(c, (count, 1))
 
     def _leaf(self, leaf: ArrayLike) -> Array:
+        """Check one leaf c, the position along the self-motion, and return it as an array (r,)."""
         array = as_numbers(leaf)
         return vector(
             leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c"
@@ -358,7 +369,7 @@ class InverseFunction:
 
 
 class _NativeFunction:
-    """Cell function in C, from the tables of its chart.
+    """Cell function in C, from the tables of its chart, for speed.
 
     Parameters
     ----------
@@ -410,8 +421,9 @@ class _NativeFunction:
     ) -> Array:
         """Evaluate F (K, n) at targets (K, …) on the leaves C (K, r), part by part.
 
-        ``matrices`` converts targets to homogeneous matrices (K, 4, 4). Rows without a
-        configuration are NaN.
+        The arrays of a part stay in the processor's cache. ``matrices`` converts targets to
+        homogeneous matrices (K, 4, 4). Rows without a configuration are NaN. Several threads share
+        the parts.
         """
         Q = np.empty((len(targets), self._n))
         to = ctypes.byref(self._arm), ctypes.byref(self._chart)

@@ -36,7 +36,7 @@ _arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
 
 
 def chain_for_c(task: Task) -> Any | None:
-    """Return the kinematic chain of a task for :func:`run`, cached per task.
+    """Return the kinematic chain of a task as a C struct for :func:`run`, cached per task.
 
     None if there is no native library, or C cannot hold the task: more than 64 joints, or
     transformed joint coordinates.
@@ -49,9 +49,10 @@ def chain_for_c(task: Task) -> Any | None:
 
 
 def run(name: str, arm: Any, count: int, *given: Any) -> None:
-    """Call a function of the native library for ``count`` configurations.
+    """Call a function of the native library for ``count`` configurations, with a kinematic chain.
 
-    Arrays that it fills must be contiguous.
+    ``name`` is that of the function; ``given`` are its further arguments, arrays or C numbers.
+    Arrays that it fills must be contiguous and of float.
     """
     kept = [
         np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
@@ -66,14 +67,20 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
 
 
 def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
-    """Select some rows of all arrays of a named tuple."""
+    """Select some rows of all arrays of a named tuple.
+
+    Such a record holds results at K poses, with one row of each array per pose.
+    """
     make: Any = type(record)
     selected: Record = make(*(each[which] for each in record))
     return selected
 
 
 def joined(records: Sequence[Record]) -> Record:
-    """Join named tuples of arrays: all rows of the first one, then those of the next."""
+    """Join records of the same kind: all rows of the first one, then those of the next.
+
+    A record is a named tuple of arrays with one row per pose.
+    """
     make: Any = type(records[0])
     together: Record = make(*map(np.concatenate, zip(*records, strict=True)))
     return together

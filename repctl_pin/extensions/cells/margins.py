@@ -1,5 +1,9 @@
-"""Margins of a candidate function (distance from joint limits, body distance, σ_min of J, leaf
-margin), and a search of the cell for the poses of the smallest margins."""
+"""Margins of a candidate function, and a search of its cell for the poses where they are smallest.
+
+A margin is a distance from a limit: from joint limits, between bodies, σ_min of J, and the leaf
+margin, the distance from an algorithmic singularity. The candidate q = F(x) gives one configuration
+for each pose of the cell.
+"""
 
 from __future__ import annotations
 
@@ -53,17 +57,24 @@ minimum."""
 
 
 class Quantity(ABC):
-    """A quantity at the points of a function, which :func:`searched` minimises over the cell."""
+    """A quantity at the points of a function, which :func:`searched` minimises over the cell.
+
+    Subclasses are the kinds of margins, and joint speeds relative to the desired inverse.
+    """
 
     @abstractmethod
     def least(self, at: Points) -> Array:
-        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
+        """Evaluate the quantity (K,) at points; infinite where the function does not exist.
+
+        Points are the configurations of the function at K poses.
+        """
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
 
-        One-sided differences are used, with steps into the cell. The gradient is 0 where the
-        function does not exist.
+        ``at`` are points of the function at K poses, u their coordinates in the cell. One-sided
+        differences are used, with steps into the cell. The gradient is 0 where the function does
+        not exist.
         """
         K, k = at.U.shape
         step = np.where(at.U > 0, -_STEP, _STEP)
@@ -107,8 +118,10 @@ class Margin(Quantity):
     violators: int
 
     def least(self, at: Points) -> Array:
-        """Return the smallest of the P margins at each point (K,); infinite where the function does
-        not exist."""
+        """Return the smallest of the P margins at each point (K,); infinite where there is none.
+
+        Points are the configurations of a function at K poses, as far as it exists there.
+        """
         return np.where(
             at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf
         )
@@ -146,11 +159,12 @@ class Margin(Quantity):
     ) -> Array:
         """Find the largest margin (K,) that self-motion attains at the poses of the given points.
 
-        The configurations of each pose on nearby leaves are compared, along each component of the
-        label s. The leaves lie within 0.7 rad of the points. With ``far`` they lie within 2.4 rad,
-        which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and smaller
-        around the best leaf. At poses with a margin of at least ``enough``, no larger margin is
-        searched for.
+        A penalty asks for no more than that. The configurations of each
+        pose on nearby leaves are compared, along each component of the label s, the position along
+        the self-motion. The leaves lie within 0.7 rad of the points. With ``far`` they lie within
+        2.4 rad, which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and
+        smaller around the best leaf. At poses with a margin of at least ``enough``, no larger
+        margin is searched for.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
@@ -193,7 +207,10 @@ def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
 
 
 def distances_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m."""
+    """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m.
+
+    Hulls are never farther apart than the bodies in them, and much faster to compute.
+    """
     distances = bodies_of(task).hull_distances
     return Margin(
         "bodies",
@@ -207,7 +224,7 @@ def distances_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def singular_values_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of singularities: σ_min of J."""
+    """Make the :class:`Margin` of singularities: σ_min of J, with the value to be kept."""
 
     def measure(Q: Array) -> Array:
         return np.asarray(
@@ -220,7 +237,10 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def potential_gradients(chart: Chart, at: Points) -> Array:
-    """Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf."""
+    """Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf.
+
+    A controller that follows the function holds its potentials constant; V decides the leaf margin.
+    """
     _, dU = chart.cell.slopes(chart.cell.placements(at.U)[0], at.R)
     return chart.gradients(at.U, dU, at.J, at.n_ref, at.Q - at.q_ref)
 
@@ -243,7 +263,7 @@ def leaf_margins(chart: Chart, at: Points) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LeafMargin(Quantity):
-    """Leaf margin of the function s = 0 of a chart.
+    """Leaf margin of the function s = 0 of a chart: its distance from an algorithmic singularity.
 
     Attributes
     ----------
@@ -262,11 +282,12 @@ def lowest_distances(
 ) -> tuple[Array, float]:
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
-    The smallest of the K distances equals that of :meth:`Bodies.distances`. Where the convex hulls
-    of bodies overlap, a collision test of the bodies themselves takes forty times as long as the
-    distance of the hulls. So it is done only for the deepest overlaps, until no untested one can be
-    a deeper collision, and for a sample of the overlaps, which gives the fraction. At untested
-    overlaps the distance is set to 0. A quick evaluation only tests the deepest overlaps.
+    The smallest of the K distances equals that of :meth:`Bodies.distances`, but is found sooner.
+    Where the convex hulls of bodies overlap, a collision test of the bodies themselves takes forty
+    times as long as the distance of the hulls. So it is done only for the deepest overlaps, until
+    no untested one can be a deeper collision, and for a sample of the overlaps, which gives the
+    fraction. At untested overlaps the distance is set to 0. A quick evaluation only tests the
+    deepest overlaps.
     """
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -293,6 +314,10 @@ def lowest_distances(
 class CandidateFunction:
     """A candidate for the function F: the configurations of a chart with ``s(u) = Σ_t a_t T_t(u)``.
 
+    The chart consists of polynomials that approximate a configuration and the null space for each
+    pose u of the cell; s is the position along the self-motion. The fit changes a until the cost is
+    smallest.
+
     Attributes
     ----------
     chart : Chart
@@ -312,7 +337,11 @@ class CandidateFunction:
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
-        """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given."""
+        """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given.
+
+        U are coordinates in the cell. The points are its configurations there, and the kinematics
+        at these.
+        """
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:

@@ -1,5 +1,8 @@
-r"""Detection of symmetries of an arm: one joint turns the whole arm about an axis, or the tool
-about its z axis."""
+r"""Detection of symmetries of an arm: one joint turns the whole arm about an axis, or the tool.
+
+The tool turns about its own z axis. A function over a cell need not be designed along the
+coordinate that such a joint alone changes: the angle or the spin.
+"""
 
 from __future__ import annotations
 
@@ -62,8 +65,8 @@ def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
 def own_axis(task: Task) -> Array | None:
     """Find the axis (2, 3) of the joint that turns the whole arm: a point, m, and a direction.
 
-    The point is the nearest to the base's origin, and the direction is upward. Return None if no
-    joint turns the whole arm.
+    A sector around this axis can use the symmetry. The point is the nearest to the base's origin,
+    and the direction is upward. Return None if no joint turns the whole arm.
     """
     q = np.array(task.reference)
     origins, axes = task.joint_origins(q), task.axes(q)
@@ -81,7 +84,8 @@ def own_axis(task: Task) -> Array | None:
 def last_axis(task: Task) -> tuple[str, Array]:
     """Compute the axis (2, 3) of the last joint in axes of the frame: a point, m, and a direction.
 
-    Return also the name of the joint, which must be revolute.
+    An error message compares it with the tool's z axis. Return also the name of the joint, which
+    must be revolute.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -124,6 +128,11 @@ def _found(
     joints: range,
     turned: Callable[[pin.SE3, float], pin.SE3],
 ) -> Symmetry | None:
+    """Find the first of the joints that moves the frame as ``turned`` does; None if there is none.
+
+    ``turned(x, angle)`` moves a placement x along the coordinate with the index ``coordinate``. The
+    poses after a joint step are compared at a few random configurations.
+    """
     rng = np.random.default_rng(0)
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))
     before = [task.placement(q) for q in Q]
@@ -139,8 +148,10 @@ def _found(
 
 
 def _away(task: Task, x: pin.SE3, y: pin.SE3) -> float:
-    """Compute the largest difference of two placements in the task's components, m or entries of
-    the rotation matrix."""
+    """Compute the largest difference of two placements in the components that the task commands.
+
+    It is in m, or in entries of the rotation matrix.
+    """
     e = [(x.translation - y.translation)[task.rows[: min(3, task.m)]]]
     if task.kind == "pose":
         e.append((x.rotation - y.rotation).ravel())
