@@ -94,7 +94,8 @@ class BestCell:
     def figure(self, progress: bool | Report = False) -> Figure:
         """Draw a map of the workspace: where a box of the size asked for works, and its price.
 
-        The figure has a view from above and one from the side, through the middle of the box. The
+        The price is the joint speed in excess of J⁺ that one function over the whole box costs. The
+        figure has a view from above and one from the side, through the middle of the box. The
         colour of a place is the extra joint speed of a box around it, estimated as by
         :func:`repctl_pin.extensions.cells.cell_map.sections`. A place is grey if only a share of
         the box fits there, and white if the middle is out of reach or bodies collide.
@@ -137,13 +138,14 @@ def best_cell(
 ) -> BestCell:
     """Find the best place for a box of poses, or the largest box of its shape that is found.
 
-    A box fits if J⁺ leads from a configuration in its middle along straight ways to all corners,
-    inside the joint limits, and no bodies collide in the middle and at the corners. The middles
-    that are tried are random configurations, turned to the orientation, and others beside the best
-    of them. The largest box is taken. Among equal ones, those above z = 0 of the base come first,
-    then those with the largest limit margin, up to 0.3 rad or m, then those with the shortest ways;
-    with ``at``, the nearest one. Boxes shrink by tenths of the size. The function over the box is
-    then designed by :func:`nearest_inverse_function`.
+    A box fits if J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in its
+    middle along straight ways to all corners, inside the joint limits, and no bodies collide in the
+    middle and at the corners. The middles that are tried are random configurations, turned to the
+    orientation, and others beside the best of them. The largest box is taken. Among equal ones,
+    those above z = 0 of the base come first, then those with the largest limit margin, up to 0.3
+    rad or m, then those with the shortest ways; with ``at``, the nearest one. Boxes shrink by
+    tenths of the size. The function over the box is then designed by
+    :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -336,7 +338,7 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
-    """Return the box around another position, with its edges multiplied by a factor."""
+    """Return the box around another position p (3,), m, with its edges multiplied by a factor."""
     place = pin.SE3(box.placement.rotation, p)
     return Cell(box.task, place, factor * box.half_width)
 

@@ -191,7 +191,7 @@ class Cell:
 
     @property
     def k(self) -> int:
-        """Number of coordinates u."""
+        """Number of coordinates u: those that vary in the cell and that no symmetry removes."""
         return int(np.count_nonzero(self._active))
 
     @property
@@ -222,7 +222,10 @@ class Cell:
     # -------------------------------------------------------
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
-        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3).
+
+        A coordinate is 0 in the middle of the cell, and ±1 on its boundary.
+        """
         return self._placed(self.spread(U))
 
     def _placed(self, Y: Array) -> tuple[Array, Array]:
@@ -240,7 +243,7 @@ class Cell:
         return p, (R.reshape(-1, 3) @ R_0).reshape(-1, 3, 3)
 
     def at(self, u: ArrayLike) -> pin.SE3:
-        """Convert coordinates u (k,) to a placement."""
+        """Convert coordinates u (k,) to a placement; 0 is the middle, ±1 the boundary."""
         p, R = self.placements(
             vector(u, self.k, "u", "one per coordinate of the cell")[None]
         )
@@ -248,6 +251,9 @@ class Cell:
 
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Convert placements to coordinates u, and their deviation in the coordinates of width 0.
+
+        A coordinate u is 0 in the middle of the cell, and ±1 on its boundary; one of width 0 is
+        held constant.
 
         Parameters
         ----------
@@ -267,7 +273,7 @@ class Cell:
         return (Y - self._offset)[:, self._active] / self._active_widths, off
 
     def coordinates_of(self, target: Placement) -> Array:
-        """Convert one placement, which must lie in the cell, to coordinates u (k,).
+        """Convert one placement, which must lie in the cell, to coordinates u (k,), from −1 to 1.
 
         Raises
         ------
@@ -443,12 +449,12 @@ class Cell:
         return away
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance (…, n) of each joint to its nearer limit, for configurations q
-        (…, n) at which the removed coordinates are 0; negative outside.
+        """Compute the distance (…, n) of each joint to its nearer limit; negative outside.
 
-        The distance of a joint that moves the frame along a removed coordinate is the minimum over
-        the range of that coordinate. It is infinite if the range is ``"all"``, because the joint
-        limits then determine the range.
+        ``q`` (…, n) are configurations at which the coordinates that symmetries remove from u are
+        0. A single joint moves the frame along such a coordinate; its distance is the minimum over
+        the range of the coordinate. It is infinite if the range is ``"all"``, because the joint
+        limits then determine the range. Distances are in rad or m.
         """
         margin = self.task.limit_margin(q)
         for one in self.removed:
@@ -478,9 +484,10 @@ class Cell:
     # --------------------------------------------------------------------------------
 
     def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate.
+        """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate u.
 
-        The last l columns belong to the coordinates that symmetries remove, see :attr:`along`.
+        The coordinates u of a pose go from −1 to 1 in the cell. The last l columns belong to the
+        coordinates that symmetries remove, see :attr:`along`.
 
         Parameters
         ----------
@@ -528,7 +535,10 @@ class Cell:
     def errors(
         self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike
     ) -> Array:
-        """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`."""
+        """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`.
+
+        Goals are p_goal (K, 3), m, and R_goal (K, 3, 3), placements p and R of the same shapes.
+        """
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"),
             ("R_goal", R_goal, "K 3 3"),
@@ -543,14 +553,20 @@ class Cell:
     # -------------------------------------------------------------------------------------
 
     def sample(self, count: int, seed: int = 0) -> Array:
-        """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points."""
+        """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points.
+
+        They are the nodes of a fit, or the held-out poses of an evaluation.
+        """
         count, seed = as_int(count, "count", 1, MOST_NODES), as_int(seed, "seed")
         power = int(np.ceil(np.log2(max(count, 2))))
         random = np.random.default_rng(seed)
         return 2 * scrambled_points(self.k, power, random)[:count] - 1
 
     def corners(self) -> Array:
-        """Return the coordinates (K, k) of the corners of the box, and its face centres."""
+        """Return the coordinates (K, k) of the corners of the box, and its face centres.
+
+        They are tested together with sampled poses, which lie inside the boundary.
+        """
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate(
             [np.array(list(product((-1.0, 1.0), repeat=self.k))), faces]
@@ -629,7 +645,10 @@ class Cell:
 
     @property
     def moved(self) -> NDArray[np.intp]:
-        """Indices, among the m task coordinates, of the k coordinates u, in order."""
+        """Indices (k,), among the m task coordinates, of those that belong to u, in order.
+
+        Left out are those of width 0, and those that symmetries of the arm remove.
+        """
         return np.flatnonzero(self._active)
 
     @property
@@ -644,8 +663,10 @@ class Cell:
 
     @property
     def _bounds(self) -> Array:
-        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate whose range is set by the
-        joint limits (``"all"``)."""
+        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate with the range ``"all"``.
+
+        The joint limits end such a range.
+        """
         most = np.ones(len(self.widths))
         for i in self.free:
             most[i] = np.pi / self.widths[i]

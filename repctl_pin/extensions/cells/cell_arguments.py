@@ -77,7 +77,8 @@ def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
 def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
     """Convert half-widths, given as one number or one per coordinate, to an array (size,).
 
-    ``name``, ``unit`` and ``each`` (such as "one per axis") serve the error messages.
+    An InputError is raised unless each is 0, which holds the coordinate constant, or from 1e-6 to
+    1000. ``name``, ``unit`` and ``each`` (such as "one per axis") serve the error messages.
     """
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
@@ -150,7 +151,10 @@ def as_half_width(value: Any, name: str, unit: str) -> float:
 
 
 def as_height(task: Task, height: float) -> float:
-    """Check the half-width of the height, m, and return it; it must be 0 for a planar task."""
+    """Check the half-width of a sector's height, m, and return it; 0 for a planar task.
+
+    Another value raises an InputError there, because the task does not command the height.
+    """
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
         raise InputError(
@@ -162,7 +166,7 @@ def as_height(task: Task, height: float) -> float:
 
 
 def as_turn(angle: Angle, name: str) -> float:
-    """Check the half-width of the angle or the spin, and return it, rad; ``"all"`` gives π."""
+    """Check the half-width of a sector's angle or spin, and return it, rad; ``"all"`` gives π."""
     if isinstance(angle, str):
         require_choice(angle, ("all",), name)
         return np.pi

@@ -48,7 +48,7 @@ _STEPS = 240
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl cell`` to its parser."""
     parser.robot()
     parser.task()
     parser.surroundings()
@@ -286,7 +286,7 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
 
 
 class _Asked(NamedTuple):
-    """A cell that the options describe.
+    """A cell that the options describe, with the start that was chosen.
 
     Attributes
     ----------
@@ -540,7 +540,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
 
 
 def _widths(cell: rp.Cell) -> dict[str, Any]:
-    """Collect the half-widths of a box, or those of a sector by coordinate, for JSON."""
+    """Collect the half-widths of a box, or those of a sector by coordinate, m and rad, for JSON."""
     from ...studies.study_result import picked
 
     if not isinstance(cell, rp.Sector):
@@ -549,7 +549,7 @@ def _widths(cell: rp.Cell) -> dict[str, Any]:
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
-    """Convert the result to plain Python types, for JSON output."""
+    """Convert the design of a cell's function to plain Python types, for JSON output."""
     from ...studies.study_result import picked
 
     figures = asdict(design.evaluation)

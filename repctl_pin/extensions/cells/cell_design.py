@@ -46,14 +46,14 @@ _WAVES, _POINTS, _REACH = 3, 721, 0.9
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellDesign:
-    """An inverse kinematic function over a cell, and its evaluation.
+    """An inverse kinematic function q = F(x) over a cell of poses, and its evaluation.
 
     Attributes
     ----------
     function : InverseFunction
         The result: ``q = F(x)``.
     desired : Inverse
-        Desired inverse G_d.
+        Desired inverse G_d, such as J⁺, to which ∂F/∂x is near.
     posture : (n,) array
         Configuration in the middle of the cell, rad (m for prismatic joints).
     evaluation : Evaluation
@@ -121,7 +121,7 @@ class CellDesign:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate proves of the function.
+        """Fingerprint of all that a certificate proves of the function; the two must match.
 
         It covers the joint chain, its limits, the cell and the polynomials.
         """
@@ -144,22 +144,31 @@ class CellDesign:
 
     @property
     def cost(self) -> float:
-        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function covers."""
+        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function F covers.
+
+        G_d is the desired inverse, to which the design brings ∂F/∂x as near as it can.
+        """
         return self.evaluation.cost
 
     @property
     def extra_speed(self) -> float:
-        """Rms joint speed over the cell relative to G_d at the same configurations, minus 1."""
+        """Rms joint speed over the cell relative to that of the desired inverse, minus 1.
+
+        Both are evaluated at the configurations of the function.
+        """
         return self.evaluation.extra_speed
 
     @property
     def extra_speed_worst(self) -> float:
-        """Extra joint speed at the worst pose found by a search over the cell."""
+        """Extra joint speed, relative to the desired inverse, at the worst pose of a search."""
         return self.evaluation.extra_speed_worst
 
     @property
     def extra_speed_direction(self) -> float:
-        """Extra joint speed in the worst task direction, at the worst pose found by a search."""
+        """Extra joint speed in the worst task direction, at the worst pose found by a search.
+
+        It is relative to the desired inverse; ``extra_speed_worst`` is a mean over all directions.
+        """
         return self.evaluation.extra_speed_direction
 
     @property
@@ -174,12 +183,19 @@ class CellDesign:
 
     @property
     def leaf_margin(self) -> float:
-        """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity."""
+        """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity.
+
+        N spans the null space of J, V̂ the gradients of the potentials that the controller holds
+        constant.
+        """
         return self.evaluation.leaf_margin
 
     @property
     def coverage(self) -> float:
-        """Fraction of the held-out poses at which F has a configuration inside the limits."""
+        """Fraction of the held-out poses at which F has a configuration inside the limits.
+
+        F is the function of the design.
+        """
         return self.evaluation.coverage
 
     @property
@@ -189,8 +205,11 @@ class CellDesign:
 
     @property
     def body_distance(self) -> float:
-        """Minimum distance between bodies of the robot and its surroundings, m; infinite if there
-        are no collision bodies, NaN if these have changed since the design was saved."""
+        """Minimum distance between bodies of the robot and its surroundings, m.
+
+        It is infinite if there are no collision bodies, NaN if these have changed since the design
+        was saved.
+        """
         return self.evaluation.body_distance
 
     def figures(self) -> dict[str, str]:
@@ -325,8 +344,9 @@ class Slice:
     u : (C,) array
         Grid values of either coordinate, from −1 to 1.
     limit_margin, extra_speed : (C, C) arrays
-        Smallest joint-limit margin, rad or m, and extra joint speed relative to G_d. The row is the
-        second coordinate, the column the first. NaN where the function has no value.
+        Smallest joint-limit margin, rad or m, and extra joint speed relative to the desired inverse
+        G_d. The row is the second coordinate, the column the first. NaN where the function has no
+        value.
     turn : (C, C) array or None
         Range of the angle of a sector, rad, in which the joint that turns the arm stays inside its
         limits at every tilt; None if the symmetry of the angle is not used.

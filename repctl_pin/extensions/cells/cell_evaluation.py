@@ -129,7 +129,10 @@ class Evaluation:
 
     @property
     def everywhere(self) -> bool:
-        """True if F has a configuration inside the limits at every evaluated pose."""
+        """True if the function has a configuration inside the limits at every evaluated pose.
+
+        Collisions do not count. If it is False, the function checks the limits at every call.
+        """
         stopped = any(stop.cause != "collision" for stop in self.failures)
         return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
 
@@ -147,9 +150,10 @@ class Evaluation:
 
 
 class _Sample(NamedTuple):
-    """A function at K poses of its cell: its configurations, joint speeds and margins there.
+    """A function F at K poses of its cell: its configurations, joint speeds and margins there.
 
-    Joint speeds are per unit of task speed, and NaN at singularities.
+    F gives one configuration for each pose u; E = ∂x/∂u, C scales u to unit task speed, and G_d is
+    the desired inverse. Joint speeds are per unit of task speed, and NaN at singularities.
 
     Attributes
     ----------
@@ -184,12 +188,19 @@ class _Sample(NamedTuple):
 
     @property
     def ratio(self) -> Array:
-        """Squared joint speed relative to G_d: ``‖∂F C‖_F² / ‖G_d E C‖_F²``, (K,)."""
+        """Squared joint speed relative to G_d, the desired inverse: (K,).
+
+        It is ``‖∂F C‖_F² / ‖G_d E C‖_F²``.
+        """
         return np.asarray(self.own / self.desired_square, float)
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """True where the function exists on its sheet, inside the joint limits: (K,)."""
+        """True where the function exists inside the joint limits, and no fold lies between: (K,).
+
+        At a fold the function turns back along the self-motion; it must not lie between the pose
+        and the middle of the cell.
+        """
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
 
@@ -277,7 +288,10 @@ class _SpeedRatio(Quantity):
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate the squared ratio (K,); infinite where the function does not exist."""
+        """Evaluate the squared ratio (K,) at points; infinite where the function does not exist.
+
+        Points are the configurations of the function at K poses.
+        """
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))

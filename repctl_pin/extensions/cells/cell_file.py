@@ -175,7 +175,7 @@ class _CellFile(Sealed):
 
 
 def cell_file(design: CellDesign) -> _CellFile:
-    """Convert the design of a cell's function to the content of a file.
+    """Convert the design of a cell's function to the content of a file, ready to be written.
 
     Raises
     ------
@@ -252,8 +252,9 @@ def _known_distance(content: _CellFile, task: Task) -> float:
 def _shapes_fingerprint(task: Task) -> str:
     """Compute the fingerprint of all collision shapes of a robot and its surroundings.
 
-    It covers their sizes and places on their links, the content of their mesh files, and the pairs
-    of links that the SRDF disables.
+    If it differs from that of a file, the file's body distance is dropped. It covers the sizes of
+    the shapes and their places on their links, the content of their mesh files, and the pairs of
+    links that the SRDF disables.
     """
     robot = task.robot
     entry = robot.entry
@@ -387,7 +388,7 @@ def _cell(content: _CellFile, task: Task) -> Cell:
 
 
 def cell_of(content: _CellFile, task: Task) -> CellDesign:
-    """Create the design of a cell's function from the content of a file.
+    """Create the design of a cell's function from the content of a file, for a task.
 
     Raises
     ------

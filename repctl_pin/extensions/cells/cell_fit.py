@@ -82,10 +82,10 @@ _Found = CellDesign | tuple[FailureReason, ...]
 
 @dataclass(frozen=True)
 class CellFit:
-    """Arguments of a design over a cell, and methods that compute the design.
+    """Arguments of a design of a function over a cell, and methods that compute the design.
 
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
-    ``incomplete="keep"``.
+    ``incomplete="keep"``, so that a function may cover a part of the cell.
     """
 
     desired: Inverse
@@ -319,8 +319,10 @@ class CellFit:
         return kept, terms, tuple(tried)
 
     def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
-        """Make the margins that are constrained: joint limits, and body distance and σ_min(J) if
-        requested."""
+        """Make the margins that the fit keeps: joint limits, and others if they are requested.
+
+        These are the body distance and σ_min(J). A quick design checks fewer poses.
+        """
         limits = limits_of(cell, self.limit_margin)
         found = [replace(limits, starts=24, violators=48) if quick else limits]
         found += (

@@ -53,7 +53,8 @@ class Section:
 def sections(box: Cell, report: Report, seed: int = 0) -> list[Section]:
     """Evaluate a box around places in planes through its middle: from above, and from the side.
 
-    The price is that of polynomials of degree 2 through the configurations to which J⁺ leads at
+    The result shows where a box of poses works, and its price, the extra joint speed relative to
+    J⁺. That is estimated by polynomials of degree 2 through the configurations to which J⁺ leads at
     the corners, from the middle: the self-motion in their slopes at the corners, relative to J⁺.
     """
     report("drawing configurations", 0.0)
@@ -89,7 +90,10 @@ def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
     Q = np.full((len(places), n), np.nan)
 
     def evaluate(where: NDArray[np.intp], starts: Array) -> None:
-        """Take the best box at some places, from configurations that are tried there."""
+        """Try boxes at the places with indices ``where``, from configurations ``starts`` (L, n).
+
+        Where a larger box is found than before, it replaces the result of the place.
+        """
         found = grown(box, places[where], starts)
         if not len(found.p):
             return

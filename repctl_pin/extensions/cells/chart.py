@@ -113,11 +113,13 @@ class Chart:
     ) -> Array:
         r"""Evaluate the gradients V (K, n, r) of the potentials ``h = n_refᵀ (q − q_ref)``.
 
+        A controller that holds h constant follows the function of the chart.
+
         .. math:: V^T = n_{ref}^T - \left[ n_{ref}^T \partial q_{ref}
                   - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
 
-        ∂ is the derivative with respect to u. With coordinates that symmetries remove from u,
-        :attr:`Cell.along` is added to ∂q_ref.
+        ∂ is the derivative with respect to u, the coordinates of the pose. With coordinates that
+        symmetries remove from u, :attr:`Cell.along` is added to ∂q_ref.
 
         Parameters
         ----------
@@ -203,6 +205,9 @@ class Chart:
         iterations: int,
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method.
+
+        These are the equations of the chart: q is the configuration of a pose at the position s
+        along its self-motion. q_ref and n_ref approximate a configuration and the null space.
 
         Parameters
         ----------
@@ -366,7 +371,10 @@ class Points(NamedTuple):
     found: NDArray[np.bool_]
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
-        """Return a copy in which the points with the given indices are those of ``other``."""
+        """Return a copy in which the points with the indices ``at`` are those of ``other``.
+
+        A search of many poses thus takes over those at which it succeeded.
+        """
         arrays = [values.copy() for values in self]
         for values, new in zip(arrays, other, strict=True):
             values[at] = new
@@ -392,15 +400,18 @@ class CellPotentials:
 
     @property
     def region(self) -> Cell:
-        """The cell, which is the region Ω of an inverse with these potentials."""
+        """The cell, which is the region Ω, where an inverse with these potentials is valid."""
         return self.chart.cell.whole
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h (r,) at q (n,)."""
+        """Evaluate the potentials h (r,) at q (n,), which a controller holds constant."""
         return self.values(np.asarray(q, float)[None])[0]
 
     def values(self, Q: Array) -> Array:
-        """Evaluate the potentials h (K, r) at every row of Q (K, n)."""
+        """Evaluate the potentials h (K, r) at every row of Q (K, n).
+
+        A controller holds them constant, and so follows a function q = F(x).
+        """
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
@@ -408,11 +419,12 @@ class CellPotentials:
         return np.einsum("Knr,Kn->Kr", n_ref, away)
 
     def gradient(self, q: Array) -> Array:
-        """Evaluate the gradients V = ∂hᵀ/∂q at q (n,): (n, r)."""
+        """Evaluate the gradients V = ∂hᵀ/∂q of the potentials h at q (n,): (n, r)."""
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate the gradients V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate the gradients V = ∂hᵀ/∂q of the potentials at the rows of Q (K, n): (K, n, r).
+        """
         Q = np.asarray(Q, float)
         p, R, J = placed(self.chart.cell.task, Q)
         cell = self.chart.cell

@@ -178,10 +178,11 @@ class Cost:
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
-        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node depends
-        on a only through s and ∂s/∂u at that node. It is linear in ∂s/∂u, with the matrix B =
-        ∂F/∂s. The derivative with respect to s is taken by central differences. A margin depends on
-        s only."""
+        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node, a pose
+        u at which the function F differs from the desired inverse, depends on a only through s and
+        ∂s/∂u at that node, where s is the position along the self-motion. It is linear in ∂s/∂u,
+        with the matrix B = ∂F/∂s. The derivative with respect to s is taken by central differences.
+        A margin depends on s only."""
         chart, r = self.chart, self.chart.cell.task.r
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         own, desired, B = self._joint_speeds(points, ds)
@@ -280,7 +281,7 @@ def _products(features: Array, L: Array, r: int) -> Array:
 def _hinge(part: Penalty, Q: Array) -> Array:
     """Evaluate how far each of P margins falls short of what is asked at Q (L, n): (L, P).
 
-    It is ``max(0, asked − margin)``.
+    It is ``max(0, asked − margin)``, of which the cost penalises the square.
     """
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
@@ -288,7 +289,7 @@ def _hinge(part: Penalty, Q: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """Result of a minimisation of the cost.
+    """Result of a minimisation of the cost of a function over its cell.
 
     Attributes
     ----------
@@ -310,6 +311,8 @@ class Descent:
 
 def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     """Minimise the cost from coefficients a (N, r) by the Levenberg–Marquardt method.
+
+    They are those of s(u), the position along the self-motion, at which the function is.
 
     Parameters
     ----------
@@ -365,7 +368,10 @@ class _Problem:
 
 
 def _scaling(H: Array) -> Array:
-    """Return the diagonal (N r,) of H plus 1e-12 of its maximum, so that no entry is 0."""
+    """Return the diagonal (N r,) of H plus 1e-12 of its maximum, so that no entry is 0.
+
+    H is the Hessian of the cost; a step of the minimisation is damped in proportion.
+    """
     diagonal = np.diag(H)
     return diagonal + 1e-12 * diagonal.max()
 

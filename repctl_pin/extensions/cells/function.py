@@ -199,8 +199,9 @@ class InverseFunction:
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the pose x of each configuration, and its leaf c, so that ``F(x; c) = q``.
 
-        ``c = n_ref(x)ᵀ (q − q_ref(x))``. Far from the function, several configurations have the
-        same pose and leaf; F then returns only one of them.
+        The leaf c is the position along the self-motion, ``c = n_ref(x)ᵀ (q − q_ref(x))``, 0 for
+        the function itself. Far from the function, several configurations have the same pose and
+        leaf; F then returns only one of them.
 
         Parameters
         ----------
@@ -291,7 +292,9 @@ class InverseFunction:
     def leaves(self, target: Placement) -> Array:
         """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.
 
-        An interval ends at a joint limit, where the leaf margin falls to 0.1, or at ±π.
+        The leaf c is the position along the self-motion, such as that of the elbow, at which the
+        function is evaluated. An interval ends at a joint limit, where the leaf margin (distance
+        from an algorithmic singularity) falls to 0.1, or at ±π.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
@@ -330,7 +333,10 @@ class InverseFunction:
         return self.cell.coordinates(*as_poses(self.task, targets))
 
     def _leaves(self, leaf: ArrayLike | None, count: int) -> Array:
-        """Convert the argument ``leaf``, (r,), (K, r) or None, to one leaf per target (K, r)."""
+        """Convert the argument ``leaf``, (r,), (K, r) or None, to one leaf per target (K, r).
+
+        A leaf c is the position along the self-motion; None is 0. Other shapes raise an InputError.
+        """
         array = None if leaf is None else as_numbers(leaf)
         if array is not None and array.ndim == 2:
             form = f"{count} {self.task.r}"
@@ -394,7 +400,8 @@ class _NativeFunction:
     def of_one(self) -> Callable[[pin.SE3, Array | None], Array | None]:
         """Create the function (target, leaf or None) → q (n,), with the memory of one thread.
 
-        It returns None where C has no configuration.
+        The target is a pinocchio.SE3, the leaf (r,) the position along the self-motion. It returns
+        None where C finds no configuration.
         """
         target, leaf, result = np.zeros((4, 4)), np.zeros(self._r), np.zeros(self._n)
         parts = {"target": target, "leaf": leaf, "result": result}
@@ -446,8 +453,10 @@ class _NativeFunction:
 
 
 def _native_function(chart: Chart, keep_limits: bool) -> _NativeFunction | None:
-    """Create the C version of a cell function; None without the native library, or if it cannot
-    hold the task (more than 64 joints)."""
+    """Create the C version of a cell function, which is much faster; None if that is not possible.
+
+    There is none without the native library, or if C cannot hold the task (more than 64 joints).
+    """
     native, arm = library(), library_arm(chart.cell.task)
     if native is None or arm is None:
         return None

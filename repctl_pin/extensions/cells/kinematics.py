@@ -145,9 +145,10 @@ def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
     """Evaluate N and the singular values, with the arguments and results of :func:`bases`; faster.
 
-    For r = 1, N is the normalised projection of ``near`` onto the null space, computed from the
-    eigenvectors of J Jᵀ in half the time of a singular value decomposition. That decomposition is
-    used only for r > 1, near singularities, and where the projection is short.
+    N spans the null space of J, and is aligned to ``near``. For r = 1, N is the normalised
+    projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ in half the
+    time of a singular value decomposition. That decomposition is used only for r > 1, near
+    singularities, and where the projection is short.
     """
     if near.shape[2] > 1:
         return bases(J, near)[1:]

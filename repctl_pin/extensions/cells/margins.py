@@ -129,7 +129,8 @@ class Margin(Quantity):
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
 
-        ``at`` are points of the candidate function.
+        ``at`` are points of the candidate function at K poses u. A search for small margins
+        descends along it.
         """
         lowest = self.measure(at.Q).argmin(axis=1)
         return self.slopes(at.Q, candidate.derivative(at))[
@@ -140,7 +141,7 @@ class Margin(Quantity):
         """Evaluate the derivatives (K, P, p) of the P margins along p directions in joint space.
 
         The directions at each configuration of Q (K, n) are the columns of D (K, n, p). Central
-        differences are used.
+        differences are used, so that any margin can be penalised.
         """
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
@@ -248,8 +249,10 @@ def potential_gradients(chart: Chart, at: Points) -> Array:
 def leaf_margins(chart: Chart, at: Points) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) on the leaf of a chart.
 
-    Its inverse, less 1, is the extra joint speed of G over J⁺ in the worst direction of ẋ. The
-    margin is 0 where the chart has no configuration, or J loses rank.
+    It is the distance from an algorithmic singularity: N spans the null space of J, V̂ the
+    gradients of the potentials, and G is the inverse that holds these constant. Its inverse, less
+    1, is the extra joint speed of G over J⁺ in the worst direction of ẋ. The margin is 0 where the
+    chart has no configuration, or J loses rank.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
@@ -273,7 +276,7 @@ class LeafMargin(Quantity):
     chart: Chart
 
     def least(self, at: Points) -> Array:
-        """Evaluate the leaf margin (K,); infinite where the function does not exist."""
+        """Evaluate the leaf margin (K,) at points; infinite where the function does not exist."""
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
 
 
@@ -333,7 +336,10 @@ class CandidateFunction:
 
     @classmethod
     def zero(cls, chart: Chart) -> CandidateFunction:
-        """Make the candidate with s = 0, the function of the chart itself."""
+        """Make the candidate with s = 0, the function of the chart itself.
+
+        s is the position along the self-motion, from the chart's reference.
+        """
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
@@ -345,7 +351,7 @@ class CandidateFunction:
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:
-        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`."""
+        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`; u is the pose."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]

@@ -48,7 +48,8 @@ _LEAST_FACTOR = 0.03
 class NoFunctionError(InputError):
     """No single function covers the cell.
 
-    The message names a pose, the obstruction there, and the largest similar cell that works.
+    A function q = F(x) would give one configuration for each pose of the cell. The message names a
+    pose, the obstruction there, and the largest similar cell that works.
 
     Attributes
     ----------

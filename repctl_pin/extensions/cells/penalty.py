@@ -101,7 +101,10 @@ class ActiveConstraint:
         return True
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
-        """Make the penalty on this margin, at the poses where a candidate function exists."""
+        """Make the penalty on this margin, at the poses where a candidate function exists.
+
+        The next minimisation of the cost contains it.
+        """
         there = candidate.at(self.edge).found
         return Penalty(self.margin, self.edge[there], self.asked[there])
 
@@ -151,6 +154,8 @@ class PenaltyMethod:
         guess: Array | None = None,
     ) -> Descent:
         """Minimise the cost with penalties, from the results of minimisations without them.
+
+A penalty is on a margin, such as the distance from joint limits.
 
         If no margin is too small in the last result, it is returned. Otherwise the cost is
         minimised with the monomials ``terms``; if their degree is above 2, after a first fit of
@@ -237,6 +242,9 @@ class PenaltyMethod:
 
 
 def _without(U: Array, known: Array) -> Array:
-    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k)."""
+    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k).
+
+    So no pose is checked twice.
+    """
     once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
     return once[first >= len(known)]

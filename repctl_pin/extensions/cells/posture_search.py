@@ -56,7 +56,9 @@ def _in_the_middle(
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
-    """Move a configuration that the user gives exactly to the middle of the cell; return it (n,).
+    """Move a configuration that the user gives exactly to the middle of the cell; return it.
+
+    Both are (n,), rad or m. A design begins there.
 
     Raises
     ------
@@ -115,6 +117,8 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
 
 def _configurations(cell: Cell, seed: int) -> Array:
     """Find configurations (K, n) in the middle of a cell: regular, and within the joint limits.
+
+    They are solved for from the task's reference and from random configurations.
 
     Raises
     ------
@@ -219,7 +223,7 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Choose the best candidate.
+    """Choose the candidate, a configuration in the middle of a cell, with which to design.
 
     The criteria are, in this order: most corners reached; no collision, or the largest body
     distance if all collide; joint-limit margin up to 0.1; joint speed, within 20 % of the squared
@@ -258,7 +262,10 @@ def _unwound(cell: Cell, Q: Array) -> Array:
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
-    """Test which configurations Q (K, n) are far enough from a singularity to start rays: (K,)."""
+    """Test which configurations Q (K, n) are far enough from a singularity to start rays: (K,).
+
+    A ray is the motion along a straight line from the middle of a cell.
+    """
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 

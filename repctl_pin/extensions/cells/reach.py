@@ -54,6 +54,8 @@ def reached(
 ) -> tuple[Array, Array]:
     """Solve the inverse kinematics of K poses, by Newton's method with J⁺.
 
+    J⁺ is the pseudoinverse of the task Jacobian. No error is raised where a pose is not reached.
+
     Parameters
     ----------
     cell

@@ -205,7 +205,7 @@ class Sector(Cell):
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Radius and height of the middle, m."""
+        """Radius and height of the middle, m: its distance from the sector's axis, and along it."""
         away = self.placement.translation - self.axis[0]
         z = float(away @ self.axis[1])
         return float(np.linalg.norm(away - z * self.axis[1])), z
@@ -218,7 +218,7 @@ class Sector(Cell):
 
     @property
     def tilted(self) -> bool:
-        """True if the tool tilts in the sector."""
+        """True if the tool tilts in the sector, about its own x or y axis."""
         return bool(self.widths[3:5].any())
 
     @property
@@ -291,8 +291,7 @@ class Sector(Cell):
 
     @property
     def _offset(self) -> Array:
-        """Offset (m,) of the middle from the placement: 0, except for a moved middle of the spin.
-        """
+        """Offset (m,) of the middle from the placement; 0 except for a moved spin."""
         offset = np.zeros(self.task.m)
         if self.spin_middle and self._active[SPIN]:
             offset[SPIN] = self.spin_middle

@@ -31,8 +31,9 @@ in place of it. URDFs write π with as few as two decimals: 3.14 is 1.6e-3 off."
 class Symmetry:
     """A joint that changes only one coordinate of the frame in a sector, at every configuration.
 
-    The pose ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the
-    coordinate of a pose x is increased by y, its configuration is ``F(x) + sign · y e_j``.
+    A function F, one configuration for each pose, need not be designed along it. The pose ``f(q + s
+    e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the coordinate of a
+    pose x is increased by y, its configuration is ``F(x) + sign · y e_j``.
 
     Attributes
     ----------
@@ -52,7 +53,8 @@ class Symmetry:
 def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
     """Find the joint that turns the whole arm about an axis; None if there is none.
 
-    The axis (2, 3) is a point, m, and a unit direction.
+    The axis (2, 3) is a point, m, and a unit direction. A function over a sector need not be
+    designed along the angle about such an axis.
     """
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
@@ -104,7 +106,10 @@ def difference(one: Array, other: Array) -> tuple[float, float]:
 
 
 def difference_words(one: Array, other: Array) -> str:
-    """Write how far an axis (2, 3) is tilted and displaced from another one."""
+    """Write how far an axis (2, 3) is tilted and displaced from another one; empty if it is not.
+
+    An axis is a point, m, and a direction.
+    """
     tilt, away = difference(one, other)
     parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
     parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []
@@ -112,7 +117,10 @@ def difference_words(one: Array, other: Array) -> str:
 
 
 def tool_symmetry(task: Task) -> Symmetry | None:
-    """Find the joint whose axis is the tool's z axis through the frame's origin, or None."""
+    """Find the joint whose axis is the tool's z axis through the frame's origin, or None.
+
+    A function over a sector need not be designed along the spin, the rotation about that axis.
+    """
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
         return pin.SE3(

@@ -1,4 +1,7 @@
-"""Conversion of target poses to arrays, from placements, matrices, or positions and quaternions."""
+"""Conversion of target poses to arrays, from placements, matrices, or positions and quaternions.
+
+Targets are the poses at which a function q = F(x) is evaluated.
+"""
 
 from __future__ import annotations
 
@@ -52,8 +55,7 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
 
 
 def _floats(array: Array) -> Array:
-    """Convert an array of targets to float; raise an InputError if it does not hold real numbers.
-    """
+    """Convert an array of targets to float; raise an InputError if it is not of real numbers."""
     if array.dtype.kind not in "fiu":
         raise InputError(f"targets must be real numbers; got an array of {array.dtype}")
     return array.astype(float)

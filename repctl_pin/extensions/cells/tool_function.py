@@ -48,7 +48,10 @@ class ToolFunction:
 
     @property
     def cell(self) -> Cell:
-        """Cell of the frame's poses: the tool's are x T, x in the cell."""
+        """Cell of the frame's poses; those of the tool are x T, with x in the cell.
+
+        T is the placement of the tool in the frame.
+        """
         cell: Cell = self.of_frame.cell
         return cell
 
@@ -107,7 +110,11 @@ class ToolFunction:
 
     @cached_property
     def inverse(self) -> RepeatableInverse:
-        """Controller ``q̇ = ∂F'/∂x ẋ`` of the tool, evaluated in NumPy."""
+        """Controller ``q̇ = ∂F'/∂x ẋ`` of the tool, evaluated in NumPy.
+
+        F' is the function of the tool; the controller's leaf c = 0, where its potentials are 0, is
+        F'.
+        """
         potentials: Any = _FramePotentials(self.of_frame.chart)
         return RepeatableInverse(self.task, potentials)
 

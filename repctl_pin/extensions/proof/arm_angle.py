@@ -128,7 +128,7 @@ class ArmAngleChain:
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """True if each joint moves the shoulder, the elbow and the wrist, (P, 3)."""
+        """True if a joint moves the shoulder, the elbow and the wrist, one column each: (P, 3)."""
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:

@@ -164,9 +164,10 @@ def enclosing(low: Array, high: Array) -> Box:
 
 
 def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
-    """Bound the distance to the nearest joint limit from below over boxes.
+    """Bound the distance to the nearest joint limit from below, over boxes of joints.
 
-    Returns the bound, rad or m, and the index of the box with the smallest one.
+    The corners of the boxes are low and high, (K, n) each. Return the bound, rad or m, and the
+    index of the box with the smallest one.
     """
     T = task.coordinate_matrix
     middle, reach = (low + high) / 2 @ T.T, (high - low) / 2 @ np.abs(T).T

@@ -103,7 +103,7 @@ class _Search:
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
-        """Halve one batch of undecided boxes, and evaluate the halves.
+        """Halve one batch of undecided boxes, and bound the leaf margin on the halves.
 
         With a goal, the newest boxes are taken; without one, those with the smallest bounds.
         """

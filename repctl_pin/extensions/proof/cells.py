@@ -148,7 +148,10 @@ class CellProof:
         return float(found.leaf_margin.sum())
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
-        """Bound the margins of F over boxes Uc ± half, (K, k) each, and enclose its values."""
+        """Bound the margins of F over boxes of poses Uc ± half, (K, k) each, and enclose F.
+
+        F gives one configuration for each pose u of a cell.
+        """
         return self.bounds_from(Uc, half, self.start(Uc, half))
 
     def bounds_from(
@@ -342,7 +345,8 @@ class _Polynomials:
     def of(cls, chart: Chart) -> _Polynomials:
         """Compute the derivatives of a chart's polynomials, and bounds of the fourth ones.
 
-        A bound is the sum of the absolute values of a polynomial's coefficients.
+        The bounds give the error of an expansion to degree 3. A bound is the sum of the absolute
+        values of a polynomial's coefficients, as |u_i| ≤ 1.
         """
         monomials = chart.monomials
         derivatives = Monomials(monomials.k, ORDER + 1)

@@ -93,7 +93,10 @@ class LeafMarginProblem:
 
     @property
     def N(self) -> int:
-        """Number of rows and columns of J_V, with those of virtual joints."""
+        """Number of rows and columns of J_V, with those of virtual joints.
+
+        J_V is the task Jacobian stacked on the gradients of the potentials.
+        """
         return self.chains[0].N
 
     @property

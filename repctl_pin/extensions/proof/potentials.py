@@ -295,7 +295,11 @@ class _Builder:
         return self._feature(_Feature(_PRODUCT, parent, z[i], bound, error))
 
     def _fourier(self, field: FourierMap) -> None:
-        """Add the terms of ``h = Σ a sin(w · q) + b cos(w · q)``."""
+        """Add the terms of Fourier series ``h = Σ a sin(w · q) + b cos(w · q)``.
+
+        They are sines and cosines of the linear functions w · q, with one coefficient a, b per
+        potential.
+        """
         T = self._room(field.sines.shape[1])
         for row, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
             z = self._argument(row, 0.0)
