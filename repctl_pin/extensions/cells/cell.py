@@ -577,7 +577,7 @@ class Cell:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each of the k coordinates u: ``x``, ``y``, ``z``, and rotations ``about x`` …"""
+        """Name of each of the k coordinates u, such as ``x``, ``y``, ``about z``."""
         return tuple(
             name
             for name, on in zip(self.coordinate_names, self._active, strict=True)

@@ -69,9 +69,8 @@ class CellDesign:
     requested_limit_margin, requested_body_distance, requested_sigma_min : float
         Requested limit margin, rad or m, body distance, m, and σ_min of J.
     proof : Proof, optional
-        Certificate, if one was added: ``dataclasses.replace(found,
-        proof=rp.prove(found))``. It is saved with the design. A certificate of something else is
-        dropped with a warning.
+        Certificate, if one was added: ``dataclasses.replace(found, proof=rp.prove(found))``. It is
+        saved with the design. A certificate of something else is dropped with a warning.
 
     Examples
     --------

@@ -256,8 +256,8 @@ def _largest_ratio(A: Array, B: Array) -> Array:
     """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` (K,) of pairs of matrices (K, n, k).
 
     It is the squared joint speed of a function relative to the desired inverse, in the worst
-    direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of ``L⁻¹ AᵀA
-    L⁻ᵀ``.
+    direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of
+    ``L⁻¹ AᵀA L⁻ᵀ``.
     """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))

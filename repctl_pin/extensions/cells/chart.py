@@ -423,8 +423,7 @@ class CellPotentials:
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate the gradients V = ∂hᵀ/∂q of the potentials at the rows of Q (K, n): (K, n, r).
-        """
+        """Evaluate the gradients V = ∂hᵀ/∂q of the potentials at Q (K, n): (K, n, r)."""
         Q = np.asarray(Q, float)
         p, R, J = placed(self.chart.cell.task, Q)
         cell = self.chart.cell

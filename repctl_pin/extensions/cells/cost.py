@@ -88,13 +88,14 @@ class Penalty:
 
 
 class Cost:
-    r"""``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
-    T_t(u)``.
+    r"""Cost of a candidate F: mean distance from the desired inverse, plus penalties on margins.
 
-    G_d is the desired inverse. The unknowns are the coefficients a of s(u), the position of F along
-    the self-motion of each pose, in the monomials T_t of the cell's coordinates u. A cell may have
-    fewer coordinates than the task, so ∂F/∂x is replaced by ∂F/∂u C with ``C = (EᵀE)^(−1/2)`` and E
-    = ∂x/∂u, in joint speed per unit of task speed.
+    It is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with
+    ``s = Σ_t a_t T_t(u)``. F gives one configuration for each pose of the cell; G_d is the desired
+    inverse. The unknowns are the coefficients a of s(u), the position of F along the self-motion of
+    each pose, in the monomials T_t of the cell's coordinates u. A cell may have fewer coordinates
+    than the task, so ∂F/∂x is replaced by ∂F/∂u C with ``C = (EᵀE)^(−1/2)`` and E = ∂x/∂u, in joint
+    speed per unit of task speed.
 
     Parameters
     ----------

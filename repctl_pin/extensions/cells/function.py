@@ -47,12 +47,13 @@ _LEAST = 0.1
 
 
 class InverseFunction:
-    """``q = F(x; c)``, Baker and Wampler's inverse kinematic function, over a cell of the
-    workspace.
+    """Inverse kinematic function ``q = F(x; c)`` over a cell, a box of poses.
 
-    It needs no initial configuration and no history. The same pose gives the same configuration,
-    which changes smoothly with the pose. F solves ``f(F(x)) = x`` and
-    ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``; c selects the leaf, by default c = 0.
+    Such functions are Baker and Wampler's. F needs no initial configuration and no history. The
+    same pose gives the same configuration, which changes smoothly with the pose. F solves
+    ``f(F(x)) = x`` and ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``, where q_ref and n_ref are polynomials
+    that approximate a configuration and the null space. c selects the leaf, a position along the
+    self-motion, by default c = 0.
 
     Several threads may use one object at the same time.
 
@@ -139,8 +140,8 @@ class InverseFunction:
         Parameters
         ----------
         targets : list of placements, or (K, 4, 4), (K, 7) or (K, k) array
-            Placements; homogeneous matrices; positions, m, with quaternions, ``x, y, z, qx, qy, qz,
-            qw``; or coordinates U of the cell.
+            Placements; homogeneous matrices; positions, m, with quaternions,
+            ``x, y, z, qx, qy, qz, qw``; or coordinates U of the cell.
         leaf : (r,) or (K, r) array, optional
             Leaf c, by default 0: one for all targets, or one for each target.
         missing : "raise" or "nan"

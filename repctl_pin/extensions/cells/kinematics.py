@@ -172,8 +172,10 @@ def exp3(omega: Array) -> Array:
 
 
 def left_jacobian(omega: Array) -> Array:
-    r"""Evaluate the left Jacobian of SO(3), which maps the time derivative of a rotation vector ω
-    to the angular velocity of exp(ω̂) in fixed axes.
+    r"""Evaluate the left Jacobian of SO(3), from rates of a rotation vector to angular velocities.
+
+    It maps the time derivative of a rotation vector ω to the angular velocity of exp(ω̂) in fixed
+    axes.
 
     .. math:: J_l(\omega) = I + \frac{1 - \cos\theta}{\theta^2} \hat\omega
               + \frac{\theta - \sin\theta}{\theta^3} \hat\omega^2, \qquad \theta = \|\omega\|.

@@ -172,8 +172,11 @@ class Margin(Quantity):
         s, goals = here.copy(), chart.goals(at.U)
 
         def look(label: Array, Q: Array) -> None:
-            """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
-            update the best label of each pose if its margin is larger."""
+            """Evaluate the margin at the labels (K, r), and keep the largest one per pose.
+
+            A label is the position along the self-motion. Newton's method starts from the
+            configurations Q (K, n), which become those found there.
+            """
             on = np.flatnonzero(most < enough)
             there = rows_of(goals, on)
             points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)

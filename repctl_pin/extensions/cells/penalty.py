@@ -155,12 +155,11 @@ class PenaltyMethod:
     ) -> Descent:
         """Minimise the cost with penalties, from the results of minimisations without them.
 
-A penalty is on a margin, such as the distance from joint limits.
-
-        If no margin is too small in the last result, it is returned. Otherwise the cost is
-        minimised with the monomials ``terms``; if their degree is above 2, after a first fit of
-        degree 2. The penalised poses are those where the functions without penalties come short:
-        each penalty is a mean over its poses, so a set without these would weigh the others more.
+        A penalty is on a margin, such as the distance from joint limits. If no margin is too small
+        in the last result, it is returned. Otherwise the cost is minimised with the monomials
+        ``terms``; if their degree is above 2, after a first fit of degree 2. The penalised poses
+        are those where the functions without penalties come short: each penalty is a mean over its
+        poses, so a set without these would weigh the others more.
 
         Parameters
         ----------

@@ -1,5 +1,8 @@
-"""Sector of the workspace: a cell in cylindrical coordinates around an axis, by default the base's
-vertical axis."""
+"""Sector of the workspace: a cell of poses in cylindrical coordinates around an axis.
+
+The axis is by default the base's z axis. A sector suits an arm whose first joint turns all of it: a
+function need then not be designed along the angle.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +54,8 @@ _NEAR = 1e-6
 class Sector(Cell):
     r"""Cell of poses in cylindrical coordinates around an axis.
 
-    It consists of all placements ``p = o + R_a(φ) (ρ e + z a)`` with ``R = R_a(φ) R_0 exp(\hat t)
-    R_z(ψ)``.
+    It consists of all placements ``p = o + R_a(φ) (ρ e + z a)`` with
+    ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
 
     ρ, φ and z are the radius, angle and height of p around an axis a through o; e is the direction
     from that axis to the middle. t tilts about the tool's own x and y axes, ψ turns about its z

@@ -31,9 +31,9 @@ in place of it. URDFs write π with as few as two decimals: 3.14 is 1.6e-3 off."
 class Symmetry:
     """A joint that changes only one coordinate of the frame in a sector, at every configuration.
 
-    A function F, one configuration for each pose, need not be designed along it. The pose ``f(q + s
-    e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the coordinate of a
-    pose x is increased by y, its configuration is ``F(x) + sign · y e_j``.
+    A function F, one configuration for each pose, need not be designed along it. The pose
+    ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the
+    coordinate of a pose x is increased by y, its configuration is ``F(x) + sign · y e_j``.
 
     Attributes
     ----------

@@ -197,9 +197,9 @@ def _places(Q: Array, clearance: Array) -> Places:
 def _bent(Q: Array) -> Array:
     """Bound how far a closed path through Q (K, n) is from straight lines between its rows: (K, n).
 
-    Boxes around these lines, widened by this bound, contain the path. It is ``|q_(i−1) − 2 q_i +
-    q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four times the sag of a
-    parabola.
+    Boxes around these lines, widened by this bound, contain the path. It is
+    ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four
+    times the sag of a parabola.
     """
     if len(Q) < 3:
         return np.zeros_like(Q)

@@ -77,12 +77,12 @@ def path_certificate(
 ) -> PathCertificate:
     """Check whether a closed path can be shrunk to its start, and so closes.
 
-    Each pose x(s) of the path is reached along the straight line from the start pose x₀, ``x₀ + λ
-    (x(s) − x₀)``, 0 ≤ λ ≤ 1, with a rotation about one axis, on the leaf of q0, on which the
-    potentials are constant. If J_V, the task Jacobian stacked on the potentials' gradients, is
-    regular on all these rays, and each ends on the motion along x(s), the motion closes: paths ``x₀
-    + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are checked at 120 poses, so this is no
-    proof. Paths around the base, or around a singularity, are not shrunk.
+    Each pose x(s) of the path is reached along the straight line from the start pose x₀,
+    ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, with a rotation about one axis. The arm stays on the leaf of
+    q0, on which the potentials are constant. If J_V, the task Jacobian stacked on their gradients,
+    is regular on all these rays, and each ends on the motion along x(s), the motion closes: paths
+    ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are checked at 120 poses, so this
+    is no proof. Paths around the base, or around a singularity, are not shrunk.
 
     Parameters
     ----------
