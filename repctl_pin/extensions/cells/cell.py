@@ -610,7 +610,10 @@ class Cell:
         return ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
 
     def size(self) -> str:
-        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
+        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``.
+
+        Messages, tables and figures describe the cell by it.
+        """
         text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
         if not self.rotation.any():
             return text + (", one orientation" if len(self.rotation) else "")
@@ -623,7 +626,10 @@ class Cell:
         return f"{text}, turned by {turn} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``.
+
+        Messages name a pose by it. u are the coordinates in the cell, from −1 to 1.
+        """
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
@@ -717,8 +723,8 @@ class Cell:
     def vectors(self, turns: ArrayLike) -> Array:
         """Convert the rotational coordinates, rad, to rotation vectors (K, 3) in base axes.
 
-        The coordinates are about the base axes, (K, 3), for a pose task, and about the x and y axes
-        of the middle placement, (K, 2), for an axis task.
+        ``turns`` are about the base axes, (K, 3), for a pose task, and about the x and y axes of
+        the middle placement, (K, 2), for an axis task.
         """
         (turns,) = as_matrices(
             ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"),
@@ -732,7 +738,8 @@ class Cell:
     def _all_twists(self, Y: Array, R: Array) -> Array:
         """Evaluate the task velocity per unit (metre or rad) of each task coordinate: (K, m, m).
 
-        Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame.
+        Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame. In an axis
+        task the velocity is about the frame's own x and y axes.
         """
         T = self._frame_twists(Y)
         if self.task.kind != "axis":

@@ -191,7 +191,10 @@ def _add_sector(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Find the function, print its table, and write cell.json, cell.html and cell.png."""
+    """Run ``repctl cell``: find the function, print its table, and write its files.
+
+    These are cell.json, cell.html, cell.png and, with ``--map``, map.png. Return the exit code.
+    """
     folder = options.output_folder(Path(options.robot).stem)
     needed("matplotlib", "meshcat", by="repctl cell")
     _require_one_shape(options)
@@ -330,7 +333,7 @@ def _asked(options: Options, report: Report) -> _Asked:
         return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
-        """Make the box around the path, or the box or sector around the start's pose."""
+        """Make the box around a problem's path, or the box or sector around its start's pose."""
         task = problem.task
         if around:
             return rp.Cell.around(task, problem.cycle, *_sizes(options))

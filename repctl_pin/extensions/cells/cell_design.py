@@ -212,7 +212,10 @@ class CellDesign:
         return self.evaluation.body_distance
 
     def figures(self) -> dict[str, str]:
-        """Return the figures as text, by their display names."""
+        """Return the figures of merit as text, by their display names.
+
+        The table of ``repctl cell`` and the page of the design show them.
+        """
         j, unit = self.evaluation, self.task.unit
         most = (
             "best possible there by self-motion:"
@@ -281,7 +284,10 @@ class CellDesign:
         return {"symmetry": sector.symmetry()} | turns
 
     def summary(self) -> str:
-        """Return the figures as text, one per line; further lines of a figure have no name."""
+        """Return the figures of merit as text, one per line, under the name of the robot.
+
+        Further lines of a figure have no name.
+        """
         task = self.task
         lines = [
             f"  {'' if i else name:17}  {line}"

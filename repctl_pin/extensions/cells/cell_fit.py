@@ -149,7 +149,7 @@ class CellFit:
     def design(
         self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = ()
     ) -> _Found:
-        """Design over one cell from the configuration q (n,) in its middle.
+        """Design a function over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
         A quick design has a lower degree, fewer nodes, and a quick evaluation. ``guess`` is a quick
@@ -265,6 +265,9 @@ class CellFit:
         guess: _Found,
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
         """Minimise the cost with rising degree, then with penalties on small margins.
+
+        The unknowns are the coefficients of s(u), the position of the function along the
+        self-motion of each pose u. The degree rises until a higher one is not worthwhile.
 
         Parameters
         ----------

@@ -205,7 +205,10 @@ def _covered(design: CellDesign) -> str:
 
 
 def _cost(design: CellDesign) -> Span:
-    """Write the extra joint speed on average and at the worst pose, both over all directions."""
+    """Write the extra joint speed on average and at the worst pose, both over all directions.
+
+    It is relative to the desired inverse, by default J⁺.
+    """
     mean, worst = (
         ratio_in_percent(share, 2).replace("-", "−")
         for share in (design.extra_speed, design.extra_speed_worst)
@@ -272,6 +275,6 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
 
 
 def _unbroken(span: Span) -> Span:
-    """Keep numbers and their units on one line."""
+    """Keep numbers and their units on one line, by no-break spaces in the text of a span."""
     text = re.sub(r"(\d) (%|rad\b|m\b|cm\b|mm\b|s\b)", "\\1\u00a0\\2", span.text)
     return span._replace(text=text)

@@ -347,6 +347,9 @@ class Chart:
 class Points(NamedTuple):
     """Configurations that solve the equations of a chart at K poses, and the kinematics there.
 
+    They are the values of a function q = F(u): each is at the position s(u) along the self-motion
+    of its pose.
+
     Attributes
     ----------
     U, Q : (K, k) and (K, n) arrays

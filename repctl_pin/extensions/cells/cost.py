@@ -331,7 +331,10 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
 
 
 class _Problem:
-    """The cost as a problem for :func:`levenberg_marquardt`, with D = diag H, H the Hessian."""
+    """The cost as a problem for :func:`levenberg_marquardt`, which minimises it.
+
+    The damping is scaled with the diagonal D of the Hessian H.
+    """
 
     def __init__(self, cost: Cost) -> None:
         self.cost = cost

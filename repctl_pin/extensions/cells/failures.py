@@ -57,8 +57,9 @@ def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> Failur
 def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
     """Make the failure that states the joint and the pose of the largest joint-limit violation.
 
-    Q (K, n) are the configurations at the poses U (K, k). ``share`` is the fraction of the sampled
-    poses that violate a limit. Return None if no configuration violates one.
+    Q (K, n) are the configurations at the poses U (K, k), in coordinates of the cell. ``share`` is
+    the fraction of the sampled poses that violate a limit. Return None if no configuration violates
+    one.
     """
     task = cell.task
     margin = cell.limit_margin(Q)

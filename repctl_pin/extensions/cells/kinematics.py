@@ -89,7 +89,7 @@ def joined(records: Sequence[Record]) -> Record:
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate the forward kinematics and the task Jacobian at every row of Q (K, n).
 
-    Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
+    C does it if it can. Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
     """
     arm = chain_for_c(task)
     if arm is None:
@@ -101,7 +101,10 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
 
 def solved(A: Array, b: Array) -> Array:
-    """Solve ``A x = b`` for A (K, n, n) and b (K, n) or (K, n, p); x is NaN where A is singular."""
+    """Solve ``A x = b`` for A (K, n, n) and b (K, n) or (K, n, p); x is NaN where A is singular.
+
+    Unlike NumPy, it does not fail for all rows if one of them is singular.
+    """
     rhs = b[..., None] if b.ndim == 2 else b
     try:
         x = np.linalg.solve(A, rhs)

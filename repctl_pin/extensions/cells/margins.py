@@ -89,6 +89,9 @@ class Quantity(ABC):
 class Margin(Quantity):
     """A kind of margin, such as joint limits, with its required minimum.
 
+    A margin is a distance from a limit at a configuration. The fit penalises it where it is too
+    small.
+
     Attributes
     ----------
     name : str
@@ -198,7 +201,10 @@ class Margin(Quantity):
 
 
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m."""
+    """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m.
+
+    ``limited`` is a task, or a cell, whose symmetric coordinates narrow the limits.
+    """
     return Margin(
         "joint limits",
         limited.limit_margin,
@@ -363,9 +369,9 @@ class CandidateFunction:
 def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
 
-    At the boundary of the cell, gradient components that point outward are set to 0. Return all
-    poses visited (L, k), among them poses at which the function does not exist. The final poses of
-    the descents are last.
+    A candidate function is thus tested between the sampled poses. At the boundary of the cell,
+    gradient components that point outward are set to 0. Return all poses visited (L, k), among them
+    poses at which the function does not exist. The final poses of the descents are last.
     """
     here = candidate.at(U)
     here = rows_of(here, here.found)

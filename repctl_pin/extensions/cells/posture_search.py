@@ -152,7 +152,10 @@ def _configurations(cell: Cell, seed: int) -> Array:
 
 
 def _margins(cell: Cell, Q: Array) -> Array:
-    """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m."""
+    """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m.
+
+    They are in the middle of the cell, whose symmetric coordinates narrow the limits.
+    """
     return np.asarray(cell.limit_margin(Q).min(axis=1))
 
 

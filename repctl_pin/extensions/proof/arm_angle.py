@@ -123,7 +123,11 @@ class ArmAngleChain:
 
     @property
     def moving(self) -> NDArray[np.intp]:
-        """Indices of the joints q that move the shoulder, the elbow or the wrist."""
+        """Indices of the joints q that move the shoulder, the elbow or the wrist.
+
+        Only these appear in the Taylor models of the gradient, whose size grows fast with their
+        number.
+        """
         return np.flatnonzero((self.S != 0).any(axis=0))
 
     @property

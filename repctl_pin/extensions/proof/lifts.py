@@ -410,7 +410,7 @@ def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
 
 
 def _inverses(matrices: Array) -> Array:
-    """Invert matrices (K, N, N); NaN where a matrix is singular."""
+    """Invert matrices (K, N, N), such as J_V; NaN where a matrix is singular, without an error."""
     try:
         return np.asarray(np.linalg.inv(matrices), float)
     except np.linalg.LinAlgError:
