@@ -125,8 +125,8 @@ class LeafMarginProblem:
     def run(self, kernel: str, Q: Array, half: Array, *more: Any) -> None:
         """Run a function of the native library on boxes of joints Q ± half, (K, n) each.
 
-        ``kernel`` is its name. ``more`` are its other arguments: numbers, and arrays of float, of
-        which the last ones are filled with the results.
+        ``kernel`` is its name. ``more`` are its other arguments, numbers and contiguous arrays; the
+        last arrays are filled with the results.
         """
         call = getattr(required_library("a proof"), kernel)
         problem = self.struct()

@@ -29,9 +29,9 @@ def with_certificate(
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
     So a study states what is proved, and takes little longer. If Ω, the region of joint space of
-    the design, is a tube, the certificate has a closing radius: every closed path that near to the
-    path closes in the joints. The proof fails, too, if it takes too long compared with the
-    ``spent`` seconds of processor time. ``say`` reports the step.
+    the design, is a tube, the certificate has a closing radius: the distance from the path within
+    which every closed path closes in the joints. The proof fails, too, if it takes too long
+    compared with the ``spent`` seconds of processor time. ``say`` reports the step.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
