@@ -1,4 +1,8 @@
-"""Where an arm can work: the best place for a box of poses of a given size and orientation."""
+"""Where an arm can work: the best place for a box of poses of a given size and orientation.
+
+A cell is a box of poses. J⁺, the pseudoinverse of the task Jacobian, leads the arm from the middle
+of a box to its corners. A box fits in a place if this succeeds.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +61,7 @@ _TOOL = {
 @dataclass(frozen=True, eq=False)
 @read_only
 class BestCell:
-    """Place for a box of poses, see :func:`best_cell`.
+    """Place for a box of poses that the arm reaches as a whole, see :func:`best_cell`.
 
     Attributes
     ----------
@@ -90,7 +94,8 @@ class BestCell:
     def figure(self, progress: bool | Report = False) -> Figure:
         """Draw a map of the workspace: where a box of the size asked for works, and its price.
 
-        The figure has a view from above and one from the side, through the middle of the box. The
+        The price is the joint speed in excess of J⁺ that one function over the whole box costs. The
+        figure has a view from above and one from the side, through the middle of the box. The
         colour of a place is the extra joint speed of a box around it, estimated as by
         :func:`repctl_pin.extensions.cells.cell_map.sections`. A place is grey if only a share of
         the box fits there, and white if the middle is out of reach or bodies collide.
@@ -133,13 +138,14 @@ def best_cell(
 ) -> BestCell:
     """Find the best place for a box of poses, or the largest box of its shape that is found.
 
-    A box fits if J⁺ leads from a configuration in its middle along straight ways to all corners,
-    inside the joint limits, and no bodies collide in the middle and at the corners. The middles
-    that are tried are random configurations, turned to the orientation, and others beside the best
-    of them. The largest box is taken. Among equal ones, those above z = 0 of the base come first,
-    then those with the largest limit margin, up to 0.3 rad or m, then those with the shortest ways;
-    with ``at``, the nearest one. Boxes shrink by tenths of the size. The function over the box is
-    then designed by :func:`nearest_inverse_function`.
+    A box fits if J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in its
+    middle along straight ways to all corners, inside the joint limits, and no bodies collide in the
+    middle and at the corners. The middles that are tried are random configurations, turned to the
+    orientation, and others beside the best of them. The largest box is taken. Among equal ones,
+    those above z = 0 of the base come first, then those with the largest limit margin, up to 0.3
+    rad or m, then those with the shortest ways; with ``at``, the nearest one. Boxes shrink by
+    tenths of the size. The function over the box is then designed by
+    :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -209,7 +215,12 @@ def best_cell(
 
 
 def _rotation(task: Task, orientation: Any, yaw: float) -> Array:
-    """Make the rotation of the tool from a word or a matrix, and the yaw."""
+    """Make the rotation of the tool (3, 3), in base axes, from a word or a matrix, and the yaw.
+
+    ``orientation`` is "down", "forward", "up", a rotation matrix, or None for that at the task's
+    reference. ``yaw`` is a further rotation about the base's z axis, rad. An InputError is raised
+    for anything else, or if the task leaves the rotation free.
+    """
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, finite(yaw, "yaw"))
     if orientation is None:
         return turn @ task.placement(task.reference).rotation
@@ -236,9 +247,9 @@ def _candidates(
 ) -> Grown:
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
-    Random configurations are turned to the orientation of the box, where they are; with ``at``,
-    they also move towards that position, each by another share of the way. Then middles beside the
-    best ones are tried.
+    Random configurations are turned to the orientation of the box without moving the frame's
+    origin. With ``at`` (3,), m, they also move towards that position, each by another share of the
+    way. Then middles beside the best ones are tried. An InputError is raised if none is reached.
     """
     p, Q = drawn(box, _DRAWN, rng)
     if at is not None:
@@ -263,7 +274,11 @@ def _candidates(
 
 
 def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
-    """Sort the middles of a box, the best first; see :func:`best_cell`."""
+    """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
+
+    These are the size of the box that fits there, the distance from ``at`` (3,), m, if given, being
+    above the base, the limit margin, and the largest joint motion to a corner.
+    """
     z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
     far = np.zeros(len(found.p)) if at is None else np.linalg.norm(found.p - at, axis=1)
@@ -273,8 +288,11 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
 
 
 def _free(box: Cell, found: Grown, count: int) -> Grown:
-    """Select the first middles, ``count`` of them, in which no bodies collide; if all that are
-    looked at collide, only the first one."""
+    """Select the first ``count`` middles of a box in which no bodies collide.
+
+    At most eight times as many are tested, because the test is slow. If all of them collide, only
+    the first one is returned.
+    """
     bodies = bodies_of(box.task)
     free: list[int] = []
     for first in range(0, min(len(found.p), _DEPTH * count), count):
@@ -286,9 +304,10 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
 
 
 def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
-    """Choose the middle around which the largest box fits, bodies included.
+    """Choose the middle around which the largest box fits, without collisions; None if none fits.
 
-    Return the box there, the posture, and the configuration with which the middle was found.
+    Return the box there, the best posture in its middle, and the configuration (n,) with which the
+    middle was found, from which J⁺ can show what stops a larger box.
     """
     task, desired = box.task, Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
@@ -319,19 +338,24 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
-    """Return the box around another position, with its edges multiplied by a factor."""
+    """Return the box around another position p (3,), m, with its edges multiplied by a factor."""
     place = pin.SE3(box.placement.rotation, p)
     return Cell(box.task, place, factor * box.half_width)
 
 
 def _fits(candidate: Candidate) -> bool:
+    """Test whether J⁺ reaches all corners of a box, inside the limits and free of collisions."""
     return (
         candidate.share == 1 and candidate.margin > 0 and candidate.body_distance >= 0
     )
 
 
 def _obstruction(cell: Cell, q: Array) -> str:
-    """Say what keeps J⁺ from the corners of a cell, from a configuration q (n,) in its middle."""
+    """Write what keeps J⁺ from the corners of a cell, from a configuration q (n,) in its middle.
+
+    The text completes an error message: a corner out of reach or behind a singularity, a joint that
+    leaves its limits, or two bodies that collide.
+    """
     task, corners = cell.task, cell.corners()
     ends = rays(Pseudoinverse(task), cell, q, corners, steps=16)
     worst = int(np.argmin(np.where(ends.reached < 1, ends.reached - 2, ends.least)))

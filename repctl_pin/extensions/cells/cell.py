@@ -1,4 +1,8 @@
-"""Cell of the workspace: a box of positions, and a box of rotations around one orientation."""
+"""Cell of the workspace: a box of positions, and a box of rotations around one orientation.
+
+The coordinates u of a pose in the cell go from −1 to 1. A function q = F(x) over the cell gives one
+configuration for each of its poses.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +54,10 @@ C = TypeVar("C", bound="Cell")
 @dataclass(frozen=True, eq=False, init=False)
 @read_only
 class Cell:
-    r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
-    ``|u_i| ≤ 1``.
+    r"""Box of poses: positions and rotations on either side of a middle.
+
+    It consists of all placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``,
+    every ``|u_i| ≤ 1``.
 
     p has only the components that the task commands. ω is a rotation vector, in base axes for a
     pose task; for an axis task it lies along the tool's own x and y axes. Other tasks leave the
@@ -185,7 +191,7 @@ class Cell:
 
     @property
     def k(self) -> int:
-        """Number of coordinates u."""
+        """Number of coordinates u: those that vary in the cell and that no symmetry removes."""
         return int(np.count_nonzero(self._active))
 
     @property
@@ -216,11 +222,17 @@ class Cell:
     # -------------------------------------------------------
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
-        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3).
+
+        A coordinate is 0 in the middle of the cell, and ±1 on its boundary.
+        """
         return self._placed(self.spread(U))
 
     def _placed(self, Y: Array) -> tuple[Array, Array]:
-        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3), m, and R (K, 3, 3).
+
+        An offset, m or rad, is the difference from the placement in the middle of the cell.
+        """
         positions = len(self.half_width)
         moved = np.eye(3)[self.task.rows[:positions]]
         p = self.placement.translation + Y[:, :positions] @ moved
@@ -231,7 +243,7 @@ class Cell:
         return p, (R.reshape(-1, 3) @ R_0).reshape(-1, 3, 3)
 
     def at(self, u: ArrayLike) -> pin.SE3:
-        """Convert coordinates u (k,) to a placement."""
+        """Convert coordinates u (k,) to a placement; 0 is the middle, ±1 the boundary."""
         p, R = self.placements(
             vector(u, self.k, "u", "one per coordinate of the cell")[None]
         )
@@ -239,6 +251,9 @@ class Cell:
 
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Convert placements to coordinates u, and their deviation in the coordinates of width 0.
+
+        A coordinate u is 0 in the middle of the cell, and ±1 on its boundary; one of width 0 is
+        held constant.
 
         Parameters
         ----------
@@ -258,7 +273,7 @@ class Cell:
         return (Y - self._offset)[:, self._active] / self._active_widths, off
 
     def coordinates_of(self, target: Placement) -> Array:
-        """Convert one placement, which must lie in the cell, to coordinates u (k,).
+        """Convert one placement, which must lie in the cell, to coordinates u (k,), from −1 to 1.
 
         Raises
         ------
@@ -271,14 +286,19 @@ class Cell:
         ]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
-        """Test whether placements lie in the cell, (K,), given the result (U, off) of
-        :meth:`coordinates`."""
+        """Test whether placements lie in the cell, (K,), given their coordinates.
+
+        U (K, k) and off (K,) are the result of :meth:`coordinates`: u, which goes from −1 to 1
+        inside, and the deviation along the coordinates of width 0.
+        """
         within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
         return within & (off <= TURNED)
 
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
-        """Return U if all placements lie in the cell, given the result (U, off) of
-        :meth:`coordinates`.
+        """Return the coordinates U if all placements lie in the cell; else raise an InputError.
+
+        U (K, k) and off (K,) are the result of :meth:`coordinates`: u, which goes from −1 to 1
+        inside, and the deviation along the coordinates of width 0.
 
         Raises
         ------
@@ -311,7 +331,8 @@ class Cell:
         """Compute the factor by which the cell must be scaled to have given poses on its boundary.
 
         The poses are those of the configurations Q (K, n). The factors (K,) are above 1 for poses
-        outside, and infinite for those that deviate in a coordinate of width 0.
+        outside, and infinite for those that deviate in a coordinate of width 0. Any region Ω, in
+        which a design is valid, has this method.
         """
         U, off = self.coordinates(
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
@@ -322,7 +343,11 @@ class Cell:
     # -------------------------------------------------------------------------------------------
 
     def _native_region(self) -> Any:
-        """Create the struct :data:`REGION` of the cell as a region Ω, for the native library."""
+        """Create the C struct :data:`REGION` of the cell, so that C can test whether q is in Ω.
+
+        Ω, the region in which a design is valid, is then the set of configurations whose pose is in
+        the cell.
+        """
         ints, reals, scalars = self._tables()
         region, _ = filled_struct(REGION, {}, {}, {})
         point(region, "chart", [filled_struct(CHART, ints, reals, scalars)[0]])
@@ -331,8 +356,10 @@ class Cell:
     def _tables(
         self,
     ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
-        """Return the members of the struct :data:`CHART` that describe the cell: arrays of
-        integers, arrays of numbers, and single numbers."""
+        """Return the members of the C struct :data:`CHART` that describe the cell, by their names.
+
+        They are arrays of integers, arrays of numbers, and single numbers, in three dictionaries.
+        """
         lower, upper = self._range_of_offsets()
         bounds = np.where(self.widths == 0, TURNED, self.widths * (1 + EDGE))
         bounds[list(self.free)] = np.inf
@@ -348,7 +375,10 @@ class Cell:
         return {"moved": self.moved}, reals, {"k": self.k}
 
     def _range_of_offsets(self) -> tuple[Array, Array]:
-        """Return the smallest and the largest offsets (m,) in all task coordinates."""
+        """Return the smallest and the largest offset (m,) of each task coordinate in the cell.
+
+        An offset, m or rad, is the difference from the placement in the middle of the cell.
+        """
         whole = self.whole
         reach = np.zeros(len(self.widths))
         reach[whole.moved] = whole._active_widths * whole._bounds
@@ -359,17 +389,29 @@ class Cell:
 
     @property
     def whole(self: C) -> C:
-        """The same cell, with the coordinates that symmetries remove included in u."""
+        """The same cell, with the coordinates that symmetries remove included in u.
+
+        If one joint turns the whole arm about an axis, a function is designed without the angle
+        about it.
+        """
         return self._changed(removed=()) if self.removed else self
 
     @property
     def _removed(self) -> list[int]:
-        """Indices, among the m task coordinates, of those that symmetries remove from u."""
+        """Indices, among the m task coordinates, of those that symmetries of the arm remove from u.
+
+        A single joint moves the frame along such a coordinate, so a function is designed without
+        it.
+        """
         return [one.coordinate for one in self.removed]
 
     @property
     def along(self) -> Array:
-        """∂F/∂y (n, l) for the l coordinates y, rad, that symmetries remove from u."""
+        """∂F/∂y (n, l) of a function F for the l coordinates y, rad, that symmetries remove from u.
+
+        A single joint j moves the frame along such a coordinate, so the column is 1 or −1 at j, and
+        else 0.
+        """
         along = np.zeros((self.task.n, len(self.removed)))
         for column, one in enumerate(self.removed):
             along[one.joint, column] = one.sign
@@ -378,20 +420,25 @@ class Cell:
     def _split(self, U: Array) -> tuple[Array, Array]:
         """Convert coordinates U (K, ·) of :attr:`whole` to those of this cell (K, k).
 
-        Return also the term (K, n) that the removed symmetries add to F there.
+        Return also the term (K, n) of a function F there that the removed coordinates add: the
+        motion of the joints which move the frame along these.
         """
         kept = np.isin(self.whole.moved, self.moved)
         return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T
 
     def _lifted(self, U: Array) -> Array:
-        """Convert coordinates U (K, k) to those of :attr:`whole`, at 0 in the removed ones."""
+        """Convert coordinates U (K, k) to those of :attr:`whole`, at 0 in the removed ones.
+
+        Symmetries of the arm remove coordinates along which a single joint moves the frame.
+        """
         Y, whole = self.spread(U), self.whole
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths
 
     def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
-        """Evaluate Q − q_ref (K, n), less what the removed symmetries add to F at placements.
+        """Evaluate Q − q_ref (K, n), the distance of configurations from the reference of a chart.
 
-        In their joints, full turns are removed.
+        The motion of joints along coordinates that symmetries remove from u is subtracted; in these
+        joints, full turns are removed. p (K, 3) and R (K, 3, 3) are the placements of Q.
         """
         away = Q - q_ref
         if self.removed:
@@ -402,12 +449,12 @@ class Cell:
         return away
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance (…, n) of each joint to its nearer limit, for configurations q
-        (…, n) at which the removed coordinates are 0; negative outside.
+        """Compute the distance (…, n) of each joint to its nearer limit; negative outside.
 
-        The distance of a joint that moves the frame along a removed coordinate is the minimum over
-        the range of that coordinate. It is infinite if the range is ``"all"``, because the joint
-        limits then determine the range.
+        ``q`` (…, n) are configurations at which the coordinates that symmetries remove from u are
+        0. A single joint moves the frame along such a coordinate; its distance is the minimum over
+        the range of the coordinate. It is infinite if the range is ``"all"``, because the joint
+        limits then determine the range. Distances are in rad or m.
         """
         margin = self.task.limit_margin(q)
         for one in self.removed:
@@ -418,13 +465,17 @@ class Cell:
 
     @property
     def excepted(self) -> tuple[str, ...]:
-        """Joints that limit margins leave out: their limits end a range that is ``"all"``."""
+        """Joints that limit margins leave out: their limits end a range that is ``"all"``.
+
+        Such a range of a sector's angle or spin goes as far as the joint does, so its margin is 0.
+        """
         lower, upper, _ = self.task.joint_limits
         joints = [one.joint for one in self.removed if one.coordinate in self.free]
         limited = np.isfinite(lower) | np.isfinite(upper)
         return tuple(self.task.joint_names[j] for j in joints if limited[j])
 
     def _changed(self: C, **changes: Any) -> C:
+        """Return a copy of the cell with the given attributes changed; they are not checked."""
         other = object.__new__(type(self))
         freeze(other, **vars(self) | changes)
         return other
@@ -433,9 +484,10 @@ class Cell:
     # --------------------------------------------------------------------------------
 
     def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate.
+        """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate u.
 
-        The last l columns belong to the coordinates that symmetries remove, see :attr:`along`.
+        The coordinates u of a pose go from −1 to 1 in the cell. The last l columns belong to the
+        coordinates that symmetries remove, see :attr:`along`.
 
         Parameters
         ----------
@@ -454,9 +506,10 @@ class Cell:
         )
 
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements.
+        """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements p (K, 3), m, and R (K, 3, 3).
 
-        The rows of ∂u/∂x are in the order of the columns of :meth:`twists`.
+        The gradient of a potential that is a function of u needs them. The rows of ∂u/∂x are in the
+        order of the columns of :meth:`twists`.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
@@ -469,9 +522,10 @@ class Cell:
         return U, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
-        """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), with E of :meth:`twists`.
+        """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), which scales u to unit task speed.
 
-        The product ∂F/∂u C is in joint speed per unit of task speed.
+        E = ∂x/∂u is that of :meth:`twists`. For a function F, the product ∂F/∂u C is in joint speed
+        per unit of task speed, so that cells of different sizes can be compared.
         """
         _, R = self.placements(U)
         E = self.twists(U, R)
@@ -481,7 +535,10 @@ class Cell:
     def errors(
         self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike
     ) -> Array:
-        """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`."""
+        """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`.
+
+        Goals are p_goal (K, 3), m, and R_goal (K, 3, 3), placements p and R of the same shapes.
+        """
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"),
             ("R_goal", R_goal, "K 3 3"),
@@ -496,14 +553,20 @@ class Cell:
     # -------------------------------------------------------------------------------------
 
     def sample(self, count: int, seed: int = 0) -> Array:
-        """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points."""
+        """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points.
+
+        They are the nodes of a fit, or the held-out poses of an evaluation.
+        """
         count, seed = as_int(count, "count", 1, MOST_NODES), as_int(seed, "seed")
         power = int(np.ceil(np.log2(max(count, 2))))
         random = np.random.default_rng(seed)
         return 2 * scrambled_points(self.k, power, random)[:count] - 1
 
     def corners(self) -> Array:
-        """Return the coordinates (K, k) of the corners of the box, and its face centres."""
+        """Return the coordinates (K, k) of the corners of the box, and its face centres.
+
+        They are tested together with sampled poses, which lie inside the boundary.
+        """
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate(
             [np.array(list(product((-1.0, 1.0), repeat=self.k))), faces]
@@ -514,7 +577,7 @@ class Cell:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each of the k coordinates u: ``x``, ``y``, ``z``, and rotations ``about x`` …"""
+        """Name of each of the k coordinates u, such as ``x``, ``y``, ``about z``."""
         return tuple(
             name
             for name, on in zip(self.coordinate_names, self._active, strict=True)
@@ -547,7 +610,10 @@ class Cell:
         return ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
 
     def size(self) -> str:
-        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
+        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``.
+
+        Messages, tables and figures describe the cell by it.
+        """
         text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
         if not self.rotation.any():
             return text + (", one orientation" if len(self.rotation) else "")
@@ -560,7 +626,10 @@ class Cell:
         return f"{text}, turned by {turn} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``.
+
+        Messages name a pose by it. u are the coordinates in the cell, from −1 to 1.
+        """
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
@@ -582,20 +651,28 @@ class Cell:
 
     @property
     def moved(self) -> NDArray[np.intp]:
-        """Indices, among the m task coordinates, of the k coordinates u, in order."""
+        """Indices (k,), among the m task coordinates, of those that belong to u, in order.
+
+        Left out are those of width 0, and those that symmetries of the arm remove.
+        """
         return np.flatnonzero(self._active)
 
     @property
     def _active(self) -> NDArray[np.bool_]:
-        """Mask (m,) of the task coordinates that belong to u."""
+        """Mask (m,) of the task coordinates that belong to u.
+
+        Left out are those of width 0, and those that symmetries of the arm remove.
+        """
         active = np.array(self.widths > 0, bool)
         active[self._removed] = False
         return active
 
     @property
     def _bounds(self) -> Array:
-        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate whose range is set by the
-        joint limits (``"all"``)."""
+        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate with the range ``"all"``.
+
+        The joint limits end such a range.
+        """
         most = np.ones(len(self.widths))
         for i in self.free:
             most[i] = np.pi / self.widths[i]
@@ -603,17 +680,23 @@ class Cell:
 
     @property
     def _active_widths(self) -> Array:
+        """Half-widths (k,) of the coordinates that belong to u, m or rad: a change of u by 1."""
         return self.widths[self._active]
 
     @property
     def _offset(self) -> Array:
-        """Task coordinates (m,) of the middle relative to the placement, m and rad; 0 but for the
-        spin of some sectors."""
+        """Task coordinates (m,) of the middle relative to the placement, m and rad.
+
+        They are 0, except in some sectors, where the middle of the spin is moved.
+        """
         return np.zeros(len(self.widths))
 
     def spread(self, U: ArrayLike) -> Array:
-        """Convert coordinates U (K, k) to offsets (K, m) from the placement in all m task
-        coordinates, m and rad."""
+        """Convert coordinates U (K, k) to offsets (K, m) in all m task coordinates, m and rad.
+
+        The offsets are from the placement in the middle of the cell; coordinates that are held
+        constant are included.
+        """
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.tile(self._offset, (len(U), 1))
         Y[:, self._active] += U * self._active_widths
@@ -622,7 +705,8 @@ class Cell:
     def _measured(self, p: Array, R: Array) -> Array:
         """Convert placements to offsets (K, m) from that of the cell in all m task coordinates.
 
-        They are in m and rad. Coordinates of width 0 are included.
+        p (K, 3), m, and R (K, 3, 3) are the placements. Offsets are in m and rad. Coordinates of
+        width 0 are included.
         """
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
@@ -639,8 +723,8 @@ class Cell:
     def vectors(self, turns: ArrayLike) -> Array:
         """Convert the rotational coordinates, rad, to rotation vectors (K, 3) in base axes.
 
-        The coordinates are about the base axes, (K, 3), for a pose task, and about the x and y axes
-        of the middle placement, (K, 2), for an axis task.
+        ``turns`` are about the base axes, (K, 3), for a pose task, and about the x and y axes of
+        the middle placement, (K, 2), for an axis task.
         """
         (turns,) = as_matrices(
             ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"),
@@ -654,7 +738,8 @@ class Cell:
     def _all_twists(self, Y: Array, R: Array) -> Array:
         """Evaluate the task velocity per unit (metre or rad) of each task coordinate: (K, m, m).
 
-        Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame.
+        Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame. In an axis
+        task the velocity is about the frame's own x and y axes.
         """
         T = self._frame_twists(Y)
         if self.task.kind != "axis":
@@ -664,8 +749,10 @@ class Cell:
         )
 
     def _frame_twists(self, Y: Array) -> Array:
-        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
-        coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
+        """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
+
+        It is in base axes. Y (K, m) are the offsets from the middle of the cell, m and rad.
+        """
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))
         T[:, self.task.rows[:positions], np.arange(positions)] = 1.0

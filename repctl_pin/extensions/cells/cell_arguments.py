@@ -1,5 +1,9 @@
-"""Validation and conversion of the arguments of cells and sectors: middle, half-widths, axis,
-placements."""
+"""Validation and conversion of the arguments of cells and sectors.
+
+A cell is a box of poses, a sector a cell in cylindrical coordinates. Their arguments are the
+middle, half-widths, an axis, and placements. What cannot be used raises an InputError that names
+the argument.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +53,11 @@ def stacked(
 
 
 def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
-    """Convert the argument ``placement`` of a cell, its middle, to a rigid transform."""
+    """Convert the argument ``placement`` of a cell, its middle, to a rigid transform.
+
+    A rigid transform, a matrix (4, 4), or a position (3,), m, are accepted; a position gets the
+    orientation of the task's reference. Other values raise an InputError.
+    """
     array = value.homogeneous if isinstance(value, pin.SE3) else as_numbers(value)
     if array is not None and array.shape == (3,):
         middle = pin.SE3(task.placement(task.reference).rotation, array)
@@ -69,7 +77,8 @@ def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
 def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
     """Convert half-widths, given as one number or one per coordinate, to an array (size,).
 
-    ``name``, ``unit`` and ``each`` (such as "one per axis") serve the error messages.
+    An InputError is raised unless each is 0, which holds the coordinate constant, or from 1e-6 to
+    1000. ``name``, ``unit`` and ``each`` (such as "one per axis") serve the error messages.
     """
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
@@ -91,16 +100,20 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
 
 
 def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
-    """Convert lengths, m, given as one number or one per position that the task commands."""
+    """Convert lengths, m, to an array with one per position that the task commands, at most three.
+
+    One number is taken for all of them. ``name`` is that of the argument, for error messages.
+    """
     each = "one per position that the task commands"
     return sizes(value, min(3, task.m), name, "m", each)
 
 
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
-    """Convert the argument ``axis`` to an array (2, 3): a point, m, and the unit direction.
+    """Convert the argument ``axis`` of a sector to a point, m, and a unit direction: (2, 3).
 
     None is the vertical axis of the base, or the axis of the joint that turns the whole arm if the
-    two differ by little. The axis must be normal to the plane of a planar task.
+    two differ by little, so that the arm's symmetry can be used. The axis must be normal to the
+    plane of a planar task; else an InputError is raised.
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)
@@ -130,12 +143,18 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
 
 
 def as_half_width(value: Any, name: str, unit: str) -> float:
-    """Check a half-width, and return it as float; ``name`` and ``unit`` serve error messages."""
+    """Check one half-width, 0 or more, and return it as float.
+
+    ``name`` and ``unit``, "m" or "rad", serve error messages.
+    """
     return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
 
 
 def as_height(task: Task, height: float) -> float:
-    """Check the half-width of the height, m, and return it; it must be 0 for a planar task."""
+    """Check the half-width of a sector's height, m, and return it; 0 for a planar task.
+
+    Another value raises an InputError there, because the task does not command the height.
+    """
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
         raise InputError(
@@ -147,7 +166,7 @@ def as_height(task: Task, height: float) -> float:
 
 
 def as_turn(angle: Angle, name: str) -> float:
-    """Check the half-width of the angle or the spin, and return it, rad; ``"all"`` gives π."""
+    """Check the half-width of a sector's angle or spin, and return it, rad; ``"all"`` gives π."""
     if isinstance(angle, str):
         require_choice(angle, ("all",), name)
         return np.pi
@@ -161,8 +180,11 @@ def as_turn(angle: Angle, name: str) -> float:
 
 
 def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
-    """Check the argument ``half_angle``, and return an array (2,) or (3,), rad: half-widths of the
-    two tilts and, if given, of the rotation about the tool's z axis."""
+    """Check the argument ``half_angle`` of a sector: half-widths of the tilts of the tool, rad.
+
+    Return an array (2,) for the tilts about the tool's x and y axes, or (3,) if the rotation about
+    its z axis is given, too. One number is taken for both tilts.
+    """
     array = as_numbers(half_angle)
     if task.m <= 3:
         if array is None or array.any():
@@ -183,7 +205,10 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
 
 
 def no_spin(task: Task) -> InputError:
-    """Make the error for a ``spin`` that is not possible with the task or a third half_angle."""
+    """Make the error for a ``spin``, a rotation about the tool's z axis, that is not possible.
+
+    Either the task leaves this rotation free, or half_angle has a third number for it.
+    """
     if task.kind == "pose":
         return InputError("spin and a third half_angle are mutually exclusive")
     return InputError(
@@ -194,11 +219,12 @@ def no_spin(task: Task) -> InputError:
 
 
 def no_joint(task: Task, name: str, line: Array) -> InputError:
-    """Make the error that the arm has no joint for the range "all" of ``angle`` or ``spin``.
+    """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
-    It gives the difference between the axis of the arm's joint and that of the coordinate, which
-    is ``line`` (2, 3) for the angle. If a joint turns the arm about another axis, the remedy
-    contains that axis.
+    This range needs a joint that alone moves the frame along the coordinate. The message gives the
+    difference between the axis of the arm's joint and that of the coordinate, which is ``line`` (2,
+    3), a point and a direction, for the angle. If a joint turns the arm about another axis, the
+    remedy contains that axis.
     """
     what = {
         "angle": "turns the whole arm about the axis",

@@ -1,4 +1,8 @@
-"""``repctl cell``: design one inverse kinematic function for a cell of poses, and evaluate it."""
+"""``repctl cell``: design one inverse kinematic function for a cell of poses, and evaluate it.
+
+A cell is a box of poses, or a sector around an axis. The function q = F(x) gives one configuration
+for each of its poses.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +48,7 @@ _STEPS = 240
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl cell`` to its parser."""
     parser.robot()
     parser.task()
     parser.surroundings()
@@ -120,7 +124,7 @@ def add_options(parser: Parser) -> None:
 
 
 def _add_size(parser: Parser) -> None:
-    """Add the options of a box that is placed where it fits."""
+    """Add the options of a box that is placed where it fits: ``--size`` and its companions."""
     add = parser.add_argument
     add(
         "--size",
@@ -151,7 +155,7 @@ def _add_size(parser: Parser) -> None:
 
 
 def _add_sector(parser: Parser) -> None:
-    """Add the options of a sector."""
+    """Add the options of a sector, a cell in cylindrical coordinates around an axis."""
     add = parser.add_argument
     add(
         "--sector",
@@ -187,7 +191,10 @@ def _add_sector(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Find the function, print its table, and write cell.json, cell.html and cell.png."""
+    """Run ``repctl cell``: find the function, print its table, and write its files.
+
+    These are cell.json, cell.html, cell.png and, with ``--map``, map.png. Return the exit code.
+    """
     folder = options.output_folder(Path(options.robot).stem)
     needed("matplotlib", "meshcat", by="repctl cell")
     _require_one_shape(options)
@@ -262,7 +269,11 @@ _MEANING = (
 
 
 def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
-    """Write the remedy for a cell that no function covers, in terms of command-line options."""
+    """Write the remedy for a cell that no function covers, in terms of command-line options.
+
+    The error itself names the arguments of the Python function, which the user of a command does
+    not know.
+    """
     if error.fits <= 0:
         remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
         remedy += "another --start"
@@ -278,7 +289,7 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
 
 
 class _Asked(NamedTuple):
-    """A cell that the options describe.
+    """A cell that the options describe, with the start that was chosen.
 
     Attributes
     ----------
@@ -305,7 +316,12 @@ class _Asked(NamedTuple):
 
 
 def _asked(options: Options, report: Report) -> _Asked:
-    """Make the cell, with the first default start from which it fits."""
+    """Make the cell that the options describe, with the first default start from which it fits.
+
+    The cell is a box around the path, the start's pose or ``--at``, a sector, or that of
+    ``--size``. ``report`` is the progress callback. Options that cannot be used raise an
+    InputError.
+    """
     import numpy as np
     import pinocchio as pin
 
@@ -317,7 +333,7 @@ def _asked(options: Options, report: Report) -> _Asked:
         return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
-        """Make the box around the path, or the box or sector around the start's pose."""
+        """Make the box around a problem's path, or the box or sector around its start's pose."""
         task = problem.task
         if around:
             return rp.Cell.around(task, problem.cycle, *_sizes(options))
@@ -338,7 +354,11 @@ def _asked(options: Options, report: Report) -> _Asked:
 
 
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
-    """Place the box of ``--size`` where it fits best."""
+    """Place the box of ``--size`` where it fits best: inside the limits, without collisions.
+
+    ``at`` is a position (3,), m, to be near to, or None. With ``--half-angle`` the cell has
+    rotations, too, and its posture is searched for later.
+    """
     import numpy as np
     import pinocchio as pin
 
@@ -393,7 +413,7 @@ _DEFAULTS = {"--yaw": 0.0, "--height": "0", "--angle": "all", "--spin": "0"}
 
 
 def _require_one_shape(options: Options) -> None:
-    """Raise an error if options do not go together, or the shape of the cell is missing."""
+    """Raise an InputError if options do not go together, or the shape of the cell is missing."""
     said = vars(options) | {"path": options.path or options.plane}
 
     def given(name: str) -> bool:
@@ -418,7 +438,10 @@ def _require_one_shape(options: Options) -> None:
 
 
 def _sizes(options: Options) -> tuple[Any, Any]:
-    """Parse the half-widths of a box: of the positions, m, and of the rotation, rad."""
+    """Parse the half-widths of a box: of the positions, m, and of the rotation, rad.
+
+    Each is one number, or a list with one number per coordinate.
+    """
     return (
         _numbers(options.half_width, "--half-width"),
         _numbers(options.half_angle, "--half-angle"),
@@ -426,7 +449,7 @@ def _sizes(options: Options) -> tuple[Any, Any]:
 
 
 def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
-    """Make the sector that the options describe."""
+    """Make the sector that the options describe, around the placement ``middle``."""
 
     def turn(text: str, option: str) -> Any:
         return text if text == "all" else _numbers(text, option, 1)
@@ -445,7 +468,10 @@ def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
 
 
 def _numbers(text: str, option: str, size: int | None = None) -> Any:
-    """Parse one number, or a list of numbers separated by commas: ``size`` of them, if given."""
+    """Parse one number, or a list of numbers separated by commas: ``size`` of them, if given.
+
+    Return a float or a list of floats. Another text raises an InputError that names the ``option``.
+    """
     wrong = f"must be {size or 'one or more'} numbers separated by commas"
     numbers = numbers_of(text, option, wrong)
     if not numbers or size not in (None, len(numbers)):
@@ -456,9 +482,11 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
 def _pictures(
     design: rp.CellDesign, folder: Path, command: str
 ) -> tuple[list[Path], list[str]]:
-    """Write the figure of slices, and the page with a motion along a sample path.
+    """Write cell.html and, if there are slices, cell.png to a folder.
 
-    Return the files, and a note if the period of the motion was increased, or if it failed.
+    A slice is a map of the function over two coordinates of the cell. The page shows a motion along
+    a sample path, too. Return the files, and notes if the period of the motion was increased, or if
+    it failed. ``command`` is the command line, which the page shows.
     """
     from ...show.plots.motions import png
     from .cell_design import slices
@@ -478,8 +506,9 @@ def _pictures(
 def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     """Follow a sample path through the cell with G_d and with the function, by label.
 
-    The period is long enough for the speed limits of the joints. Return also a note if it was
-    increased for them, or if a motion failed. Without the function's motion there is none.
+    G_d is the desired inverse, such as J⁺, with which the function is compared. The period is long
+    enough for the speed limits of the joints. Return also a note if it was increased for them, or
+    if a motion failed. The dictionary is empty if the motion of the function failed.
     """
     from ...defaults import PERIOD
     from ...studies.period import choose_period
@@ -514,7 +543,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
 
 
 def _widths(cell: rp.Cell) -> dict[str, Any]:
-    """Collect the half-widths of a box, or those of a sector by coordinate, for JSON."""
+    """Collect the half-widths of a box, or those of a sector by coordinate, m and rad, for JSON."""
     from ...studies.study_result import picked
 
     if not isinstance(cell, rp.Sector):
@@ -523,7 +552,7 @@ def _widths(cell: rp.Cell) -> dict[str, Any]:
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
-    """Convert the result to plain Python types, for JSON output."""
+    """Convert the design of a cell's function to plain Python types, for JSON output."""
     from ...studies.study_result import picked
 
     figures = asdict(design.evaluation)
@@ -546,6 +575,6 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
 
 
 def _proof(proof: rp.Proof) -> dict[str, Any]:
-    """Convert a certificate to plain Python types, with the price that it proves."""
+    """Convert a certificate to plain Python types, with the extra joint speed that it proves."""
     price = proof.extra_speed_direction
     return asdict(proof) | {"extra_speed_direction": price}

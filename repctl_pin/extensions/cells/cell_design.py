@@ -1,5 +1,8 @@
-"""Result of designing an inverse function over a cell: the function, its evaluation, maps over
-slices of the cell, and the problem of a closed path through it."""
+"""Result of designing an inverse function over a cell, a box of poses.
+
+It consists of the function q = F(x), its evaluation, maps over slices of the cell, and the problem
+of a closed path through it.
+"""
 
 from __future__ import annotations
 
@@ -43,14 +46,14 @@ _WAVES, _POINTS, _REACH = 3, 721, 0.9
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellDesign:
-    """An inverse kinematic function over a cell, and its evaluation.
+    """An inverse kinematic function q = F(x) over a cell of poses, and its evaluation.
 
     Attributes
     ----------
     function : InverseFunction
         The result: ``q = F(x)``.
     desired : Inverse
-        Desired inverse G_d.
+        Desired inverse G_d, such as J⁺, to which ∂F/∂x is near.
     posture : (n,) array
         Configuration in the middle of the cell, rad (m for prismatic joints).
     evaluation : Evaluation
@@ -66,9 +69,8 @@ class CellDesign:
     requested_limit_margin, requested_body_distance, requested_sigma_min : float
         Requested limit margin, rad or m, body distance, m, and σ_min of J.
     proof : Proof, optional
-        Certificate, if one was added: ``dataclasses.replace(found,
-        proof=rp.prove(found))``. It is saved with the design. A certificate of something else is
-        dropped with a warning.
+        Certificate, if one was added: ``dataclasses.replace(found, proof=rp.prove(found))``. It is
+        saved with the design. A certificate of something else is dropped with a warning.
 
     Examples
     --------
@@ -102,7 +104,9 @@ class CellDesign:
     ) -> CellDesign:
         """Make a design from a chart, whose function is s = 0, and its evaluation.
 
-        ``how`` are the other attributes of the design.
+        A chart is a pair of polynomials that approximate a configuration and the null space for
+        each pose; s is the position along the self-motion. ``desired`` is the inverse G_d to which
+        the function is to be near. ``how`` are the other attributes of the design.
         """
         u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
         middle = chart.solve(u)
@@ -116,7 +120,7 @@ class CellDesign:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate proves of the function.
+        """Fingerprint of all that a certificate proves of the function; the two must match.
 
         It covers the joint chain, its limits, the cell and the polynomials.
         """
@@ -131,27 +135,39 @@ class CellDesign:
 
     @property
     def inverse(self) -> RepeatableInverse:
-        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is the function."""
+        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is the function.
+
+        A leaf is the set of configurations at which the potentials have the values c.
+        """
         return self.function.inverse
 
     @property
     def cost(self) -> float:
-        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function covers."""
+        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function F covers.
+
+        G_d is the desired inverse, to which the design brings ∂F/∂x as near as it can.
+        """
         return self.evaluation.cost
 
     @property
     def extra_speed(self) -> float:
-        """Rms joint speed over the cell relative to G_d at the same configurations, minus 1."""
+        """Rms joint speed over the cell relative to that of the desired inverse, minus 1.
+
+        Both are evaluated at the configurations of the function.
+        """
         return self.evaluation.extra_speed
 
     @property
     def extra_speed_worst(self) -> float:
-        """Extra joint speed at the worst pose found by a search over the cell."""
+        """Extra joint speed, relative to the desired inverse, at the worst pose of a search."""
         return self.evaluation.extra_speed_worst
 
     @property
     def extra_speed_direction(self) -> float:
-        """Extra joint speed in the worst task direction, at the worst pose found by a search."""
+        """Extra joint speed in the worst task direction, at the worst pose found by a search.
+
+        It is relative to the desired inverse; ``extra_speed_worst`` is a mean over all directions.
+        """
         return self.evaluation.extra_speed_direction
 
     @property
@@ -166,12 +182,19 @@ class CellDesign:
 
     @property
     def leaf_margin(self) -> float:
-        """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity."""
+        """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity.
+
+        N spans the null space of J, V̂ the gradients of the potentials that the controller holds
+        constant.
+        """
         return self.evaluation.leaf_margin
 
     @property
     def coverage(self) -> float:
-        """Fraction of the held-out poses at which F has a configuration inside the limits."""
+        """Fraction of the held-out poses at which F has a configuration inside the limits.
+
+        F is the function of the design.
+        """
         return self.evaluation.coverage
 
     @property
@@ -181,12 +204,18 @@ class CellDesign:
 
     @property
     def body_distance(self) -> float:
-        """Minimum distance between bodies of the robot and its surroundings, m; infinite if there
-        are no collision bodies, NaN if these have changed since the design was saved."""
+        """Minimum distance between bodies of the robot and its surroundings, m.
+
+        It is infinite if there are no collision bodies, NaN if these have changed since the design
+        was saved.
+        """
         return self.evaluation.body_distance
 
     def figures(self) -> dict[str, str]:
-        """Return the figures as text, by their display names."""
+        """Return the figures of merit as text, by their display names.
+
+        The table of ``repctl cell`` and the page of the design show them.
+        """
         j, unit = self.evaluation, self.task.unit
         most = (
             "best possible there by self-motion:"
@@ -242,8 +271,12 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _symmetry(self) -> dict[str, str]:
-        """Return texts by display name: the symmetries that are used, and the range of each
-        symmetric coordinate; empty if the cell is no sector."""
+        """Return texts by display name: the symmetries that are used, and the ranges they allow.
+
+        In a sector, one joint may turn the whole arm about the axis, or the tool about its z axis.
+        There is one range for each such coordinate. The dictionary is empty if the cell is no
+        sector.
+        """
         sector = self.function.chart.cell
         if not isinstance(sector, Sector):
             return {}
@@ -251,7 +284,10 @@ class CellDesign:
         return {"symmetry": sector.symmetry()} | turns
 
     def summary(self) -> str:
-        """Return the figures as text, one per line; further lines of a figure have no name."""
+        """Return the figures of merit as text, one per line, under the name of the robot.
+
+        Further lines of a figure have no name.
+        """
         task = self.task
         lines = [
             f"  {'' if i else name:17}  {line}"
@@ -272,19 +308,23 @@ class CellDesign:
 
 
 def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
-    """Make the function s = 0 of a chart; on its leaf it checks joint limits if the evaluation
-    demands it.
+    """Make the function q = F(x) of a chart; it checks joint limits if the evaluation demands it.
 
-    It checks them there at every call if some evaluated pose violates a limit, or if the range of a
-    coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0
-    alone; on other leaves the limits are always checked.
+    F is s = 0 in the chart, with s the position along the self-motion. The checks cost time at
+    every call. They are needed if some evaluated pose violates a limit, or if the range of a
+    coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0, the
+    function itself; on other leaves, with other configurations of the same poses, the limits are
+    always checked.
     """
     ends_at_limits = bool(chart.cell.free) or not evaluation.everywhere
     return InverseFunction(chart, keep_limits=ends_at_limits)
 
 
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
-    """Return the set of poses of a cell as plain data, with the symmetries that are used."""
+    """Return the set of poses of a cell as plain data, with the symmetries that are used.
+
+    A fingerprint is made of it, by which a certificate for another cell is noticed.
+    """
     box = rounded(cell.placement.homogeneous), cell.widths
     if not isinstance(cell, Sector):
         return "box", *box
@@ -293,7 +333,7 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Return a note if a requested margin is not met; an empty text if it is, or is 0."""
+    """Return a note if a requested margin is not met; else an empty text."""
     return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
@@ -309,8 +349,9 @@ class Slice:
     u : (C,) array
         Grid values of either coordinate, from −1 to 1.
     limit_margin, extra_speed : (C, C) arrays
-        Smallest joint-limit margin, rad or m, and extra joint speed relative to G_d. The row is the
-        second coordinate, the column the first. NaN where the function has no value.
+        Smallest joint-limit margin, rad or m, and extra joint speed relative to the desired inverse
+        G_d. The row is the second coordinate, the column the first. NaN where the function has no
+        value.
     turn : (C, C) array or None
         Range of the angle of a sector, rad, in which the joint that turns the arm stays inside its
         limits at every tilt; None if the symmetry of the angle is not used.
@@ -326,8 +367,10 @@ class Slice:
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
     """Evaluate maps over each pair of translational coordinates of a cell, at most three pairs.
 
-    If the cell has fewer than two translational coordinates, pairs of all its coordinates are
-    taken. The symmetric coordinates of a sector are 0; the figures do not depend on them.
+    The figures of a cell show the limit margin and the extra joint speed in them. There are
+    ``count`` points along each coordinate. If the cell has fewer than two translational
+    coordinates, pairs of all its coordinates are taken. The symmetric coordinates of a sector are
+    0; the figures do not depend on them.
     """
     cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]
@@ -361,9 +404,11 @@ def _problem_of_cell(
     path: str | ClosedPath | PathOf | Literal[False] | None,
     plane: str | None,
 ) -> Problem:
-    """Create a problem inside a cell.
+    """Create a problem, a start with a closed path, inside the cell of a design.
 
-    By default it begins at the configuration that the function gives for the path's first pose.
+    So a saved cell can be used with ``repctl follow``. A path that is not given is a circle that
+    fits in the cell, or a random path through a sector. By default the problem begins at the
+    configuration that the function gives for the path's first pose.
     """
     begin = design.posture if start is None else start
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
@@ -387,10 +432,11 @@ PROBLEM = (CellDesign, _problem_of_cell)
 
 
 def tour(cell: Cell) -> TaskPath:
-    r"""Make a random smooth closed path through a cell.
+    r"""Make a random smooth closed path through a cell, on which its function can be shown.
 
     Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
-    1, with random a and b, scaled so that the maximum of every |u_i| is 0.9.
+    1, with random a and b, scaled so that the maximum of every |u_i| is 0.9. The path is the same
+    at every call.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

@@ -1,7 +1,9 @@
 """Evaluation of an inverse function over its cell, on poses that the fit did not use.
 
-Formulas use ∂F = ∂F/∂u, with u the coordinates of the cell, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so
-that ∂F C and G_d E C are in joint speed per unit of task speed."""
+The function q = F(x) gives one configuration for each pose of the cell, a box of poses with
+coordinates u. Formulas use ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so that ∂F C and G_d E C
+are in joint speed per unit of task speed; G_d is the desired inverse, such as J⁺.
+"""
 
 from __future__ import annotations
 
@@ -58,8 +60,9 @@ _FOLDED = 0.05
 class Evaluation:
     """Figures of a function F over a cell, evaluated on held-out poses.
 
-    The figures of joint speed refer to the poses that the function covers. ∂F = ∂F/∂u, E = ∂x/∂u
-    and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
+    F gives one configuration for each pose of the cell; G_d is the desired inverse, such as J⁺. The
+    figures of joint speed refer to the poses that the function covers. ∂F = ∂F/∂u, E = ∂x/∂u and C
+    = (EᵀE)^(−1/2), with u the coordinates of the cell.
 
     Attributes
     ----------
@@ -126,13 +129,19 @@ class Evaluation:
 
     @property
     def everywhere(self) -> bool:
-        """True if F has a configuration inside the limits at every evaluated pose."""
+        """True if the function has a configuration inside the limits at every evaluated pose.
+
+        Collisions do not count. If it is False, the function checks the limits at every call.
+        """
         stopped = any(stop.cause != "collision" for stop in self.failures)
         return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
 
     @property
     def covered(self) -> str:
-        """Coverage as text: ``100 %`` only if no failure but collisions was found at any pose."""
+        """Coverage as text: ``100 %`` only if no failure but collisions was found at any pose.
+
+        Collisions are reported on their own.
+        """
         if self.everywhere:
             return "100 %"
         if self.coverage == 1.0:
@@ -141,9 +150,10 @@ class Evaluation:
 
 
 class _Sample(NamedTuple):
-    """A function at K poses of its cell: its configurations, joint speeds and margins there.
+    """A function F at K poses of its cell: its configurations, joint speeds and margins there.
 
-    Joint speeds are per unit of task speed, and NaN at singularities.
+    F gives one configuration for each pose u; E = ∂x/∂u, C scales u to unit task speed, and G_d is
+    the desired inverse. Joint speeds are per unit of task speed, and NaN at singularities.
 
     Attributes
     ----------
@@ -178,17 +188,28 @@ class _Sample(NamedTuple):
 
     @property
     def ratio(self) -> Array:
-        """Squared joint speed relative to G_d: ``‖∂F C‖_F² / ‖G_d E C‖_F²``, (K,)."""
+        """Squared joint speed relative to G_d, the desired inverse: (K,).
+
+        It is ``‖∂F C‖_F² / ‖G_d E C‖_F²``.
+        """
         return np.asarray(self.own / self.desired_square, float)
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """True where the function exists on its sheet, inside the joint limits: (K,)."""
+        """True where the function exists inside the joint limits, and no fold lies between: (K,).
+
+        At a fold the function turns back along the self-motion; it must not lie between the pose
+        and the middle of the cell.
+        """
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
 
 def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> _Sample:
-    """Evaluate a candidate function with s = 0 at poses U (K, k)."""
+    """Evaluate a candidate function with s = 0 at poses U (K, k), in coordinates of the cell.
+
+    ``desired`` is G_d, with which joint speeds are compared. The sample says, too, at which poses a
+    fold separates the function from its value in the middle of the cell.
+    """
     middle = candidate.at(np.zeros((1, U.shape[1])))
     parts = [U[start : start + _BLOCK] for start in range(0, len(U), _BLOCK)]
     side = _sides(middle)
@@ -196,7 +217,11 @@ def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> _Sample
 
 
 def _sides(at: Points) -> Array:
-    """Evaluate the sign (K,) of det [J; n_refᵀ], which changes where a function folds."""
+    """Evaluate the sign (K,) of det [J; n_refᵀ], which changes where a function folds.
+
+    n_ref approximates the null space of J. At a fold, the function turns back along the
+    self-motion, and ceases to be a function of the pose.
+    """
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     return np.asarray(np.sign(np.linalg.det(J_V)))
 
@@ -204,7 +229,11 @@ def _sides(at: Points) -> Array:
 def _block(
     desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
 ) -> _Sample:
-    """Evaluate a sample, given the sign (1,) of det [J; n_refᵀ] in the middle of the cell."""
+    """Evaluate a sample of a candidate function at some of the poses, U (K, k).
+
+    ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell. Where the sign is
+    another one, a fold lies between, and the pose does not count as covered.
+    """
     chart, at = candidate.chart, candidate.at(U)
     N, s = null_bases(at.J, at.n_ref)
     upright = leaf_margin(N, at.n_ref)  # 0 where the function folds
@@ -226,7 +255,9 @@ def _block(
 def _largest_ratio(A: Array, B: Array) -> Array:
     """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` (K,) of pairs of matrices (K, n, k).
 
-    With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of ``L⁻¹ AᵀA L⁻ᵀ``.
+    It is the squared joint speed of a function relative to the desired inverse, in the worst
+    direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of
+    ``L⁻¹ AᵀA L⁻ᵀ``.
     """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
@@ -238,6 +269,9 @@ def _largest_ratio(A: Array, B: Array) -> Array:
 @dataclass(frozen=True)
 class _SpeedRatio(Quantity):
     """Joint speed of G_d divided by that of the function s = 0, squared; a search minimises it.
+
+    G_d is the desired inverse, such as J⁺. The smallest ratio belongs to the pose at which the
+    function costs the most extra joint speed.
 
     Attributes
     ----------
@@ -254,7 +288,10 @@ class _SpeedRatio(Quantity):
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate the squared ratio (K,); infinite where the function does not exist."""
+        """Evaluate the squared ratio (K,) at points; infinite where the function does not exist.
+
+        Points are the configurations of the function at K poses.
+        """
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
@@ -275,10 +312,10 @@ def evaluate_cell(
 ) -> Evaluation:
     """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
 
-    The poses are ``count`` Sobol points, the corners of the cell, and poses found by search.
-
-    The held-out poses are Sobol points. A quick evaluation searches neither for the largest joint
-    speeds nor for the smallest distances between bodies.
+    ``desired`` is the inverse G_d to which F is to be near; ``chart`` is that of F, which is s = 0
+    in it. The poses are ``count`` Sobol points, the held-out poses, then the corners of the cell,
+    and poses found by search. A quick evaluation searches neither for the largest joint speeds nor
+    for the smallest distances between bodies.
     """
     cell, candidate = chart.cell, CandidateFunction.zero(chart)
     U = np.concatenate([cell.sample(count, seed), cell.corners()])
@@ -332,11 +369,12 @@ def evaluate_cell(
 def _searched(
     desired: Inverse, candidate: CandidateFunction, at: _Sample, quick: bool
 ) -> Array:
-    """Search for poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and
-    larger joint speeds.
+    """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
-    The searches start from the worst of the sampled poses. Return all poses visited (L, k). A quick
-    evaluation does not search for leaf margins and joint speeds.
+    These are poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and larger
+    joint speeds than any sampled one. The searches start from the worst of the sampled poses
+    ``at``. Return all poses visited (L, k). A quick evaluation does not search for leaf margins and
+    joint speeds.
     """
     chart, at = candidate.chart, rows_of(at, at.sheet)
     limits, singular = limits_of(chart.cell), singular_values_of(chart.cell.task)
@@ -361,9 +399,10 @@ def _lowest(values: Array, U: Array, count: int) -> Array:
 
 
 def _worst(values: Array, U: Array, count: int) -> Array:
-    """Select the rows of U (K, k) with the lowest values (K,), at most ``count`` of them.
+    """Select the rows of U (K, k) with the lowest values (K,), far apart, at most ``count``.
 
-    Selected rows differ from each other by more than 0.3 in some coordinate.
+    Selected rows differ from each other by more than 0.3 in some coordinate, so that searches from
+    them do not all find the same pose.
     """
     ordered = U[np.argsort(values)]
     return ordered[unlike_rows(ordered, _SPREAD, count)]
@@ -374,8 +413,9 @@ def _failures(
 ) -> tuple[FailureReason, ...]:
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
-    ``near`` (L, n) are configurations from which a reachability test starts. The ``share`` of each
-    reason refers to the sampled poses.
+    ``at`` are the sampled poses, ``low`` those found by search. ``near`` (L, n) are configurations
+    from which a reachability test starts. The ``share`` of each reason is the fraction of the
+    sampled poses.
     """
     both = joined([at, low])
     on, folds = rows_of(both, both.sheet), both.U[both.ok & ~both.sheet]
@@ -393,7 +433,10 @@ def _bodies(
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
-    Return the distance, m, the two links, and the failure by collision; None without collision.
+    Return the distance, m, the two links, and the failure by collision; None without collision. A
+    body distance takes long to compute, so only the first of the ``count`` held-out poses and the
+    corners are evaluated, then a search starts from the nearest ones unless the evaluation is a
+    quick one.
     """
     cell = candidate.chart.cell.whole
     bodies = bodies_of(cell.task)
@@ -419,9 +462,10 @@ def _all_round(
 ) -> tuple[Array, Array, CandidateFunction]:
     """Move poses by random amounts along the symmetric coordinates of a sector.
 
-    Body distances, unlike other figures, depend on these coordinates. Return the coordinates in the
-    sector with all its coordinates, the configurations (K, n), and the candidate function over that
-    sector. In other cells nothing is changed.
+    A single joint moves the frame along such a coordinate, so the function is designed without it.
+    Body distances, unlike other figures, depend on it. Return the coordinates in the sector with
+    all its coordinates, the configurations (K, n), and the candidate function over that sector. In
+    other cells nothing is changed.
     """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
     U = cell._lifted(U)

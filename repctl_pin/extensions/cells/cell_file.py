@@ -1,4 +1,8 @@
-"""File content of a cell's design: conversion to plain data, and back."""
+"""File content of a cell's design: conversion to plain data, and back.
+
+A cell is a box of poses, its design a function q = F(x) with one configuration for each of them.
+The classes are the parts of the file, in JSON; their attributes have the names of its keys.
+"""
 
 from __future__ import annotations
 
@@ -104,7 +108,8 @@ class _SectorFile(Part):
 class _BodiesFile(Part):
     """Fingerprint of the collision bodies: of their shapes, and of their places.
 
-    ``places`` has one number per check configuration of the task, which changes with any placement.
+    The body distance of a file is dropped if the bodies have changed since. ``places`` has one
+    number per check configuration of the task, which changes with any placement.
     """
 
     shapes: str
@@ -170,7 +175,7 @@ class _CellFile(Sealed):
 
 
 def cell_file(design: CellDesign) -> _CellFile:
-    """Convert the design of a cell's function to the content of a file.
+    """Convert the design of a cell's function to the content of a file, ready to be written.
 
     Raises
     ------
@@ -205,7 +210,10 @@ def cell_file(design: CellDesign) -> _CellFile:
 
 
 def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
-    """Convert the fingerprint of the bodies to plain data; UNSET if no distance is known."""
+    """Convert the fingerprint of the collision bodies to plain data; UNSET if no distance is known.
+
+    The file leaves out what is UNSET.
+    """
     if np.isnan(design.body_distance):
         return msgspec.UNSET
     task = design.task
@@ -214,7 +222,11 @@ def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
 
 
 def _known_distance(content: _CellFile, task: Task) -> float:
-    """Return the body distance of a file, m; NaN with a warning if the bodies have changed."""
+    """Return the body distance of a file, m; NaN with a warning if the bodies have changed.
+
+    It is infinite if there are no bodies. In older files, the bodies have no fingerprint; then the
+    distance counts as unchanged.
+    """
     distance, bodies = content.figures.body_distance, content.bodies
     if isinstance(bodies, msgspec.UnsetType):
         return np.nan if distance is None else distance
@@ -240,8 +252,9 @@ def _known_distance(content: _CellFile, task: Task) -> float:
 def _shapes_fingerprint(task: Task) -> str:
     """Compute the fingerprint of all collision shapes of a robot and its surroundings.
 
-    It covers their sizes and places on their links, the content of their mesh files, and the pairs
-    of links that the SRDF disables.
+    If it differs from that of a file, the file's body distance is dropped. It covers the sizes of
+    the shapes and their places on their links, the content of their mesh files, and the pairs of
+    links that the SRDF disables.
     """
     robot = task.robot
     entry = robot.entry
@@ -261,7 +274,8 @@ def _shapes_fingerprint(task: Task) -> str:
 def _bodies_at(task: Task, Q: ArrayLike) -> Array:
     """Compute one number per row of Q (K, n) that changes if any body is placed elsewhere: (K,).
 
-    It is a sum of all entries of the placements of the links with bodies, each with its own factor.
+    By these numbers, a file finds out whether its body distance still holds. Each is a sum of all
+    entries of the placements of the links with bodies, each with its own factor.
     """
     robot = task.robot
     model, drive = task.bodies_model()
@@ -290,7 +304,7 @@ def _bodies_at(task: Task, Q: ArrayLike) -> Array:
 def _solid(
     solid: Shape, description: Description, package_dirs: tuple[str, ...]
 ) -> tuple[object, ...]:
-    """Return a shape as plain data, with the content of its mesh file."""
+    """Return a collision shape as plain data, for a fingerprint, with the hash of its mesh file."""
     mesh = None
     if solid.filename:
         file = find_mesh(solid.filename, description.path, package_dirs)
@@ -301,12 +315,15 @@ def _solid(
 
 @lru_cache(maxsize=256)
 def _content(file: Path, changed: int) -> str:
-    """Hash the content of a file; ``changed`` is its modification time, which renews the cache."""
+    """Hash the content of a file as a hexadecimal text.
+
+    ``changed`` is its modification time; a new one makes the cached hash of the file invalid.
+    """
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
-    """Convert the coordinates of a sector to plain data; UNSET for a box."""
+    """Convert the coordinates of a sector to plain data; UNSET, which is left out, for a box."""
     if not isinstance(cell, Sector):
         return msgspec.UNSET
     symmetric = [one.coordinate for one in cell.removed]
@@ -319,7 +336,11 @@ def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
 
 
 def _cell(content: _CellFile, task: Task) -> Cell:
-    """Create the cell of a chart: a box, or a sector without its symmetric coordinates."""
+    """Create the cell of a file: a box of poses, or a sector without its symmetric coordinates.
+
+    Along a symmetric coordinate, a single joint moves the frame, so the chart does not contain it.
+    An InputError is raised if the numbers do not describe a cell of this task.
+    """
     widths, at, positions = (
         np.array(content.widths),
         np.array(content.placement),
@@ -367,7 +388,7 @@ def _cell(content: _CellFile, task: Task) -> Cell:
 
 
 def cell_of(content: _CellFile, task: Task) -> CellDesign:
-    """Create the design of a cell's function from the content of a file.
+    """Create the design of a cell's function from the content of a file, for a task.
 
     Raises
     ------
@@ -426,7 +447,12 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
 
 
 def _unchecked(content: _CellFile, task: Task) -> list[str]:
-    """Refuse a changed robot; see :class:`repctl_pin.saving.design_file.FileKind`."""
+    """Refuse a robot that has changed since the file was written; list what cannot be checked.
+
+    Joint limits and masses are compared; if one differs, an InputError is raised. Older files lack
+    some of them, or the collision bodies; the names of these are returned. See
+    :class:`repctl_pin.saving.design_file.FileKind`.
+    """
     known = content.bodies is not msgspec.UNSET
     return [
         *require_ranges(content.task, task, speeds=False),

@@ -1,5 +1,10 @@
-"""Fit of an inverse function over a cell: choice of the configuration in the middle, minimisation
-of the cost with rising degree, then with penalties on small margins."""
+"""Fit of an inverse function over a cell: from the configuration in its middle to the function.
+
+The function q = F(x) gives one configuration for each pose of the cell, a box of poses.
+Configurations in the middle are compared; a chart is fitted to rays from there, polynomials that
+approximate configurations and null spaces; then the cost is minimised with rising degree, and with
+penalties on small margins.
+"""
 
 from __future__ import annotations
 
@@ -77,10 +82,10 @@ _Found = CellDesign | tuple[FailureReason, ...]
 
 @dataclass(frozen=True)
 class CellFit:
-    """Arguments of a design over a cell, and methods that compute the design.
+    """Arguments of a design of a function over a cell, and methods that compute the design.
 
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
-    ``incomplete="keep"``.
+    ``incomplete="keep"``, so that a function may cover a part of the cell.
     """
 
     desired: Inverse
@@ -103,7 +108,9 @@ class CellFit:
         rays are free of collisions are compared. If its coverage is below 90 %, no other is tried.
         Where rays from the first configuration violate limits, its own quick design decides.
 
-        Return the configuration used (n,), and the design or the reasons for failure."""
+        A ray is the motion along a straight line from the middle of the cell. Return the
+        configuration used (n,), and the design or the reasons for failure.
+        """
         first = postures[0]
         doubtful = len(postures) > 1 and first.margin < 0
         found = self.design(cell, first.q, quick=doubtful)
@@ -128,7 +135,8 @@ class CellFit:
     def good(self, found: _Found, *, bodies: bool = True) -> bool:
         """Test whether a design covers the cell with good margins and low extra joint speed.
 
-        With ``bodies=False``, collisions are allowed.
+        If so, no other configuration in the middle is tried. Reasons for failure, in place of a
+        design, are not good. With ``bodies=False``, collisions are allowed.
         """
         coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
         kept = (coverage, everywhere, separate or not bodies, margin)
@@ -141,7 +149,7 @@ class CellFit:
     def design(
         self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = ()
     ) -> _Found:
-        """Design over one cell from the configuration q (n,) in its middle.
+        """Design a function over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
         A quick design has a lower degree, fewer nodes, and a quick evaluation. ``guess`` is a quick
@@ -202,9 +210,11 @@ class CellFit:
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
         """Add to a design over a sector the extra joint speed that its requested angle costs.
 
-        The cost is the difference from a second design, with the angle ``"all"``, whose range is
-        set by the joint limits. The design is returned unchanged if its angle is not requested in
-        rad, or if the joint stays far from its limits at both ends of the angle."""
+        The user thus sees what a smaller angle would save. The cost is the difference from a second
+        design, with the angle ``"all"``, whose range is set by the joint limits. ``q`` (n,) is the
+        configuration in the middle. The design is returned unchanged if its angle is not requested
+        in rad, or if the joint stays far from its limits at both ends of the angle.
+        """
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
         turns = {turn.coordinate: turn for turn in found.evaluation.turns}
@@ -233,7 +243,10 @@ class CellFit:
         )
 
     def _highest(self, cell: Cell) -> int:
-        """Return the highest degree to try, as the number of unknowns allows if it is "auto"."""
+        """Return the highest degree to try for the polynomial s(u) of a function.
+
+        If the degree is "auto", it is at most 6, and such that there are at most 260 unknowns.
+        """
         if self.degree != "auto":
             return int(self.degree)
         d = 1
@@ -252,6 +265,9 @@ class CellFit:
         guess: _Found,
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
         """Minimise the cost with rising degree, then with penalties on small margins.
+
+        The unknowns are the coefficients of s(u), the position of the function along the
+        self-motion of each pose u. The degree rises until a higher one is not worthwhile.
 
         Parameters
         ----------
@@ -306,8 +322,10 @@ class CellFit:
         return kept, terms, tuple(tried)
 
     def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
-        """Make the margins that are constrained: joint limits, and body distance and σ_min(J) if
-        requested."""
+        """Make the margins that the fit keeps: joint limits, and others if they are requested.
+
+        These are the body distance and σ_min(J). A quick design checks fewer poses.
+        """
         limits = limits_of(cell, self.limit_margin)
         found = [replace(limits, starts=24, violators=48) if quick else limits]
         found += (
@@ -319,14 +337,19 @@ class CellFit:
 
 
 def _nodes(U: Array, terms: Monomials) -> Array:
-    """Return the first poses of U (K, k): at least 256, and at least three per monomial."""
+    """Return the first poses of U (K, k), enough to fit the monomials to them.
+
+    These are at least 256, and at least three per monomial, if U has them.
+    """
     return U[: max(256, _power_of_two(3 * terms.size))]
 
 
 def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
-    """Fit coefficients (N, r) of degree 2 to the labels of a design's function in a chart.
+    """Fit coefficients (N, r) of degree 2 to the labels of a design's function in another chart.
 
-    ``U`` (K, k) are poses. None if there is no design, or one over another cell.
+    A chart approximates a configuration for each pose, and the label s is the position along the
+    self-motion from there. A fit begins at the result instead of at 0. ``U`` (K, k) are poses.
+    Return None if there is no design, or one over another cell.
     """
     if not isinstance(guess, CellDesign) or guess.function.chart.cell is not chart.cell:
         return None
@@ -337,10 +360,10 @@ def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
 
 
 def _fit(cost: Cost, a: Array) -> Descent:
-    """Minimise the cost from coefficients a (N, r).
+    """Minimise the cost from coefficients a (N, r) of the label s.
 
-    If the function of these coefficients does not exist at some node, start from zero, which is the
-    reference function.
+    The function is at the position s along the self-motion of each pose. If the function of these
+    coefficients does not exist at some node, start from zero, which is the reference function.
     """
     found = descend(cost, a)
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
@@ -349,11 +372,11 @@ def _fit(cost: Cost, a: Array) -> Descent:
 def _recharted(
     cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool
 ) -> Chart:
-    """Fit the final chart, in which the optimised function is s = 0.
+    """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
-    Its q_ref approximates the configurations of the function, its n_ref the null spaces there. The
-    degree is raised until q_ref is accurate enough for two Newton steps, unless the design is a
-    quick one.
+    A chart has polynomials q_ref and n_ref; s is the position along the self-motion. Its q_ref
+    approximates the configurations of the function, its n_ref the null spaces there. The degree is
+    raised until q_ref is accurate enough for two Newton steps, unless the design is a quick one.
     """
     degree = max(terms.degree, chart.monomials.degree, 3)
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
@@ -374,10 +397,12 @@ def _recharted(
 
 
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
-    """Reduce the degree of n_ref if it still approximates the null spaces N (K, n, r) at U (K, k).
+    """Reduce the degree of n_ref, the null-space directions of a chart, if it stays accurate.
 
-    The function s = 0 stays close to q_ref for any n_ref near the null space. A lower degree of
-    n_ref makes the C code faster."""
+    ``N`` (K, n, r) are the null spaces at the poses U (K, k), which n_ref approximates. The
+    function s = 0 stays close to the chart's q_ref for any n_ref near the null space. A lower
+    degree of n_ref makes the C code faster.
+    """
     for degree in range(1, chart.monomials.degree):
         low = Monomials(chart.cell.k, degree)
         fibres = low.fit(U, N)
@@ -392,6 +417,7 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
 def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
     """Return the reasons for failure of a cell, from rays that could not be followed to their ends.
 
+    A ray is the motion along a straight line from the middle of the cell to one of its poses.
     ``count`` is the number of poses to which the ``share`` of each reason refers.
     """
     bad = ends.reached < 1
@@ -403,7 +429,11 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 
 
 def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
-    """Make the failure that no value of a symmetric coordinate has all poses inside the limits."""
+    """Make the failure that no value of a symmetric coordinate has all poses inside the limits.
+
+    A single joint moves the frame along such a coordinate of a sector. Its values over the cell
+    differ by more than its range.
+    """
     what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
 
@@ -411,10 +441,11 @@ def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
 def _rank(
     found: _Found, limit_margin: float
 ) -> tuple[float, bool, bool, float, float, float]:
-    """Sort key of designs, larger is better.
+    """Sort key of designs, larger is better, of which the best is used.
 
-    It compares coverage of the held-out poses, coverage of all poses, absence of collisions, limit
-    margin up to 0.4 of the requested one, range of the symmetric coordinates, and negative cost.
+    It consists of coverage of the held-out poses, coverage of all poses, absence of collisions,
+    limit margin up to 0.4 of the requested one, range of the symmetric coordinates, and negative
+    cost. Reasons for failure, in place of a design, have the lowest key.
     """
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf, -np.inf
@@ -433,8 +464,11 @@ def _rank(
 
 
 def _share(found: CellDesign) -> float:
-    """Range of a function along the coordinates of a sector with the range ``"all"``, as a fraction
-    of the joint's range, rounded to 5 %. The minimum of all such coordinates; 1 if there is none.
+    """Compute which share of a joint's range a design reaches in a sector's ``"all"`` coordinates.
+
+    Such a coordinate, angle or spin, goes as far as the limits of its joint, less what the joint
+    moves over the cell. The share is rounded to 5 %. The result is the minimum of all such
+    coordinates; 1 if there is none.
     """
     cell = found.cell
     names = [cell.coordinate_names[i] for i in cell.free]
@@ -444,8 +478,10 @@ def _share(found: CellDesign) -> float:
 
 
 def _terms(cell: Cell, degree: int) -> int:
+    """Compute the number of monomials up to a degree in the k coordinates of a cell."""
     return comb(cell.k + degree, degree)
 
 
 def _power_of_two(count: int) -> int:
+    """Return the smallest power of two that is at least ``count``, for Sobol points."""
     return 1 << max(0, int(np.ceil(np.log2(max(count, 1)))))

@@ -1,4 +1,7 @@
-"""Map of the workspace: sections of the places where a box of poses works, and its price."""
+"""Map of the workspace: sections of the places where a box of poses works, and its price.
+
+The price is the extra joint speed of a function that gives one configuration for each pose.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,9 @@ configurations from which each place is solved, and of rounds from the configura
 @dataclass(frozen=True, eq=False)
 @read_only
 class Section:
-    """Places of a box in a plane parallel to two axes of the base.
+    """Plane of the workspace, parallel to two axes of the base, with how much of a box fits where.
+
+    A box of poses fits around a place if J⁺ reaches all its corners from there.
 
     Attributes
     ----------
@@ -48,7 +53,8 @@ class Section:
 def sections(box: Cell, report: Report, seed: int = 0) -> list[Section]:
     """Evaluate a box around places in planes through its middle: from above, and from the side.
 
-    The price is that of polynomials of degree 2 through the configurations to which J⁺ leads at
+    The result shows where a box of poses works, and its price, the extra joint speed relative to
+    J⁺. That is estimated by polynomials of degree 2 through the configurations to which J⁺ leads at
     the corners, from the middle: the self-motion in their slopes at the corners, relative to J⁺.
     """
     report("drawing configurations", 0.0)
@@ -68,8 +74,9 @@ def sections(box: Cell, report: Report, seed: int = 0) -> list[Section]:
 
 
 def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
-    """Evaluate one section, from configurations that reach the orientation elsewhere.
+    """Evaluate a box around all places of one section, a plane parallel to two axes of the base.
 
+    ``known`` are configurations anywhere that reach the orientation, from which places are solved.
     A place where the box does not fit is tried again from its neighbours' configurations.
     """
     n = box.task.n
@@ -83,7 +90,10 @@ def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
     Q = np.full((len(places), n), np.nan)
 
     def evaluate(where: NDArray[np.intp], starts: Array) -> None:
-        """Take the best box at some places, from configurations that are tried there."""
+        """Try boxes at the places with indices ``where``, from configurations ``starts`` (L, n).
+
+        Where a larger box is found than before, it replaces the result of the place.
+        """
         found = grown(box, places[where], starts)
         if not len(found.p):
             return
@@ -117,7 +127,7 @@ def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
 
 
 def _separate(box: Cell, found: Grown) -> NDArray[np.bool_]:
-    """Test in which boxes no bodies collide, in the middle and at the corners: (K,)."""
+    """Test around which middles of a box no bodies collide, there and at its corners: (K,)."""
     K, C, n = found.ends.shape
     Q = np.concatenate([found.Q[:, None], found.ends], axis=1).reshape(-1, n)
     distances = bodies_of(box.task).distances(Q).reshape(K, C + 1)
@@ -125,7 +135,11 @@ def _separate(box: Cell, found: Grown) -> NDArray[np.bool_]:
 
 
 def _extra_speed(box: Cell, found: Grown) -> Array:
-    """Estimate the extra joint speed (K,) of boxes by polynomials of degree 2."""
+    """Estimate the extra joint speed (K,) of a function over boxes by polynomials of degree 2.
+
+    They go through the configurations in the middle and at the corners of each box. Their slopes
+    there are compared with J⁺; to design a function for each place of the map would take too long.
+    """
     K, C, n = found.ends.shape
     U = np.concatenate([np.zeros((1, box.k)), box.corners()])
     monomials = Monomials(box.k, 2)

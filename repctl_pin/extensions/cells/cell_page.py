@@ -1,4 +1,7 @@
-"""Page of a function over a cell: animation of a sample path, slices, and figures of merit."""
+"""Page of a function over a cell: animation of a sample path, slices, and figures of merit.
+
+The function gives one configuration for each pose of the cell, a box of poses or a sector.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,10 @@ def _box_of(cell: Cell) -> Array:
 
 
 def _edges(sector: Sector) -> Array:
-    """Trace the arcs and edges of a sector's range of positions: points (P, 3), m."""
+    """Trace the arcs and edges of a sector's range of positions: points (P, 3), m.
+
+    A sector is a cell in cylindrical coordinates. The points are those of one line, to be drawn.
+    """
     there = np.linspace(-1.0, 1.0, _ARC)
     arc, corners = (
         [*there, *there[::-1]],
@@ -121,7 +127,10 @@ def cell_page(
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
-    """List the label, motion and colour of each controller; the last one is the function."""
+    """List the label, motion and colour of each controller; the last one is the function.
+
+    ``motions`` has one motion or two: of the desired inverse, if it succeeded, and of the function.
+    """
     colours = [VERMILLION, BLUE][-len(motions) :]
     return [
         (*one, colour) for one, colour in zip(motions.items(), colours, strict=True)
@@ -134,7 +143,11 @@ def _tour_page(
     joint: int,
     name: str,
 ) -> str:
-    """Write the animation page of the motions side by side, with the outline of the cell."""
+    """Write the animation page of the motions side by side, with the outline of the cell.
+
+    ``motions`` are (label, motion, colour); ``joint`` is the index of the joint whose path is
+    traced, the elbow.
+    """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
     return playback_page(
@@ -177,7 +190,10 @@ def cell_headline(
 
 
 def _covered(design: CellDesign) -> str:
-    """Write which poses the function covers and, if it is not all, what stops it elsewhere."""
+    """Write which poses the function covers and, if it is not all, what stops it elsewhere.
+
+    This is the first sentence of the page.
+    """
     found = design.evaluation
     if found.everywhere:
         shape = "sector" if isinstance(design.cell, Sector) else "box"
@@ -189,7 +205,10 @@ def _covered(design: CellDesign) -> str:
 
 
 def _cost(design: CellDesign) -> Span:
-    """Write the extra joint speed on average and at the worst pose, both over all directions."""
+    """Write the extra joint speed on average and at the worst pose, both over all directions.
+
+    It is relative to the desired inverse, by default J⁺.
+    """
     mean, worst = (
         ratio_in_percent(share, 2).replace("-", "−")
         for share in (design.extra_speed, design.extra_speed_worst)
@@ -200,7 +219,11 @@ def _cost(design: CellDesign) -> Span:
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
-    """Write the smallest known distance from the joint limits, and what it leaves out."""
+    """Write the smallest known distance from the joint limits, and which joints it leaves out.
+
+    ``path`` is empty, or has the motion along the sample path, which counts, too. A joint is left
+    out if it ends the range of a sector's angle or spin.
+    """
     found, unit = design.evaluation, design.task.unit
     margins = [float(motion.limit_margin.min()) for motion in path]
     if min(margins, default=0.0) < 0:
@@ -222,7 +245,10 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
 
 
 def _turned_to_the_end(design: CellDesign) -> list[str]:
-    """List the joints that a sector turns as far as they go, which no limit margin counts."""
+    """List the joints that a sector turns as far as they go, which no limit margin counts.
+
+    A coordinate of the sector with the range ``"all"`` ends at their limits.
+    """
     free = [design.cell.coordinate_names[i] for i in design.cell.free]
     return [
         turn.joint
@@ -232,7 +258,10 @@ def _turned_to_the_end(design: CellDesign) -> list[str]:
 
 
 def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
-    """Write the smallest known distance between bodies, or that there are none."""
+    """Write the smallest known distance between bodies, or that there are none.
+
+    ``path`` is empty, or has the motion along the sample path, which counts, too.
+    """
     distances = [float(motion.coarse.body_distance.min()) for motion in path]
     least = min([design.body_distance, *distances])
     if not np.isfinite(least):
@@ -246,6 +275,6 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
 
 
 def _unbroken(span: Span) -> Span:
-    """Keep numbers and their units on one line."""
+    """Keep numbers and their units on one line, by no-break spaces in the text of a span."""
     text = re.sub(r"(\d) (%|rad\b|m\b|cm\b|mm\b|s\b)", "\\1\u00a0\\2", span.text)
     return span._replace(text=text)

@@ -1,5 +1,8 @@
-"""Figures of a function over a cell, slices coloured by figures of merit; and the map of the
-workspace."""
+"""Figures of a function over a cell: slices, coloured by figures of merit; and the map of a box.
+
+A slice shows the function over two coordinates of the cell. The map shows where in the workspace a
+box of poses works.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +29,10 @@ _WHAT = {
 def _slice_of_cell(
     ax: Axes, design: CellDesign, cut: Slice, what: str, ends: tuple[float, float]
 ) -> None:
-    """Draw one quantity over one slice of a cell as a map; uncovered poses are grey.
+    """Draw one quantity over one slice of a cell as a map; poses that are not covered are grey.
 
-    ``what`` is ``limit_margin``, ``extra_speed`` or ``turn``. ``ends`` are the values at the ends
-    of the colour scale.
+    A slice has two coordinates of the cell. ``what`` is ``limit_margin``, ``extra_speed`` or
+    ``turn``. ``ends`` are the values at the ends of the colour scale.
     """
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
@@ -90,9 +93,10 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
 def map_figure(
     cell: Cell, posture: Array, factor: float, cuts: Sequence[Section]
 ) -> Figure:
-    """Draw the sections of a map of the workspace, with the arm at a posture (n,) in a cell.
+    """Draw the map of the workspace, with the arm at a posture (n,) in the middle of a cell.
 
-    The boxes of the map are larger than the cell by 1 / ``factor``.
+    The map shows where a box of poses works, in sections parallel to axes of the base. Its boxes
+    are larger than the cell by 1 / ``factor``.
     """
     task = cell.task
     edges = " × ".join(f"{2 * w / factor:.3g}" for w in cell.half_width)

@@ -1,5 +1,8 @@
-r"""Chart of the configurations over a cell: coordinates (u, s) of configurations, with u the pose
-and s the position along the self-motion of that pose."""
+r"""Chart of the configurations over a cell: their coordinates (u, s).
+
+The cell is a box of poses, u is the pose in it, and s the position along the self-motion of that
+pose. A function q = F(u) over the cell is s = 0, or s = s(u), in such coordinates.
+"""
 
 from __future__ import annotations
 
@@ -34,6 +37,8 @@ _EXACT = 1e-11
 
 class _Goals(NamedTuple):
     """What the equations of a chart require at K poses, from :meth:`Chart.goals`.
+
+    The same poses are solved often; the goals are then computed once.
 
     Attributes
     ----------
@@ -74,19 +79,28 @@ class Chart:
 
     @classmethod
     def fitted(cls, cell: Cell, U: Array, Q: Array, N: Array, degree: int) -> Chart:
-        """Fit a chart: polynomials q_ref to configurations Q (K, n), and n_ref to null-space bases
-        N (K, n, r), at the poses U (K, k)."""
+        """Fit a chart to configurations Q (K, n) and null-space bases N (K, n, r) at U (K, k).
+
+        U are the poses in coordinates of the cell. The polynomial q_ref approximates Q, the
+        polynomial n_ref approximates N, both of the given degree in u.
+        """
         monomials = Monomials(cell.k, degree)
         both = np.concatenate([Q[:, :, None], N], axis=2)
         return cls(cell, monomials, monomials.fit(U, both))
 
     def reference(self, U: Array) -> tuple[Array, Array]:
-        """Evaluate q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""
+        """Evaluate the polynomials q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k).
+
+        They approximate a configuration of each pose, and the null space of J there.
+        """
         both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
         return both[:, :, 0], both[:, :, 1:]
 
     def slopes(self, U: Array) -> tuple[Array, Array]:
-        """Evaluate ∂q_ref/∂u (K, n, k) and ∂n_ref/∂u (K, n, r, k) at the coordinates U (K, k)."""
+        """Evaluate ∂q_ref/∂u (K, n, k) and ∂n_ref/∂u (K, n, r, k) at the coordinates U (K, k).
+
+        q_ref and n_ref are the polynomials of the chart.
+        """
         monomials, coefficients = self._differentiated
         values = monomials.values(U)
         both = (values @ coefficients.reshape(len(coefficients), -1)).reshape(
@@ -99,11 +113,13 @@ class Chart:
     ) -> Array:
         r"""Evaluate the gradients V (K, n, r) of the potentials ``h = n_refᵀ (q − q_ref)``.
 
+        A controller that holds h constant follows the function of the chart.
+
         .. math:: V^T = n_{ref}^T - \left[ n_{ref}^T \partial q_{ref}
                   - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
 
-        ∂ is the derivative with respect to u. With coordinates that symmetries remove from u,
-        :attr:`Cell.along` is added to ∂q_ref.
+        ∂ is the derivative with respect to u, the coordinates of the pose. With coordinates that
+        symmetries remove from u, :attr:`Cell.along` is added to ∂q_ref.
 
         Parameters
         ----------
@@ -120,12 +136,18 @@ class Chart:
 
     @cached_property
     def _differentiated(self) -> tuple[Monomials, Array]:
-        """Monomials of one degree less, and coefficients (N', n, 1 + r, k) of the derivatives of
-        q_ref and n_ref with respect to u in these monomials."""
+        """The derivatives of q_ref and n_ref with respect to u, as monomials and coefficients.
+
+        The monomials are of one degree less, the coefficients are (N', n, 1 + r, k): of q_ref, then
+        of the r columns of n_ref.
+        """
         return self.monomials.differentiated(self.coefficients)
 
     def goals(self, U: Array) -> _Goals:
-        """Evaluate the references and the placements at the coordinates U (K, k)."""
+        """Evaluate what the equations of a chart require at the coordinates U (K, k) of poses.
+
+        These are the polynomials q_ref and n_ref there, and the placements.
+        """
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def solve(
@@ -138,6 +160,8 @@ class Chart:
         iterations: int = _ITERATIONS,
     ) -> Points:
         """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.
+
+        The label s is the position along the self-motion of the pose x(u), measured from q_ref(u).
 
         Parameters
         ----------
@@ -182,6 +206,9 @@ class Chart:
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method.
 
+        These are the equations of the chart: q is the configuration of a pose at the position s
+        along its self-motion. q_ref and n_ref approximate a configuration and the null space.
+
         Parameters
         ----------
         goal : (K, 3) and (K, 3, 3) arrays
@@ -224,7 +251,10 @@ class Chart:
         Q: Array,
         iterations: int,
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """Do the same as :meth:`_newton` in C, with the chain of the task."""
+        """Do the same as :meth:`_newton` in C, which is faster.
+
+        ``arm`` is the C struct of the task's joint chain.
+        """
         K, task = len(Q), self.cell.task
         Q = np.array(Q, float, order="C")
         R, J = np.empty((K, 3, 3)), np.empty((K, task.m, task.n))
@@ -239,7 +269,8 @@ class Chart:
     ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
-        The derivative ∂ with respect to u follows from the two equations of the chart:
+        s is the position along the self-motion, and 0 if F is the function of the chart. The
+        derivative ∂ with respect to u follows from the two equations of the chart:
 
         .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
                   \partial s + n_{ref}^T \partial q_{ref}
@@ -286,7 +317,10 @@ class Chart:
         ds: Array | None = None,
         C: Array | None = None,
     ) -> tuple[Array, Array, Array]:
-        """Evaluate the joint speeds of a function and of G_d, per unit of task speed.
+        """Evaluate the joint speeds of a function F and of G_d, per unit of task speed.
+
+        G_d is the desired inverse, such as J⁺; the cost of a design is the mean squared difference
+        of both. E = ∂x/∂u, and C scales the coordinates u to unit task speed.
 
         Parameters
         ----------
@@ -313,6 +347,9 @@ class Chart:
 class Points(NamedTuple):
     """Configurations that solve the equations of a chart at K poses, and the kinematics there.
 
+    They are the values of a function q = F(u): each is at the position s(u) along the self-motion
+    of its pose.
+
     Attributes
     ----------
     U, Q : (K, k) and (K, n) arrays
@@ -337,7 +374,10 @@ class Points(NamedTuple):
     found: NDArray[np.bool_]
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
-        """Return a copy in which the points with the given indices are those of ``other``."""
+        """Return a copy in which the points with the indices ``at`` are those of ``other``.
+
+        A search of many poses thus takes over those at which it succeeded.
+        """
         arrays = [values.copy() for values in self]
         for values, new in zip(arrays, other, strict=True):
             values[at] = new
@@ -347,9 +387,10 @@ class Points(NamedTuple):
 class CellPotentials:
     r"""The r potentials of a chart, whose leaf {h(q) = c} is the function with s = c.
 
-    Their gradients are those of :meth:`Chart.gradients`. :class:`RepeatableInverse` accepts these
-    potentials like polynomials of q. Outside the cell, the polynomials in u extrapolate and are not
-    meaningful.
+    A controller that holds the potentials h constant follows the function: s is the position along
+    the self-motion of each pose. Their gradients are those of :meth:`Chart.gradients`.
+    :class:`RepeatableInverse` accepts these potentials like polynomials of q. Outside the cell, the
+    polynomials in u extrapolate and are not meaningful.
 
     Parameters
     ----------
@@ -362,15 +403,18 @@ class CellPotentials:
 
     @property
     def region(self) -> Cell:
-        """The cell, which is the region Ω of an inverse with these potentials."""
+        """The cell, which is the region Ω, where an inverse with these potentials is valid."""
         return self.chart.cell.whole
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h (r,) at q (n,)."""
+        """Evaluate the potentials h (r,) at q (n,), which a controller holds constant."""
         return self.values(np.asarray(q, float)[None])[0]
 
     def values(self, Q: Array) -> Array:
-        """Evaluate the potentials h (K, r) at every row of Q (K, n)."""
+        """Evaluate the potentials h (K, r) at every row of Q (K, n).
+
+        A controller holds them constant, and so follows a function q = F(x).
+        """
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
@@ -378,11 +422,11 @@ class CellPotentials:
         return np.einsum("Knr,Kn->Kr", n_ref, away)
 
     def gradient(self, q: Array) -> Array:
-        """Evaluate the gradients V = ∂hᵀ/∂q at q (n,): (n, r)."""
+        """Evaluate the gradients V = ∂hᵀ/∂q of the potentials h at q (n,): (n, r)."""
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate the gradients V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate the gradients V = ∂hᵀ/∂q of the potentials at Q (K, n): (K, n, r)."""
         Q = np.asarray(Q, float)
         p, R, J = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
@@ -392,7 +436,7 @@ class CellPotentials:
         return self.chart.gradients(U, dU, J, n_ref, away)
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the potentials, for the native library."""
+        """Create the C struct :data:`PART` of the potentials, with which a controller runs in C."""
         chart = native_chart(self.chart)
         part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})
         point(part, "chart", [chart])
@@ -400,7 +444,7 @@ class CellPotentials:
 
 
 def native_chart(chart: Chart) -> Any:
-    """Create the struct :data:`CHART` of a chart."""
+    """Create the C struct :data:`CHART` of a chart, with its cell, to evaluate it in C."""
     ints, reals, scalars = chart.cell._tables()
     terms, both, weights = _weights(chart)
     row, column = _elimination_order(chart)
@@ -416,11 +460,12 @@ def native_chart(chart: Chart) -> Any:
 
 
 def _weights(chart: Chart) -> tuple[int, int, Array]:
-    """Arrange the coefficients of q_ref and n_ref for chart.c.
+    """Arrange the coefficients of q_ref and n_ref, the polynomials of a chart, for chart.c.
 
-    Returns the number of monomials, a multiple of 4; the number of those in which n_ref has
-    coefficients; and the coefficients. Each row belongs to a monomial: those of q_ref, then, in the
-    first rows, those of n_refᵀ. Both parts of a row have an even length, padded with zeros.
+    Return the number of monomials, a multiple of 4, as C adds four at a time; the number of those
+    in which n_ref has coefficients; and the coefficients. Each row belongs to a monomial: those of
+    q_ref, then, in the first rows, those of n_refᵀ. Both parts of a row have an even length, padded
+    with zeros.
     """
     C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
     C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))
@@ -436,8 +481,9 @@ def _weights(chart: Chart) -> tuple[int, int, Array]:
 def _elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
     """Order rows and columns of J_V by complete pivoting in the middle of the cell.
 
-    Returns the indices of the rows, and of the columns, in their new order, in which the C code
-    eliminates without exchanges.
+    J_V is the task Jacobian stacked on n_refᵀ, the null-space directions of the chart; each Newton
+    step solves with it. Return the indices of the rows, and of the columns, in their new order, in
+    which the C code eliminates without exchanges.
     """
     q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
     A = np.concatenate([chart.cell.task.jacobian(q), V.T])

@@ -1,6 +1,8 @@
 r"""Cost of a candidate for the inverse function over a cell, and its minimisation.
 
-The cost is the mean distance of ∂F/∂x from G_d, plus penalties on small margins."""
+The function q = F(x) gives one configuration for each pose of the cell. The cost is the mean
+distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +36,10 @@ damping."""
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Value:
-    """The cost at given coefficients, with the configurations at which it was evaluated.
+    """The cost of a candidate F, with the configurations at which it was evaluated.
 
-    ∂F = ∂F/∂u, E = ∂x/∂u and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
+    G_d is the desired inverse, s(u) the position of F along the self-motion. ∂F = ∂F/∂u, E = ∂x/∂u
+    and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
 
     Attributes
     ----------
@@ -67,6 +70,8 @@ class _Value:
 class Penalty:
     """A kind of margin that the cost penalises, and the poses at which it does.
 
+    A function whose margins are too small at some poses is thus moved away from limits there.
+
     Attributes
     ----------
     margin : Margin
@@ -83,12 +88,14 @@ class Penalty:
 
 
 class Cost:
-    r"""``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
-    T_t(u)``.
+    r"""Cost of a candidate F: mean distance from the desired inverse, plus penalties on margins.
 
-    The unknowns are the coefficients a of the label s(u) in the monomials T_t of the cell's
-    coordinates u. A cell may have fewer coordinates than the task, so ∂F/∂x is replaced by ∂F/∂u C
-    with ``C = (EᵀE)^(−1/2)`` and E = ∂x/∂u, in joint speed per unit of task speed.
+    It is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with
+    ``s = Σ_t a_t T_t(u)``. F gives one configuration for each pose of the cell; G_d is the desired
+    inverse. The unknowns are the coefficients a of s(u), the position of F along the self-motion of
+    each pose, in the monomials T_t of the cell's coordinates u. A cell may have fewer coordinates
+    than the task, so ∂F/∂x is replaced by ∂F/∂u C with ``C = (EᵀE)^(−1/2)`` and E = ∂x/∂u, in joint
+    speed per unit of task speed.
 
     Parameters
     ----------
@@ -140,7 +147,10 @@ class Cost:
         self._last: Array | None = None
 
     def value(self, a: Array) -> _Value:
-        """Evaluate the cost at coefficients a (N, r), with the function's configurations."""
+        """Evaluate the cost at coefficients a (N, r), with the function's configurations.
+
+        It is infinite if the function does not exist at some node.
+        """
         s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
         points = self.chart.solve(self.U, s, self._last, goals=self.goals)
         if not points.found.all():
@@ -169,10 +179,11 @@ class Cost:
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
-        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node depends
-        on a only through s and ∂s/∂u at that node. It is linear in ∂s/∂u, with the matrix B =
-        ∂F/∂s. The derivative with respect to s is taken by central differences. A margin depends on
-        s only."""
+        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node, a pose
+        u at which the function F differs from the desired inverse, depends on a only through s and
+        ∂s/∂u at that node, where s is the position along the self-motion. It is linear in ∂s/∂u,
+        with the matrix B = ∂F/∂s. The derivative with respect to s is taken by central differences.
+        A margin depends on s only."""
         chart, r = self.chart, self.chart.cell.task.r
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         own, desired, B = self._joint_speeds(points, ds)
@@ -232,11 +243,15 @@ class Cost:
         return gradient.ravel(), 2 * _products(features, L, r)
 
     def _joint_speeds(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
-        """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r)."""
+        """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r).
+
+        The first two are the joint speeds of the function and of the desired inverse per unit of
+        task speed.
+        """
         return self.chart.joint_speeds(self.desired, points, ds, self.C)
 
     def _residual(self, points: Points, ds: Array) -> Array:
-        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l)."""
+        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), whose mean square is the cost."""
         own, desired, _ = self._joint_speeds(points, ds)
         return own - desired
 
@@ -244,9 +259,10 @@ class Cost:
 def _products(features: Array, L: Array, r: int) -> Array:
     """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
 
-    ``features`` (K, 1 + k, N) are the same for each of the r labels. The factors L (K, r (1 + k),
-    r (1 + k)) are lower triangular, so the rows of label j have entries in the first j + 1 of r
-    blocks only; the products leave out the others.
+    It is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and their
+    slopes, the same for each of the r labels. The factors L (K, r (1 + k), r (1 + k)) are lower
+    triangular, so the rows of label j have entries in the first j + 1 of r blocks only; the
+    products leave out the others.
     """
     p, N = features.shape[1:]
     rows = []
@@ -266,7 +282,7 @@ def _products(features: Array, L: Array, r: int) -> Array:
 def _hinge(part: Penalty, Q: Array) -> Array:
     """Evaluate how far each of P margins falls short of what is asked at Q (L, n): (L, P).
 
-    It is ``max(0, asked − margin)``.
+    It is ``max(0, asked − margin)``, of which the cost penalises the square.
     """
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
@@ -274,7 +290,7 @@ def _hinge(part: Penalty, Q: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """Result of a minimisation of the cost.
+    """Result of a minimisation of the cost of a function over its cell.
 
     Attributes
     ----------
@@ -297,6 +313,8 @@ class Descent:
 def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     """Minimise the cost from coefficients a (N, r) by the Levenberg–Marquardt method.
 
+    They are those of s(u), the position along the self-motion, at which the function is.
+
     Parameters
     ----------
     cost
@@ -313,29 +331,39 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
 
 
 class _Problem:
-    """The cost as a problem for :func:`levenberg_marquardt`, with D = diag H."""
+    """The cost as a problem for :func:`levenberg_marquardt`, which minimises it.
+
+    The damping is scaled with the diagonal D of the Hessian H.
+    """
 
     def __init__(self, cost: Cost) -> None:
         self.cost = cost
 
     def evaluate(self, x: Array) -> Point[_Value]:
-        """Evaluate the cost at x, with the values that :meth:`model` needs; infinite if the
-        function does not exist at some node."""
+        """Evaluate the cost at coefficients x (N, r), with the values that :meth:`model` needs.
+
+        It is infinite if the function does not exist at some node.
+        """
         value = self.cost.value(x)
         return Point(value.cost, value.cost, True, value, x)
 
     def merit(self, x: Array) -> float:
-        """Evaluate the cost alone, as a number."""
+        """Evaluate the cost alone, as a number, at coefficients x (N, r)."""
         return self.cost.value(x).cost
 
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
-        """Evaluate the gradient (N r,), the Gauss–Newton Hessian (N r, N r), and the scaling
-        (N r,)."""
+        """Evaluate the gradient (N r,), Gauss–Newton Hessian (N r, N r) and scaling (N r,).
+
+        ``at`` is the result of :meth:`evaluate`.
+        """
         gradient, H = self.cost.model(at.data)
         return gradient, H, _scaling(H)
 
     def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` with μ = ``damping``."""
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping``, for one step of the minimisation.
+
+        ``model`` is the gradient g, the Hessian H and the diagonal D, from :meth:`model`.
+        """
         gradient, H, scale = model
         matrix = H + np.diag((damping + _REGULAR) * scale)
         dx = -np.asarray(np.linalg.solve(matrix, gradient), float)
@@ -344,16 +372,19 @@ class _Problem:
 
 
 def _scaling(H: Array) -> Array:
-    """Return the diagonal (N r,) of H plus 1e-12 of its maximum, so that no entry is 0."""
+    """Return the diagonal (N r,) of H plus 1e-12 of its maximum, so that no entry is 0.
+
+    H is the Hessian of the cost; a step of the minimisation is damped in proportion.
+    """
     diagonal = np.diag(H)
     return diagonal + 1e-12 * diagonal.max()
 
 
 def predicted_gain(cost: Cost, a: Array) -> float:
-    """Predict the relative decrease of the cost by a Gauss–Newton step from coefficients
-    a (N, r).
+    """Predict by how much a Gauss–Newton step from coefficients a (N, r) would lower the cost.
 
-    Return infinity if the function does not exist at some node.
+    It is the relative decrease, by which the fit decides whether a higher degree is worthwhile. It
+    is infinite if the function does not exist at some node.
     """
     value = cost.value(a)
     if not np.isfinite(value.cost):

@@ -1,5 +1,7 @@
-"""Reasons why an inverse function fails at poses of a cell: out of reach, singularity, joint limit,
-fold, collision."""
+"""Reasons why an inverse function fails at poses of a cell, each with its worst pose.
+
+These are: out of reach, singularity, joint limit, fold, collision.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ _SPARSE = 24
 @dataclass(frozen=True, eq=False)
 @read_only
 class FailureReason:
-    """One reason why a function fails, at its worst pose.
+    """One reason why a function fails at some poses of its cell, with the worst of them.
 
     Attributes
     ----------
@@ -45,15 +47,19 @@ class FailureReason:
 
 
 def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
-    """Make a reason at coordinates u (k,) of a cell, which may lack those of symmetries."""
+    """Make a reason at coordinates u (k,) of a cell, with 0 for those that symmetries remove.
+
+    ``cause``, ``share`` and ``what`` are attributes of :class:`FailureReason`.
+    """
     return FailureReason(cause, share, cell._lifted(u[None])[0], what)
 
 
 def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
     """Make the failure that states the joint and the pose of the largest joint-limit violation.
 
-    Q (K, n) are the configurations at the poses U (K, k). ``share`` is the fraction of the sampled
-    poses that violate a limit. Return None if no configuration violates one.
+    Q (K, n) are the configurations at the poses U (K, k), in coordinates of the cell. ``share`` is
+    the fraction of the sampled poses that violate a limit. Return None if no configuration violates
+    one.
     """
     task = cell.task
     margin = cell.limit_margin(Q)
@@ -120,8 +126,9 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
 def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
     """Make the failure that the function folds at poses U (K, k); None if there are no poses.
 
-    At a fold the leaf margin goes through 0. ``share`` is the fraction of the sampled poses beyond
-    a fold.
+    At a fold, the configurations of neighbouring poses turn back along the self-motion: the leaf
+    margin, the distance from an algorithmic singularity, goes through 0. ``share`` is the fraction
+    of the sampled poses beyond a fold.
     """
     if not len(U):
         return None
@@ -148,10 +155,10 @@ def touching(
 
 
 def round_the_base(cell: Cell) -> str:
-    """Return a text which says that the cell contains the axis of the arm's first joint.
+    """Write that the cell contains the axis of the arm's first joint, so that no function exists.
 
-    Return an empty text if it does not, if the first joint is prismatic, or if the cell is a
-    sector.
+    The text is part of an error message. Return an empty text if the cell does not contain the
+    axis, if the first joint is prismatic, or if the cell is a sector.
     """
     task = cell.task
     turning = np.flatnonzero(task.revolute)

@@ -47,12 +47,13 @@ _LEAST = 0.1
 
 
 class InverseFunction:
-    """``q = F(x; c)``, Baker and Wampler's inverse kinematic function, over a cell of the
-    workspace.
+    """Inverse kinematic function ``q = F(x; c)`` over a cell, a box of poses.
 
-    It needs no initial configuration and no history. The same pose gives the same configuration,
-    which changes smoothly with the pose. F solves ``f(F(x)) = x`` and
-    ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``; c selects the leaf, by default c = 0.
+    Such functions are Baker and Wampler's. F needs no initial configuration and no history. The
+    same pose gives the same configuration, which changes smoothly with the pose. F solves
+    ``f(F(x)) = x`` and ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``, where q_ref and n_ref are polynomials
+    that approximate a configuration and the null space. c selects the leaf, a position along the
+    self-motion, by default c = 0.
 
     Several threads may use one object at the same time.
 
@@ -139,8 +140,8 @@ class InverseFunction:
         Parameters
         ----------
         targets : list of placements, or (K, 4, 4), (K, 7) or (K, k) array
-            Placements; homogeneous matrices; positions, m, with quaternions, ``x, y, z, qx, qy, qz,
-            qw``; or coordinates U of the cell.
+            Placements; homogeneous matrices; positions, m, with quaternions,
+            ``x, y, z, qx, qy, qz, qw``; or coordinates U of the cell.
         leaf : (r,) or (K, r) array, optional
             Leaf c, by default 0: one for all targets, or one for each target.
         missing : "raise" or "nan"
@@ -180,7 +181,10 @@ class InverseFunction:
         leaf: ArrayLike | None,
         missing: Literal["raise", "nan"],
     ) -> Array:
-        """Evaluate F at targets as :meth:`batch` does, in NumPy."""
+        """Evaluate F at targets as :meth:`batch` does, in NumPy.
+
+        It is needed without the native library, and to say why a target has no configuration.
+        """
         cell = self.cell
         U, off = self._coordinates(targets)
         c = self._leaves(leaf, len(U))
@@ -196,8 +200,9 @@ class InverseFunction:
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the pose x of each configuration, and its leaf c, so that ``F(x; c) = q``.
 
-        ``c = n_ref(x)ᵀ (q − q_ref(x))``. Far from the function, several configurations have the
-        same pose and leaf; F then returns only one of them.
+        The leaf c is the position along the self-motion, ``c = n_ref(x)ᵀ (q − q_ref(x))``, 0 for
+        the function itself. Far from the function, several configurations have the same pose and
+        leaf; F then returns only one of them.
 
         Parameters
         ----------
@@ -225,7 +230,8 @@ class InverseFunction:
     def _law(self, U: Array, C: Array) -> tuple[Array, tuple[int, InputError] | None]:
         """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, on the leaves C (K, r).
 
-        Rows without a configuration are NaN. Returns also the first of them, and why, if any.
+        A leaf c is a position along the self-motion. Rows without a configuration are NaN. Return
+        also the number of the first of them with an InputError that says why, or None.
         """
         reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, C)
@@ -241,7 +247,10 @@ class InverseFunction:
         return Q, error
 
     def _matrices(self, targets: Array) -> Array:
-        """Convert targets to homogeneous matrices (K, 4, 4); NaN for coordinates outside."""
+        """Convert targets to homogeneous matrices (K, 4, 4); NaN for coordinates outside the cell.
+
+        Targets have any of the forms of :meth:`batch`, as an array.
+        """
         if targets.shape[1:] == (4, 4) and targets.dtype == float:
             return np.ascontiguousarray(targets)
         if targets.ndim != 2 or targets.shape[1] == 7:
@@ -284,7 +293,9 @@ class InverseFunction:
     def leaves(self, target: Placement) -> Array:
         """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.
 
-        An interval ends at a joint limit, where the leaf margin falls to 0.1, or at ±π.
+        The leaf c is the position along the self-motion, such as that of the elbow, at which the
+        function is evaluated. An interval ends at a joint limit, where the leaf margin (distance
+        from an algorithmic singularity) falls to 0.1, or at ±π.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
@@ -304,8 +315,11 @@ class InverseFunction:
         return np.stack([-done[:r], done[r:]], axis=1)
 
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
-        """Convert targets to coordinates U (K, k), and to their deviations (K,) from the cell in
-        the coordinates of width 0."""
+        """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
+
+        Targets have any of the forms of :meth:`batch`. A deviation is along the coordinates of
+        width 0, m or rad.
+        """
         if (
             isinstance(targets, np.ndarray)
             and targets.ndim != 3
@@ -320,7 +334,10 @@ class InverseFunction:
         return self.cell.coordinates(*as_poses(self.task, targets))
 
     def _leaves(self, leaf: ArrayLike | None, count: int) -> Array:
-        """Convert the argument ``leaf``, (r,), (K, r) or None, to one leaf per target (K, r)."""
+        """Convert the argument ``leaf``, (r,), (K, r) or None, to one leaf per target (K, r).
+
+        A leaf c is the position along the self-motion; None is 0. Other shapes raise an InputError.
+        """
         array = None if leaf is None else as_numbers(leaf)
         if array is not None and array.ndim == 2:
             form = f"{count} {self.task.r}"
@@ -330,6 +347,7 @@ class InverseFunction:
         return np.tile(c, (count, 1))
 
     def _leaf(self, leaf: ArrayLike) -> Array:
+        """Check one leaf c, the position along the self-motion, and return it as an array (r,)."""
         array = as_numbers(leaf)
         return vector(
             leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c"
@@ -358,7 +376,7 @@ class InverseFunction:
 
 
 class _NativeFunction:
-    """Cell function in C, from the tables of its chart.
+    """Cell function in C, from the tables of its chart, for speed.
 
     Parameters
     ----------
@@ -383,7 +401,8 @@ class _NativeFunction:
     def of_one(self) -> Callable[[pin.SE3, Array | None], Array | None]:
         """Create the function (target, leaf or None) → q (n,), with the memory of one thread.
 
-        It returns None where C has no configuration.
+        The target is a pinocchio.SE3, the leaf (r,) the position along the self-motion. It returns
+        None where C finds no configuration.
         """
         target, leaf, result = np.zeros((4, 4)), np.zeros(self._r), np.zeros(self._n)
         parts = {"target": target, "leaf": leaf, "result": result}
@@ -410,8 +429,9 @@ class _NativeFunction:
     ) -> Array:
         """Evaluate F (K, n) at targets (K, …) on the leaves C (K, r), part by part.
 
-        ``matrices`` converts targets to homogeneous matrices (K, 4, 4). Rows without a
-        configuration are NaN.
+        The arrays of a part stay in the processor's cache. ``matrices`` converts targets to
+        homogeneous matrices (K, 4, 4). Rows without a configuration are NaN. Several threads share
+        the parts.
         """
         Q = np.empty((len(targets), self._n))
         to = ctypes.byref(self._arm), ctypes.byref(self._chart)
@@ -434,8 +454,10 @@ class _NativeFunction:
 
 
 def _native_function(chart: Chart, keep_limits: bool) -> _NativeFunction | None:
-    """Create the C version of a cell function; None without the native library, or if it cannot
-    hold the task (more than 64 joints)."""
+    """Create the C version of a cell function, which is much faster; None if that is not possible.
+
+    There is none without the native library, or if C cannot hold the task (more than 64 joints).
+    """
     native, arm = library(), library_arm(chart.cell.task)
     if native is None or arm is None:
         return None

@@ -36,7 +36,7 @@ _arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
 
 
 def chain_for_c(task: Task) -> Any | None:
-    """Return the kinematic chain of a task for :func:`run`, cached per task.
+    """Return the kinematic chain of a task as a C struct for :func:`run`, cached per task.
 
     None if there is no native library, or C cannot hold the task: more than 64 joints, or
     transformed joint coordinates.
@@ -49,9 +49,10 @@ def chain_for_c(task: Task) -> Any | None:
 
 
 def run(name: str, arm: Any, count: int, *given: Any) -> None:
-    """Call a function of the native library for ``count`` configurations.
+    """Call a function of the native library for ``count`` configurations, with a kinematic chain.
 
-    Arrays that it fills must be contiguous.
+    ``name`` is that of the function; ``given`` are its further arguments, arrays or C numbers.
+    Arrays that it fills must be contiguous and of float.
     """
     kept = [
         np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
@@ -66,14 +67,20 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
 
 
 def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
-    """Select some rows of all arrays of a named tuple."""
+    """Select some rows of all arrays of a named tuple.
+
+    Such a record holds results at K poses, with one row of each array per pose.
+    """
     make: Any = type(record)
     selected: Record = make(*(each[which] for each in record))
     return selected
 
 
 def joined(records: Sequence[Record]) -> Record:
-    """Join named tuples of arrays: all rows of the first one, then those of the next."""
+    """Join records of the same kind: all rows of the first one, then those of the next.
+
+    A record is a named tuple of arrays with one row per pose.
+    """
     make: Any = type(records[0])
     together: Record = make(*map(np.concatenate, zip(*records, strict=True)))
     return together
@@ -82,7 +89,7 @@ def joined(records: Sequence[Record]) -> Record:
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate the forward kinematics and the task Jacobian at every row of Q (K, n).
 
-    Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
+    C does it if it can. Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
     """
     arm = chain_for_c(task)
     if arm is None:
@@ -94,7 +101,10 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
 
 def solved(A: Array, b: Array) -> Array:
-    """Solve ``A x = b`` for A (K, n, n) and b (K, n) or (K, n, p); x is NaN where A is singular."""
+    """Solve ``A x = b`` for A (K, n, n) and b (K, n) or (K, n, p); x is NaN where A is singular.
+
+    Unlike NumPy, it does not fail for all rows if one of them is singular.
+    """
     rhs = b[..., None] if b.ndim == 2 else b
     try:
         x = np.linalg.solve(A, rhs)
@@ -138,9 +148,10 @@ def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
     """Evaluate N and the singular values, with the arguments and results of :func:`bases`; faster.
 
-    For r = 1, N is the normalised projection of ``near`` onto the null space, computed from the
-    eigenvectors of J Jᵀ in half the time of a singular value decomposition. That decomposition is
-    used only for r > 1, near singularities, and where the projection is short.
+    N spans the null space of J, and is aligned to ``near``. For r = 1, N is the normalised
+    projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ in half the
+    time of a singular value decomposition. That decomposition is used only for r > 1, near
+    singularities, and where the projection is short.
     """
     if near.shape[2] > 1:
         return bases(J, near)[1:]
@@ -164,8 +175,10 @@ def exp3(omega: Array) -> Array:
 
 
 def left_jacobian(omega: Array) -> Array:
-    r"""Evaluate the left Jacobian of SO(3), which maps the time derivative of a rotation vector ω
-    to the angular velocity of exp(ω̂) in fixed axes.
+    r"""Evaluate the left Jacobian of SO(3), from rates of a rotation vector to angular velocities.
+
+    It maps the time derivative of a rotation vector ω to the angular velocity of exp(ω̂) in fixed
+    axes.
 
     .. math:: J_l(\omega) = I + \frac{1 - \cos\theta}{\theta^2} \hat\omega
               + \frac{\theta - \sin\theta}{\theta^3} \hat\omega^2, \qquad \theta = \|\omega\|.

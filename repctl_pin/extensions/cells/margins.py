@@ -1,5 +1,9 @@
-"""Margins of a candidate function (distance from joint limits, body distance, σ_min of J, leaf
-margin), and a search of the cell for the poses of the smallest margins."""
+"""Margins of a candidate function, and a search of its cell for the poses where they are smallest.
+
+A margin is a distance from a limit: from joint limits, between bodies, σ_min of J, and the leaf
+margin, the distance from an algorithmic singularity. The candidate q = F(x) gives one configuration
+for each pose of the cell.
+"""
 
 from __future__ import annotations
 
@@ -53,17 +57,24 @@ minimum."""
 
 
 class Quantity(ABC):
-    """A quantity at the points of a function, which :func:`searched` minimises over the cell."""
+    """A quantity at the points of a function, which :func:`searched` minimises over the cell.
+
+    Subclasses are the kinds of margins, and joint speeds relative to the desired inverse.
+    """
 
     @abstractmethod
     def least(self, at: Points) -> Array:
-        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
+        """Evaluate the quantity (K,) at points; infinite where the function does not exist.
+
+        Points are the configurations of the function at K poses.
+        """
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
 
-        One-sided differences are used, with steps into the cell. The gradient is 0 where the
-        function does not exist.
+        ``at`` are points of the function at K poses, u their coordinates in the cell. One-sided
+        differences are used, with steps into the cell. The gradient is 0 where the function does
+        not exist.
         """
         K, k = at.U.shape
         step = np.where(at.U > 0, -_STEP, _STEP)
@@ -77,6 +88,9 @@ class Quantity(ABC):
 @dataclass(frozen=True)
 class Margin(Quantity):
     """A kind of margin, such as joint limits, with its required minimum.
+
+    A margin is a distance from a limit at a configuration. The fit penalises it where it is too
+    small.
 
     Attributes
     ----------
@@ -107,8 +121,10 @@ class Margin(Quantity):
     violators: int
 
     def least(self, at: Points) -> Array:
-        """Return the smallest of the P margins at each point (K,); infinite where the function does
-        not exist."""
+        """Return the smallest of the P margins at each point (K,); infinite where there is none.
+
+        Points are the configurations of a function at K poses, as far as it exists there.
+        """
         return np.where(
             at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf
         )
@@ -116,7 +132,8 @@ class Margin(Quantity):
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
 
-        ``at`` are points of the candidate function.
+        ``at`` are points of the candidate function at K poses u. A search for small margins
+        descends along it.
         """
         lowest = self.measure(at.Q).argmin(axis=1)
         return self.slopes(at.Q, candidate.derivative(at))[
@@ -127,7 +144,7 @@ class Margin(Quantity):
         """Evaluate the derivatives (K, P, p) of the P margins along p directions in joint space.
 
         The directions at each configuration of Q (K, n) are the columns of D (K, n, p). Central
-        differences are used.
+        differences are used, so that any margin can be penalised.
         """
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
@@ -146,19 +163,23 @@ class Margin(Quantity):
     ) -> Array:
         """Find the largest margin (K,) that self-motion attains at the poses of the given points.
 
-        The configurations of each pose on nearby leaves are compared, along each component of the
-        label s. The leaves lie within 0.7 rad of the points. With ``far`` they lie within 2.4 rad,
-        which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and smaller
-        around the best leaf. At poses with a margin of at least ``enough``, no larger margin is
-        searched for.
+        A penalty asks for no more than that. The configurations of each
+        pose on nearby leaves are compared, along each component of the label s, the position along
+        the self-motion. The leaves lie within 0.7 rad of the points. With ``far`` they lie within
+        2.4 rad, which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and
+        smaller around the best leaf. At poses with a margin of at least ``enough``, no larger
+        margin is searched for.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
         s, goals = here.copy(), chart.goals(at.U)
 
         def look(label: Array, Q: Array) -> None:
-            """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
-            update the best label of each pose if its margin is larger."""
+            """Evaluate the margin at the labels (K, r), and keep the largest one per pose.
+
+            A label is the position along the self-motion. Newton's method starts from the
+            configurations Q (K, n), which become those found there.
+            """
             on = np.flatnonzero(most < enough)
             there = rows_of(goals, on)
             points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)
@@ -180,7 +201,10 @@ class Margin(Quantity):
 
 
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m."""
+    """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m.
+
+    ``limited`` is a task, or a cell, whose symmetric coordinates narrow the limits.
+    """
     return Margin(
         "joint limits",
         limited.limit_margin,
@@ -193,7 +217,10 @@ def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
 
 
 def distances_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m."""
+    """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m.
+
+    Hulls are never farther apart than the bodies in them, and much faster to compute.
+    """
     distances = bodies_of(task).hull_distances
     return Margin(
         "bodies",
@@ -207,7 +234,7 @@ def distances_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def singular_values_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of singularities: σ_min of J."""
+    """Make the :class:`Margin` of singularities: σ_min of J, with the value to be kept."""
 
     def measure(Q: Array) -> Array:
         return np.asarray(
@@ -220,7 +247,10 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def potential_gradients(chart: Chart, at: Points) -> Array:
-    """Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf."""
+    """Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf.
+
+    A controller that follows the function holds its potentials constant; V decides the leaf margin.
+    """
     _, dU = chart.cell.slopes(chart.cell.placements(at.U)[0], at.R)
     return chart.gradients(at.U, dU, at.J, at.n_ref, at.Q - at.q_ref)
 
@@ -228,8 +258,10 @@ def potential_gradients(chart: Chart, at: Points) -> Array:
 def leaf_margins(chart: Chart, at: Points) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) on the leaf of a chart.
 
-    Its inverse, less 1, is the extra joint speed of G over J⁺ in the worst direction of ẋ. The
-    margin is 0 where the chart has no configuration, or J loses rank.
+    It is the distance from an algorithmic singularity: N spans the null space of J, V̂ the
+    gradients of the potentials, and G is the inverse that holds these constant. Its inverse, less
+    1, is the extra joint speed of G over J⁺ in the worst direction of ẋ. The margin is 0 where the
+    chart has no configuration, or J loses rank.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
@@ -243,7 +275,7 @@ def leaf_margins(chart: Chart, at: Points) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LeafMargin(Quantity):
-    """Leaf margin of the function s = 0 of a chart.
+    """Leaf margin of the function s = 0 of a chart: its distance from an algorithmic singularity.
 
     Attributes
     ----------
@@ -253,7 +285,7 @@ class LeafMargin(Quantity):
     chart: Chart
 
     def least(self, at: Points) -> Array:
-        """Evaluate the leaf margin (K,); infinite where the function does not exist."""
+        """Evaluate the leaf margin (K,) at points; infinite where the function does not exist."""
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
 
 
@@ -262,11 +294,12 @@ def lowest_distances(
 ) -> tuple[Array, float]:
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
-    The smallest of the K distances equals that of :meth:`Bodies.distances`. Where the convex hulls
-    of bodies overlap, a collision test of the bodies themselves takes forty times as long as the
-    distance of the hulls. So it is done only for the deepest overlaps, until no untested one can be
-    a deeper collision, and for a sample of the overlaps, which gives the fraction. At untested
-    overlaps the distance is set to 0. A quick evaluation only tests the deepest overlaps.
+    The smallest of the K distances equals that of :meth:`Bodies.distances`, but is found sooner.
+    Where the convex hulls of bodies overlap, a collision test of the bodies themselves takes forty
+    times as long as the distance of the hulls. So it is done only for the deepest overlaps, until
+    no untested one can be a deeper collision, and for a sample of the overlaps, which gives the
+    fraction. At untested overlaps the distance is set to 0. A quick evaluation only tests the
+    deepest overlaps.
     """
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -293,6 +326,10 @@ def lowest_distances(
 class CandidateFunction:
     """A candidate for the function F: the configurations of a chart with ``s(u) = Σ_t a_t T_t(u)``.
 
+    The chart consists of polynomials that approximate a configuration and the null space for each
+    pose u of the cell; s is the position along the self-motion. The fit changes a until the cost is
+    smallest.
+
     Attributes
     ----------
     chart : Chart
@@ -308,15 +345,22 @@ class CandidateFunction:
 
     @classmethod
     def zero(cls, chart: Chart) -> CandidateFunction:
-        """Make the candidate with s = 0, the function of the chart itself."""
+        """Make the candidate with s = 0, the function of the chart itself.
+
+        s is the position along the self-motion, from the chart's reference.
+        """
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
-        """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given."""
+        """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given.
+
+        U are coordinates in the cell. The points are its configurations there, and the kinematics
+        at these.
+        """
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:
-        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`."""
+        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`; u is the pose."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
@@ -325,9 +369,9 @@ class CandidateFunction:
 def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
 
-    At the boundary of the cell, gradient components that point outward are set to 0. Return all
-    poses visited (L, k), among them poses at which the function does not exist. The final poses of
-    the descents are last.
+    A candidate function is thus tested between the sampled poses. At the boundary of the cell,
+    gradient components that point outward are set to 0. Return all poses visited (L, k), among them
+    poses at which the function does not exist. The final poses of the descents are last.
     """
     here = candidate.at(U)
     here = rows_of(here, here.found)

@@ -1,4 +1,7 @@
-"""Monomials of k variables: values, derivatives, least-squares fit of polynomials."""
+"""Monomials of k variables: values, derivatives, least-squares fit of polynomials.
+
+The polynomials over a cell, a box of poses with coordinates u from −1 to 1, consist of them.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Design of the inverse kinematic function over a cell that is nearest to a desired inverse."""
+"""Design of the inverse kinematic function over a cell that is nearest to a desired inverse.
+
+A cell is a box of poses; the function q = F(x) gives one configuration for each of them.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,8 @@ _LEAST_FACTOR = 0.03
 class NoFunctionError(InputError):
     """No single function covers the cell.
 
-    The message names a pose, the obstruction there, and the largest similar cell that works.
+    A function q = F(x) would give one configuration for each pose of the cell. The message names a
+    pose, the obstruction there, and the largest similar cell that works.
 
     Attributes
     ----------
@@ -98,9 +102,10 @@ def nearest_inverse_function(
 
     The criterion is ``min mean ‖∂F/∂x − G_d(F)‖_F²`` over the poses of the cell. Following G_d
     along straight rays from the middle of the cell gives reference configurations q_ref, with
-    null-space bases n_ref. Among the functions ``n_refᵀ (F − q_ref) = s(u)``, with s a polynomial
-    in the coordinates u of the cell, Gauss–Newton steps find the best one. Small distances from
-    joint limits, between bodies and from singularities are penalised.
+    null-space bases n_ref. The functions ``n_refᵀ (F − q_ref) = s(u)`` move along the self-motion
+    of each pose by s. With s a polynomial in the coordinates u of the cell, Gauss–Newton steps find
+    the best one. Small distances from joint limits, between bodies and from singularities are
+    penalised.
 
     Parameters
     ----------
@@ -205,7 +210,10 @@ def nearest_inverse_function(
 
 
 def _require_one_task(desired: Inverse, cell: Cell) -> None:
-    """Check that the desired inverse and the cell are for one redundant task; else InputError."""
+    """Check that the desired inverse and the cell are for one redundant task; else InputError.
+
+    Without redundancy, each pose has isolated configurations, and nothing is left to design.
+    """
     require_type(desired, Inverse, "desired", AN_INVERSE)
     require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
     if desired.task.as_dict() != cell.task.as_dict():
@@ -222,7 +230,11 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
 
 
 def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
-    """Return the degree, after a check that it does not make too many unknowns."""
+    """Return the degree of the polynomial s(u), after a check that it makes few enough unknowns.
+
+    It is ``"auto"`` or from 1 to 12; else an InputError is raised. s is the position of the
+    function along the self-motion.
+    """
     if isinstance(degree, str) and degree == "auto":
         return degree
     degree, k = as_int(degree, "degree", 1, _MOST_DEGREE), cell.whole.k
@@ -237,7 +249,9 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
     """Return a cell without its symmetric coordinates, as far as the symmetry holds.
 
-    A requested body distance, or a desired inverse without the symmetry, requires all coordinates.
+    A single joint moves the frame of the arm along such a coordinate of a sector, so that the
+    function need not be designed along it. A requested body distance, or a desired inverse without
+    the symmetry, requires all coordinates.
 
     Raises
     ------
@@ -257,7 +271,10 @@ def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
 
 
 def _margin(value: float, name: str, unit: str = "") -> float:
-    """Check a requested margin, which may be 0, and return it as float."""
+    """Check a requested margin, which may be 0, and return it as float.
+
+    ``name`` and ``unit`` serve the error message.
+    """
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:
         raise InputError(f"can be at most {_LARGE:g}, not {number:g}", argument=name)
@@ -269,8 +286,10 @@ def _largest(
 ) -> tuple[float, CellDesign | None]:
     """Find the largest factor below 1 by which the cell can be scaled to be covered, within 20 %.
 
-    The cell is scaled about its middle, with the configuration q (n,) there. Rays to the corners
-    and other poses give a first guess. Designs confirm or lower it.
+    It is the remedy that an error names, and the result of ``incomplete="shrink"``. The cell is
+    scaled about its middle, with the configuration q (n,) there. Rays, straight lines to the
+    corners and other poses, give a first guess. Designs confirm or lower it. With ``quick``, these
+    are quick ones.
 
     Returns
     -------
@@ -303,10 +322,11 @@ def _largest(
 def _refusal(
     cell: Cell, failures: tuple[FailureReason, ...], fits: float, *, keep: bool
 ) -> NoFunctionError:
-    """Make the error that names the reasons for failure, the most frequent first, and the remedy.
+    """Make the error that no function covers a cell, with the reasons and the remedy.
 
-    ``fits`` is the factor of a smaller cell that is covered, 0 if there is none. Collisions are
-    left out, because they do not make a cell incomplete.
+    The reasons for failure come with the most frequent first. ``fits`` is the factor of a smaller
+    cell that is covered, 0 if there is none. ``keep`` is True if a part of the cell is covered,
+    which could be kept. Collisions are left out, because they do not make a cell incomplete.
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))

@@ -1,5 +1,8 @@
-"""Penalty method for margins (joint limits, body distance, σ_min of J): the weight of the penalties
-is raised until each margin is met wherever the arm can meet it."""
+"""Penalty method for margins: the weight of the penalties is raised until the margins are met.
+
+A margin is a distance from joint limits, between bodies, or σ_min of J, at the configurations of a
+candidate function. It is to be met at every pose of the cell at which the arm can meet it.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +37,17 @@ _GRID = 0.05
 
 
 def padded(a: Array, terms: Monomials) -> Array:
-    """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree."""
+    """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree.
+
+    A fit thus begins at the result of a fit of lower degree.
+    """
     return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
 
 
 class ActiveConstraint:
-    """One kind of margin, the poses U (K, k) at which it is checked, and those where it is
-    penalised.
+    """One kind of margin, with the poses at which it is checked, and those where it is penalised.
+
+    The checked poses U (K, k) grow when a search finds worse ones.
 
     Attributes
     ----------
@@ -58,9 +65,10 @@ class ActiveConstraint:
     def short(self, candidate: CandidateFunction) -> bool:
         """Test whether the margin of a candidate function is too small at some pose.
 
-        The poses with the smallest margins are starting points of a search for smaller ones. Poses
-        found by the search are added to the checked poses. If the margin is too small somewhere,
-        the worst poses are added to the penalised ones.
+        A candidate gives one configuration for each pose of the cell. The poses with the smallest
+        margins are starting points of a search for smaller ones. Poses found by the search are
+        added to the checked poses. If the margin is too small somewhere, the worst poses are added
+        to the penalised ones.
         """
         margin = self.margin
         near = margin.least(candidate.at(self.U))
@@ -93,13 +101,19 @@ class ActiveConstraint:
         return True
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
-        """Make the penalty on this margin, at the poses where a candidate function exists."""
+        """Make the penalty on this margin, at the poses where a candidate function exists.
+
+        The next minimisation of the cost contains it.
+        """
         there = candidate.at(self.edge).found
         return Penalty(self.margin, self.edge[there], self.asked[there])
 
 
 class PenaltyMethod:
     """Minimisation of the cost with penalties on margins, at the worst poses found so far.
+
+    The cost is the distance of a function's slope from the desired inverse G_d, over poses of a
+    cell. A round multiplies the weight of the penalties by ten, up to a maximum.
 
     Parameters
     ----------
@@ -141,10 +155,11 @@ class PenaltyMethod:
     ) -> Descent:
         """Minimise the cost with penalties, from the results of minimisations without them.
 
-        If no margin is too small in the last result, it is returned. Otherwise the cost is
-        minimised with the monomials ``terms``; if their degree is above 2, after a first fit of
-        degree 2. The penalised poses are those where the functions without penalties come short:
-        each penalty is a mean over its poses, so a set without these would weigh the others more.
+        A penalty is on a margin, such as the distance from joint limits. If no margin is too small
+        in the last result, it is returned. Otherwise the cost is minimised with the monomials
+        ``terms``; if their degree is above 2, after a first fit of degree 2. The penalised poses
+        are those where the functions without penalties come short: each penalty is a mean over its
+        poses, so a set without these would weigh the others more.
 
         Parameters
         ----------
@@ -184,6 +199,12 @@ class PenaltyMethod:
         report: Callable[[str, float], None],
         enough: float,
     ) -> Descent:
+        """Minimise the cost in rounds, each with a higher weight of the penalties or more poses.
+
+        ``descent`` is the result from which the first round begins, ``terms`` are its monomials.
+        The rounds end when all margins are met, or nothing changes, or the function does not exist.
+        Return the last result, with the steps of all.
+        """
         size = 0
         for i in range(self.rounds):
             active = " and ".join(
@@ -208,7 +229,10 @@ class PenaltyMethod:
         return descent
 
     def _short(self, terms: Monomials, a: Array) -> bool:
-        """Test whether any margin is too small at some pose, for the coefficients a (N, r)."""
+        """Test whether any margin is too small at some pose, for the coefficients a (N, r).
+
+        All margins are tested, so that each adds its worst poses to those that are penalised.
+        """
         candidate = CandidateFunction(self.chart, terms, a)
         short = [
             watch.short(candidate) for watch in self.constraints
@@ -217,6 +241,9 @@ class PenaltyMethod:
 
 
 def _without(U: Array, known: Array) -> Array:
-    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k)."""
+    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k).
+
+    So no pose is checked twice.
+    """
     once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
     return once[first >= len(known)]

@@ -1,5 +1,8 @@
-"""Search for the best configuration in the middle of a cell: one from which straight rays reach all
-corners of the cell with large margins."""
+"""Search for the best configuration in the middle of a cell, from which a function is designed.
+
+From the best one, straight lines to all corners of the cell (rays) can be followed with large
+margins.
+"""
 
 from __future__ import annotations
 
@@ -44,12 +47,18 @@ the nearest to the reference is chosen."""
 def _in_the_middle(
     cell: Cell, Q: Array, *, inward: bool = False
 ) -> tuple[Array, Array]:
-    """Solve for the middle of a cell from configurations Q (K, n); see :func:`reached`."""
+    """Move configurations Q (K, n) to the middle of a cell by inverse kinematics.
+
+    Return the configurations (K, n), and the task errors that remain (K,), m and rad. With
+    ``inward``, joints also move away from their limits; see :func:`reached`.
+    """
     return reached(cell, *cell.placements(np.zeros((len(Q), cell.k))), Q, inward=inward)
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
-    """Move a configuration that the user gives exactly to the middle of the cell; return it (n,).
+    """Move a configuration that the user gives exactly to the middle of the cell; return it.
+
+    Both are (n,), rad or m. A design begins there.
 
     Raises
     ------
@@ -77,10 +86,11 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return the best four, the best first.
 
-    If some candidates are free of collisions, the others are dropped. From each remaining one, the
-    arm moves along straight rays to the corners of the cell. The order is: most corners reached, no
-    collision, largest joint-limit margin (up to 0.1 rad or m), smallest joint speed. Among nearly
-    equal ones, the first is the nearest to the task's reference configuration.
+    A design tries them in this order. If some candidates are free of collisions, the others are
+    dropped. From each remaining one, the arm moves along straight rays to the corners of the cell.
+    The order is: most corners reached, no collision, largest joint-limit margin (up to 0.1 rad or
+    m), smallest joint speed. Among nearly equal ones, the first is the nearest to the task's
+    reference configuration.
 
     Raises
     ------
@@ -107,6 +117,8 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
 
 def _configurations(cell: Cell, seed: int) -> Array:
     """Find configurations (K, n) in the middle of a cell: regular, and within the joint limits.
+
+    They are solved for from the task's reference and from random configurations.
 
     Raises
     ------
@@ -140,14 +152,19 @@ def _configurations(cell: Cell, seed: int) -> Array:
 
 
 def _margins(cell: Cell, Q: Array) -> Array:
-    """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m."""
+    """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m.
+
+    They are in the middle of the cell, whose symmetric coordinates narrow the limits.
+    """
     return np.asarray(cell.limit_margin(Q).min(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Candidate:
-    """A configuration in the middle of a cell, and figures of the rays from there to the corners.
+    """A configuration in the middle of a cell, and how well the corners are reached from there.
+
+    A ray is the motion along a straight line from the middle to a corner.
 
     Attributes
     ----------
@@ -174,7 +191,8 @@ class Candidate:
 def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     """Evaluate configurations Q (L, n) in the middle of a cell by rays to its corners.
 
-    If some of them are free of collisions, those with collisions are left out.
+    A ray is the motion of the desired inverse along a straight line. If some of the configurations
+    are free of collisions, those with collisions are left out.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
     distances = bodies.distances(Q)
@@ -208,7 +226,7 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Choose the best candidate.
+    """Choose the candidate, a configuration in the middle of a cell, with which to design.
 
     The criteria are, in this order: most corners reached; no collision, or the largest body
     distance if all collide; joint-limit margin up to 0.1; joint speed, within 20 % of the squared
@@ -231,8 +249,9 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
 def _unwound(cell: Cell, Q: Array) -> Array:
     """Remove full turns from the revolute joints of configurations Q (K, n) in a cell's middle.
 
-    Each joint gets the value nearest to the task's reference, if that is inside its limits. A row
-    whose pose would change is returned unchanged.
+    The search begins at random, and a full turn brings a joint nearer to its limit. Each joint gets
+    the value nearest to the task's reference, if that is inside its limits. A row whose pose would
+    change is returned unchanged.
     """
     task = cell.task
     turns = np.rint((Q - task.reference) / (2 * np.pi)) * task.revolute
@@ -246,14 +265,18 @@ def _unwound(cell: Cell, Q: Array) -> Array:
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
-    """Test which configurations Q (K, n) are far enough from a singularity to start rays: (K,)."""
+    """Test which configurations Q (K, n) are far enough from a singularity to start rays: (K,).
+
+    A ray is the motion along a straight line from the middle of a cell.
+    """
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 
 def _spread(Q: Array, count: int) -> Array:
     """Return at most ``count`` rows of Q (K, n), each as far as possible from those before it.
 
-    Rows closer than 0.05 to a selected one are left out.
+    These few represent all configurations, so that not every one need be evaluated. Rows closer
+    than 0.05 to a selected one are left out.
     """
     kept = [0]
     distance = np.linalg.norm(Q - Q[0], axis=1)
@@ -269,12 +292,12 @@ def _spread(Q: Array, count: int) -> Array:
 def fitting_start(
     problem: Problem, cell_of: Callable[[Problem], Cell]
 ) -> tuple[Problem, Cell, bool]:
-    """Choose the first default start from which a cell fits.
+    """Choose the first default start of a problem from which a cell fits.
 
-    A cell fits if J⁺ reaches the middle of the cell, and from there every corner along a straight
-    ray, inside the joint limits and without collision in the middle and at the corners. If it fits
-    from no start, the one with the most reached corners is chosen, and among equals the one with
-    fewer of these faults.
+    The start is the configuration in which a motion begins. A cell fits if J⁺ reaches the middle of
+    the cell, and from there every corner along a straight ray, inside the joint limits and without
+    collision in the middle and at the corners. If it fits from no start, the one with the most
+    reached corners is chosen, and among equals the one with fewer of these faults.
 
     Parameters
     ----------
@@ -318,8 +341,11 @@ def fitting_start(
 
 
 def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
-    """Evaluate the fraction of the corners that are reached, and the number of faults: limits
-    violated, bodies that collide. The fraction is −1 if the middle is not reached."""
+    """Evaluate how well a cell is reached from the start of a problem: share and faults.
+
+    These are the fraction of the corners that J⁺ reaches, −1 if the middle is not reached, and the
+    number of faults, 0 to 2: limits violated, bodies that collide.
+    """
     desired = Pseudoinverse(problem.task)
     try:
         q = solve_ik(problem.task, problem.start, cell.placement)

@@ -1,5 +1,8 @@
-"""What an arm reaches of a cell: poses by Newton's method, straight rays from the middle, and boxes
-that grow around many middles at once."""
+"""What an arm reaches of a cell: poses, straight rays from the middle, and growing boxes.
+
+Poses are solved by Newton's method. A ray is the motion along a straight line from the middle of
+the cell. Boxes grow around many middles at once.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +54,8 @@ def reached(
 ) -> tuple[Array, Array]:
     """Solve the inverse kinematics of K poses, by Newton's method with J⁺.
 
+    J⁺ is the pseudoinverse of the task Jacobian. No error is raised where a pose is not reached.
+
     Parameters
     ----------
     cell
@@ -97,9 +102,10 @@ def reached(
 def unlike_rows(
     rows: Array, distance: float, count: int, norm: float = np.inf
 ) -> list[int]:
-    """Select the first rows (K, ·) that are farther than a distance from each one before.
+    """Select rows (K, ·) that differ from each other by more than a distance; return their indices.
 
-    At most ``count`` indices are returned. ``norm`` is the order of the norm of a difference.
+    So only one of several similar results is used. Earlier rows are preferred, at most ``count``
+    are selected. ``norm`` is the order of the norm of a difference.
     """
     kept: list[int] = []
     for k, row in enumerate(rows):
@@ -113,7 +119,9 @@ def unlike_rows(
 @dataclass(frozen=True, eq=False)
 @read_only
 class Rays:
-    """Results of following K straight rays from the middle of a cell.
+    """Results of following K straight rays from the middle of a cell to poses in it.
+
+    A function over the cell is fitted to these configurations.
 
     Attributes
     ----------
@@ -139,7 +147,8 @@ def rays(
 ) -> Rays:
     """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
 
-    The steps along a ray are ``Δq = G_d (x_next − f(q))``.
+    A ray is the motion of the desired inverse G_d along a straight line in the cell's coordinates.
+    Its steps are ``Δq = G_d (x_next − f(q))``. It stops at a singularity, or where a joint jumps.
 
     Parameters
     ----------
@@ -181,7 +190,9 @@ def rays(
 
 
 class Grown(NamedTuple):
-    """K middles of a box, and how far the box grows around each.
+    """K places where a box of poses was tried, and how far the box grows around each.
+
+    A box that the arm reaches as a whole grows to its own size.
 
     Attributes
     ----------
@@ -203,9 +214,10 @@ class Grown(NamedTuple):
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw random configurations Q (K, n); return the positions p (K, 3) of the frame, and Q.
+    """Draw random configurations Q (K, n), at which a box of poses is then tried; return p and Q.
 
-    Coordinates of the positions that the task does not command are those of the box.
+    p (K, 3) are the positions of the frame, m. Their coordinates that the task does not command are
+    those of the box.
     """
     task = box.task
     Q = random_configurations(task, count, rng)
@@ -216,11 +228,12 @@ def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array
 
 
 def grown(box: Cell, p: Array, Q: Array) -> Grown:
-    """Let a box grow around positions p (K, 3), which are solved for from configurations Q (K, n).
+    """Let a box grow around positions p (K, 3), m, to find how much of it the arm reaches there.
 
-    Positions that are not reached inside the joint limits are left out. J⁺ leads from each middle
-    straight to all corners and face centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box
-    stops growing where one of them is not reached or is singular, or one joint leaves its limits.
+    The middles are solved for from configurations Q (K, n). Positions that are not reached inside
+    the joint limits are left out. J⁺ leads from each middle straight to all corners and face
+    centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one of them
+    is not reached or is singular, or one joint leaves its limits.
     """
     task, n = box.task, box.task.n
     R_middle = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))

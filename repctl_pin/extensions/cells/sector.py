@@ -1,5 +1,8 @@
-"""Sector of the workspace: a cell in cylindrical coordinates around an axis, by default the base's
-vertical axis."""
+"""Sector of the workspace: a cell of poses in cylindrical coordinates around an axis.
+
+The axis is by default the base's z axis. A sector suits an arm whose first joint turns all of it: a
+function need then not be designed along the angle.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,10 @@ _NEAR = 1e-6
 @dataclass(frozen=True, eq=False, init=False)
 @read_only
 class Sector(Cell):
-    r"""All placements ``p = o + R_a(φ) (ρ e + z a)``, ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
+    r"""Cell of poses in cylindrical coordinates around an axis.
+
+    It consists of all placements ``p = o + R_a(φ) (ρ e + z a)`` with
+    ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
 
     ρ, φ and z are the radius, angle and height of p around an axis a through o; e is the direction
     from that axis to the middle. t tilts about the tool's own x and y axes, ψ turns about its z
@@ -151,8 +157,11 @@ class Sector(Cell):
         self._require_apart()
 
     def _require_apart(self) -> None:
-        """Raise an InputError if the sector reaches its axis, or all its half-widths but those of
-        symmetric coordinates are 0."""
+        """Raise an InputError if the sector reaches its axis, where the angle is not defined.
+
+        It is also raised if all half-widths but those of symmetric coordinates are 0: a single
+        joint moves the frame along these, so that nothing is left to design.
+        """
         away, (radius, *_) = self.middle[0], self.widths
         if away < _NEAR:
             raise InputError(
@@ -176,7 +185,10 @@ class Sector(Cell):
     def _tables(
         self,
     ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
-        """Return the members of the struct :data:`CHART` that describe the sector."""
+        """Return the members of the C struct :data:`CHART` that describe the sector, by name.
+
+        They are arrays of integers, arrays of numbers, and single numbers, in three dictionaries.
+        """
         ints, reals, scalars = super()._tables()
         (radius, height), basis = self.middle, self.directions
         ints["coordinate"] = self._removed
@@ -196,7 +208,7 @@ class Sector(Cell):
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Radius and height of the middle, m."""
+        """Radius and height of the middle, m: its distance from the sector's axis, and along it."""
         away = self.placement.translation - self.axis[0]
         z = float(away @ self.axis[1])
         return float(np.linalg.norm(away - z * self.axis[1])), z
@@ -209,7 +221,7 @@ class Sector(Cell):
 
     @property
     def tilted(self) -> bool:
-        """True if the tool tilts in the sector."""
+        """True if the tool tilts in the sector, about its own x or y axis."""
         return bool(self.widths[3:5].any())
 
     @property
@@ -222,7 +234,11 @@ class Sector(Cell):
         return np.stack([outward, np.cross(a, outward), a])
 
     def _placed(self, Y: Array) -> tuple[Array, Array]:
-        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3), m, and R (K, 3, 3).
+
+        An offset is the difference from the placement in the middle: radius, angle, height, two
+        tilts, spin.
+        """
         rho, z = self.middle
         y = _all_six(Y)
         outward, _, a = self.directions
@@ -238,7 +254,8 @@ class Sector(Cell):
         """Convert placements to offsets (K, m) from that of the sector in all task coordinates.
 
         They are in m and rad, in the order radius, angle, height, two tilts, spin, which is at most
-        half a turn from its middle. p (K, 3) and R (K, 3, 3) are positions and rotation matrices.
+        half a turn from its middle. p (K, 3), m, and R (K, 3, 3) are positions and rotation
+        matrices. A coordinate u is an offset relative to its half-width.
         """
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
@@ -256,8 +273,11 @@ class Sector(Cell):
         return Y[:, : self.task.m]
 
     def _frame_twists(self, Y: Array) -> Array:
-        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
-        coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
+        """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
+
+        It is in base axes. Y (K, m) are the offsets from the middle: radius, angle, height, tilts,
+        spin.
+        """
         y = _all_six(Y)
         T = np.zeros((len(y), 6, 6))
         outward, around, a = self.directions
@@ -274,6 +294,7 @@ class Sector(Cell):
 
     @property
     def _offset(self) -> Array:
+        """Offset (m,) of the middle from the placement; 0 except for a moved spin."""
         offset = np.zeros(self.task.m)
         if self.spin_middle and self._active[SPIN]:
             offset[SPIN] = self.spin_middle
@@ -287,8 +308,9 @@ class Sector(Cell):
     ) -> Sector:
         """Return the sector with the coordinates of the given symmetries removed from u, at 0.
 
-        ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
-        sector.
+        A single joint moves the frame along such a coordinate, so a function is designed without
+        it. ``free`` are the indices of coordinates with the range ``"all"``; by default those of
+        this sector.
         """
         free = self.free if free is None else tuple(free)
         return self._changed(removed=tuple(symmetries), free=free)
@@ -302,8 +324,10 @@ class Sector(Cell):
         )
 
     def scaled(self, factor: float) -> Sector:
-        """Return a sector with the same middle and scaled half-widths, except those of symmetric
-        coordinates, which keep their half-widths."""
+        """Return a sector with the same middle and scaled half-widths.
+
+        Symmetric coordinates, along which a single joint moves the frame, keep their half-widths.
+        """
         factors = np.full(len(self.widths), positive(factor, "the factor"))
         factors[[one.coordinate for one in self.symmetries]] = 1.0
         return self._changed(widths=self.widths * factors)
@@ -313,6 +337,7 @@ class Sector(Cell):
     ) -> Sector:
         """Return a sector whose placement is moved along symmetric coordinates.
 
+        A design so centres a range in the limits of the joint that moves the frame along it.
         ``middles`` and ``halves`` are the offsets of the middle and the new half-widths, rad, by
         the index of the coordinate. If the tool tilts, :attr:`spin_middle` is moved instead.
         """
@@ -363,6 +388,7 @@ class Sector(Cell):
         return ", ".join(parts)
 
     def _range(self, i: int) -> str:
+        """Format the range of the coordinate with index ``i``, such as ``±0.3 rad``."""
         if i in self.free and self.widths[i] == np.pi:
             return "as far as the joints go"
         return f"±{self.widths[i]:.3g} rad"
@@ -379,7 +405,11 @@ class Sector(Cell):
         return text
 
     def symmetry(self) -> str:
-        """Return a text that names the symmetries of the arm that are used."""
+        """Write which symmetries of the arm are used, and how many coordinates remain.
+
+        With a symmetry, a single joint turns the whole arm about the axis, or the tool about its z
+        axis.
+        """
         names = self.task.joint_names
         words = {
             ANGLE: "{} turns the whole arm about the axis",
@@ -399,10 +429,13 @@ class Sector(Cell):
 
 
 def _all_six(Y: Array) -> Array:
-    """Append 0 for the coordinates of a sector that the task does not command: (K, 6)."""
+    """Append 0 for the coordinates of a sector that the task does not command: (K, 6).
+
+    The order is radius, angle, height, two tilts, spin.
+    """
     return np.pad(Y, ((0, 0), (0, 6 - Y.shape[1])))
 
 
 def _tilt_vectors(y: Array) -> Array:
-    """Return the rotation vectors (K, 3) of the tilts of all six coordinates y (K, 6)."""
+    """Return the rotation vectors (K, 3), rad, of the two tilts in the coordinates y (K, 6)."""
     return y[:, 3:5] @ np.eye(2, 3)

@@ -1,5 +1,8 @@
-r"""Detection of symmetries of an arm: one joint turns the whole arm about an axis, or the tool
-about its z axis."""
+r"""Detection of symmetries of an arm: one joint turns the whole arm about an axis, or the tool.
+
+The tool turns about its own z axis. A function over a cell need not be designed along the
+coordinate that such a joint alone changes: the angle or the spin.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,8 @@ in place of it. URDFs write π with as few as two decimals: 3.14 is 1.6e-3 off."
 class Symmetry:
     """A joint that changes only one coordinate of the frame in a sector, at every configuration.
 
-    The pose ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the
+    A function F, one configuration for each pose, need not be designed along it. The pose
+    ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the
     coordinate of a pose x is increased by y, its configuration is ``F(x) + sign · y e_j``.
 
     Attributes
@@ -49,7 +53,8 @@ class Symmetry:
 def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
     """Find the joint that turns the whole arm about an axis; None if there is none.
 
-    The axis (2, 3) is a point, m, and a unit direction.
+    The axis (2, 3) is a point, m, and a unit direction. A function over a sector need not be
+    designed along the angle about such an axis.
     """
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
@@ -62,8 +67,8 @@ def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
 def own_axis(task: Task) -> Array | None:
     """Find the axis (2, 3) of the joint that turns the whole arm: a point, m, and a direction.
 
-    The point is the nearest to the base's origin, and the direction is upward. Return None if no
-    joint turns the whole arm.
+    A sector around this axis can use the symmetry. The point is the nearest to the base's origin,
+    and the direction is upward. Return None if no joint turns the whole arm.
     """
     q = np.array(task.reference)
     origins, axes = task.joint_origins(q), task.axes(q)
@@ -81,7 +86,8 @@ def own_axis(task: Task) -> Array | None:
 def last_axis(task: Task) -> tuple[str, Array]:
     """Compute the axis (2, 3) of the last joint in axes of the frame: a point, m, and a direction.
 
-    Return also the name of the joint, which must be revolute.
+    An error message compares it with the tool's z axis. Return also the name of the joint, which
+    must be revolute.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -100,7 +106,10 @@ def difference(one: Array, other: Array) -> tuple[float, float]:
 
 
 def difference_words(one: Array, other: Array) -> str:
-    """Write how far an axis (2, 3) is tilted and displaced from another one."""
+    """Write how far an axis (2, 3) is tilted and displaced from another one; empty if it is not.
+
+    An axis is a point, m, and a direction.
+    """
     tilt, away = difference(one, other)
     parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
     parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []
@@ -108,7 +117,10 @@ def difference_words(one: Array, other: Array) -> str:
 
 
 def tool_symmetry(task: Task) -> Symmetry | None:
-    """Find the joint whose axis is the tool's z axis through the frame's origin, or None."""
+    """Find the joint whose axis is the tool's z axis through the frame's origin, or None.
+
+    A function over a sector need not be designed along the spin, the rotation about that axis.
+    """
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
         return pin.SE3(
@@ -124,6 +136,11 @@ def _found(
     joints: range,
     turned: Callable[[pin.SE3, float], pin.SE3],
 ) -> Symmetry | None:
+    """Find the first of the joints that moves the frame as ``turned`` does; None if there is none.
+
+    ``turned(x, angle)`` moves a placement x along the coordinate with the index ``coordinate``. The
+    poses after a joint step are compared at a few random configurations.
+    """
     rng = np.random.default_rng(0)
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))
     before = [task.placement(q) for q in Q]
@@ -139,8 +156,10 @@ def _found(
 
 
 def _away(task: Task, x: pin.SE3, y: pin.SE3) -> float:
-    """Compute the largest difference of two placements in the task's components, m or entries of
-    the rotation matrix."""
+    """Compute the largest difference of two placements in the components that the task commands.
+
+    It is in m, or in entries of the rotation matrix.
+    """
     e = [(x.translation - y.translation)[task.rows[: min(3, task.m)]]]
     if task.kind == "pose":
         e.append((x.rotation - y.rotation).ravel())

@@ -1,4 +1,7 @@
-"""Conversion of target poses to arrays, from placements, matrices, or positions and quaternions."""
+"""Conversion of target poses to arrays, from placements, matrices, or positions and quaternions.
+
+Targets are the poses at which a function q = F(x) is evaluated.
+"""
 
 from __future__ import annotations
 
@@ -52,12 +55,18 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
 
 
 def _floats(array: Array) -> Array:
+    """Convert an array of targets to float; raise an InputError if it is not of real numbers."""
     if array.dtype.kind not in "fiu":
         raise InputError(f"targets must be real numbers; got an array of {array.dtype}")
     return array.astype(float)
 
 
 def _of_quaternions(rows: Array) -> tuple[Array, Array]:
+    """Convert rows of x, y, z, m, and a quaternion qx, qy, qz, qw to p (K, 3) and R (K, 3, 3).
+
+    An InputError is raised if a quaternion does not have norm 1. R is NaN in rows that are not
+    finite.
+    """
     finite = np.isfinite(rows).all(axis=1)
     length = np.linalg.norm(rows[:, 3:], axis=1)
     wrong = finite & (np.abs(length - 1) > _UNIT)
@@ -74,6 +83,11 @@ def _of_quaternions(rows: Array) -> tuple[Array, Array]:
 
 
 def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
+    """Convert homogeneous matrices X (K, 4, 4) to positions (K, 3), m, and rotations (K, 3, 3).
+
+    An InputError that names the target is raised for another shape, a last row that is not 0, 0, 0,
+    1, or a rotation that is none; the rotation is checked only if the task commands it.
+    """
     if X.shape[1:] != (4, 4):
         raise InputError(f"targets must be {FORMS}; got an array of shape {X.shape}")
     p, R = X[:, :3, 3], X[:, :3, :3].copy()

@@ -1,4 +1,8 @@
-"""Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``."""
+"""Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``.
+
+F gives one configuration for each pose of the frame, T is the placement of the tool in the frame.
+So a change of the tool needs no new design.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,7 @@ from .targets import FORMS, as_poses, homogeneous
 class ToolFunction:
     """Function over the poses of a tool, from the function of the frame that carries it.
 
-    Made by :meth:`InverseFunction.with_tool`.
+    It gives one configuration for each pose. Made by :meth:`InverseFunction.with_tool`.
 
     Attributes
     ----------
@@ -44,7 +48,10 @@ class ToolFunction:
 
     @property
     def cell(self) -> Cell:
-        """Cell of the frame's poses: the tool's are x T, x in the cell."""
+        """Cell of the frame's poses; those of the tool are x T, with x in the cell.
+
+        T is the placement of the tool in the frame.
+        """
         cell: Cell = self.of_frame.cell
         return cell
 
@@ -98,12 +105,16 @@ class ToolFunction:
         return X @ self.tool.homogeneous, C
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate ∂F'/∂x (n, m) at a pose of the tool."""
+        """Evaluate ∂F'/∂x (n, m) at a pose of the tool: the joint velocity per task velocity."""
         return self.inverse(self(target, leaf=leaf))
 
     @cached_property
     def inverse(self) -> RepeatableInverse:
-        """Controller ``q̇ = ∂F'/∂x ẋ`` of the tool, evaluated in NumPy."""
+        """Controller ``q̇ = ∂F'/∂x ẋ`` of the tool, evaluated in NumPy.
+
+        F' is the function of the tool; the controller's leaf c = 0, where its potentials are 0, is
+        F'.
+        """
         potentials: Any = _FramePotentials(self.of_frame.chart)
         return RepeatableInverse(self.task, potentials)
 
@@ -131,10 +142,12 @@ class ToolFunction:
 class _FramePotentials(CellPotentials):
     """Potentials of the frame's chart: functions of q, whatever tool the task controls.
 
-    C evaluates a chart at the pose of the task's own frame, so it cannot hold them.
+    A controller that holds them constant follows the function. C evaluates a chart at the pose of
+    the task's own frame, so it cannot hold them.
     """
 
     def _native_part(self) -> Any:
+        """Raise an InputError: the function of another tool is not available in C."""
         raise InputError(
             "the function of another tool is not available in C",
             remedy="use the function of the frame, of_frame, with the poses x T⁻¹",

@@ -1,5 +1,8 @@
-"""Range of a function along the symmetric coordinates (angle, spin) of its sector, and its chart in
-all coordinates of the sector."""
+"""Range of a function along the symmetric coordinates (angle, spin) of its sector.
+
+A single joint moves the frame along such a coordinate, so the function is designed without it. Its
+chart is then rewritten in all coordinates of the sector.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +32,8 @@ _CONFIGURATIONS, _STEP = 6, 0.7
 @dataclass(frozen=True)
 class Turn:
     """Range of a function along one symmetric coordinate of a sector.
+
+    A single joint moves the frame along it, so the range ends where that joint meets its limits.
 
     Attributes
     ----------
@@ -108,6 +113,7 @@ _INSIDE = 1e-9
 def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
 
+    What remains of the joint's range is the range of the coordinate along which it moves the frame.
     Return also the fraction of the poses that is covered, and the widths (3,) of the intervals,
     around the mean of both values, that contain 99.9 %, 99 % and this fraction of the values. All
     are NaN if no pose is covered.
@@ -137,12 +143,13 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
 
 
 def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
-    """Test at which points the function exists, inside the joint limits: (K,)."""
+    """Test at which points the function of a chart exists, inside the joint limits: (K,)."""
     margin = cell.limit_margin(points.Q).min(axis=1)
     return np.asarray(points.found & (margin >= 0))
 
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
+    """Return the lower and the upper limit of a joint of the task, rad; infinite without limits."""
     lower, upper, _ = task.joint_limits
     return float(lower[joint]), float(upper[joint])
 
@@ -150,6 +157,7 @@ def _limits(task: Task, joint: int) -> tuple[float, float]:
 def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     """Compute the range of a chart's function along the symmetric coordinates of its sector.
 
+    A single joint moves the frame along such a coordinate, and its limits end the range.
     Coordinates with the range ``"all"`` get this range: the middle of the sector is moved, and
     their half-widths are set. Return the chart over the changed sector, and the ranges. A chart
     without removed symmetries is returned unchanged, with no ranges.
@@ -187,7 +195,8 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
 def expanded(chart: Chart) -> Chart:
     """Rewrite a sector's chart, designed without the coordinates of its symmetries, in all of them.
 
-    q_ref is linear in these coordinates. Other charts are returned unchanged.
+    Body distances, which depend on these coordinates, are evaluated with it. The polynomial q_ref
+    of the chart is linear in these coordinates. Other charts are returned unchanged.
     """
     sector = chart.cell
     if not sector.removed:
@@ -210,9 +219,10 @@ def expanded(chart: Chart) -> Chart:
 def turn_at(chart: Chart, U: Array) -> Array | None:
     """Compute the range (K,) of a sector's angle, rad, at the radius and height of each row of U.
 
-    In this range, the joint that turns the arm stays inside its limits at every tilt. Rows of U
-    (K, k) are coordinates in the sector, of which tilts and spin are ignored. The range is NaN
-    where no pose is covered. Return None if the symmetry of the angle is not used.
+    A figure shows it as a map. In this range, the joint that turns the arm stays inside its limits
+    at every tilt. Rows of U (K, k) are coordinates in the sector, of which tilts and spin are
+    ignored. The range is NaN where no pose is covered. Return None if the symmetry of the angle is
+    not used.
     """
     sector = chart.cell
     if ANGLE not in sector._removed:
@@ -237,7 +247,9 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
 def reduced(cell: Cell, desired: Inverse) -> Cell:
     """Remove from the coordinates of a cell those along which arm and G_d are symmetric.
 
-    G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with the symmetric joint.
+    A single joint moves the frame along such a coordinate, so a function is designed faster without
+    it. The desired inverse G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with
+    that joint.
     """
     if not isinstance(cell, Sector):
         return cell
@@ -253,6 +265,9 @@ def reduced(cell: Cell, desired: Inverse) -> Cell:
 
 
 def _rates(cell: Cell, desired: Inverse, Q: Array) -> Array:
-    """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m)."""
+    """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m).
+
+    G_d is the desired inverse, so these are its joint velocities, at the configurations Q (K, n).
+    """
     p, R, J = placed(cell.task, Q)
     return desired.batch(Q, J) @ cell._all_twists(cell._measured(p, R), R)

@@ -1,5 +1,8 @@
 r"""Taylor models of the gradient of an arm angle on boxes of joint positions.
 
+A Taylor model is a polynomial with a bound on its error. A proof needs it for designs whose
+potential is an arm angle, the angle of the elbow about the line from shoulder to wrist.
+
 With ``e`` the elbow and ``w`` the wrist, seen from the shoulder, ``ρ = |w|`` and ``a = w × e``, the
 gradient of the arm angle is that of two forces, α at the elbow and β at the wrist, which the
 shoulder balances: the moment about each revolute joint's axis, the force along each prismatic one.
@@ -42,6 +45,9 @@ _U = 2.0**-52
 class ArmAngleChain:
     """The joints that move the shoulder, the elbow and the wrist of an arm angle, and its weights.
 
+    An arm angle, that of the elbow about the line from shoulder to wrist, can be the potential of a
+    design. A proof of such a design needs bounds on its gradient.
+
     Attributes
     ----------
     R, p, a : (P, 3, 3), (P, 3) and (P, 3) arrays
@@ -78,7 +84,10 @@ class ArmAngleChain:
 
     @classmethod
     def of(cls, angle: ArmAngle, weights: Array) -> ArmAngleChain:
-        """Collect the joints of an arm angle with the given weights (r,)."""
+        """Collect the joints of an arm angle with the given weights (r,), one per potential.
+
+        An InputError is raised if it depends on no joint, or on more than 10.
+        """
         model, task = angle.task.model, angle.task
         data, neutral = model.createData(), pin.neutral(model)
 
@@ -114,12 +123,16 @@ class ArmAngleChain:
 
     @property
     def moving(self) -> NDArray[np.intp]:
-        """Indices of the joints q that move the shoulder, the elbow or the wrist."""
+        """Indices of the joints q that move the shoulder, the elbow or the wrist.
+
+        Only these appear in the Taylor models of the gradient, whose size grows fast with their
+        number.
+        """
         return np.flatnonzero((self.S != 0).any(axis=0))
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """True if each joint moves the shoulder, the elbow and the wrist, (P, 3)."""
+        """True if a joint moves the shoulder, the elbow and the wrist, one column each: (P, 3)."""
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:
@@ -128,9 +141,10 @@ class ArmAngleChain:
         return found
 
     def gradient_bounds(self, Q: Array, half: Array) -> _GradientBounds:
-        """Expand the gradient of the arm angle on boxes Q ± half, (K, n) each.
+        """Expand the gradient of the arm angle on boxes of joints Q ± half, (K, n) each.
 
-        Boxes that differ only in joints that do not move the three points are evaluated once.
+        A proof adds the result to the expansions of other potentials. Boxes that differ only in
+        joints that do not move the three points are evaluated once.
         """
         on = self.moving
         both = np.concatenate([Q[:, on], half[:, on]], axis=1)
@@ -142,9 +156,11 @@ class ArmAngleChain:
         return _bounds(self, P[which], r[which], half[which])
 
     def models(self, Q: Array, half: Array) -> tuple[Array, Array]:
-        """Compute Taylor models of the gradient on boxes of the joints that move the arm angle.
+        """Compute Taylor models of the gradient on boxes of the k joints that move the arm angle.
 
-        Returns their coefficients (K, k, M) and bounds (K, k).
+        A Taylor model is a polynomial of degree 3 with a bound on its error. The boxes are Q ±
+        half, (K, k) each. Return the coefficients (K, k, M) of the M monomials, for each entry of
+        the gradient, and the bounds (K, k).
         """
         native, on, (K, k) = required_library("a proof"), self.moving, Q.shape
         space = space_of(k)
@@ -175,7 +191,9 @@ def _carried(
 ) -> tuple[int, Array]:
     """Find the joint nearest to the tool that moves a frame's origin, and the place in its frame.
 
-    Revolute joints on whose axis the origin lies do not move it.
+    Return the index of the joint in the model, 0 if there is none, and the place (3,), m. Revolute
+    joints on whose axis the origin lies do not move it, and need not be proved over. ``screw``
+    gives the twist (6,) of a joint in its own axes, linear part first.
     """
     joint, place = int(frame.parentJoint), np.array(frame.placement.translation)
     while joint > 0 and not np.cross(screw(joint)[3:], place).any():
@@ -192,7 +210,7 @@ def _carried(
 @dataclass(frozen=True, eq=False)
 @read_only
 class _GradientBounds:
-    """Expansions of a gradient V on K boxes.
+    """First-order expansions of a gradient V, that of an arm angle, on K boxes of joints.
 
     Attributes
     ----------
@@ -212,7 +230,12 @@ class _GradientBounds:
 
 
 def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientBounds:
-    """Convert Taylor models of the gradient (K, k) to first-order expansions on boxes."""
+    """Convert Taylor models of the gradient to first-order expansions on boxes.
+
+    ``P`` (K, k, M) and ``r`` (K, k) are the coefficients and error bounds of the models, for the k
+    joints that move the arm angle; ``half`` (K, n) are the half-widths of the boxes. Terms of a
+    higher order are added to the bounds.
+    """
     on, (K, n) = chain.moving, half.shape
     V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))
     k, h = len(on), half[:, None, on]

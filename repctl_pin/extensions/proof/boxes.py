@@ -1,5 +1,9 @@
-"""Boxes of joints: those that cover a region or a path, their halves, and their distance to the
-joint limits."""
+"""Boxes of joint positions, on which a proof computes its bounds.
+
+A box is the set of configurations between a lower and an upper corner, each (n,). The functions
+cover Ω, the region of joint space of a design, by boxes, halve boxes, and bound their distance to
+the joint limits.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +21,12 @@ _STRETCH = 0.25
 
 
 def cover(region: Region) -> tuple[Array, Array]:
-    """Cover a region by boxes: their lower and upper corners, (K, n) each.
+    """Cover a region of joint space by boxes: their lower and upper corners, (K, n) each.
 
-    A tube is divided into sections of consecutive samples, see :func:`sections`. One box encloses
-    the tube along each section, all configurations between its samples included. Where boxes
-    overlap, the later ones are reduced. A workspace box is covered by the box of joints that it
-    selects from.
+    A proof begins with these boxes. A tube, the configurations near a sampled motion, is divided
+    into sections of consecutive samples, see :func:`sections`. One box encloses the tube along each
+    section, all configurations between its samples included. Where boxes overlap, the later ones
+    are reduced. A workspace box is covered by the box of joints that it selects from.
 
     Raises
     ------
@@ -42,7 +46,11 @@ def cover(region: Region) -> tuple[Array, Array]:
 
 
 def _stretches(tube: Tube) -> tuple[Array, Array]:
-    """Enclose sections of a tube in boxes: their lower and upper corners, (K, n) each."""
+    """Enclose a tube in boxes, one per section of its samples: their corners, (K, n) each.
+
+    A tube is the set of configurations near a sampled motion. A box contains those near one section
+    of it, see :func:`sections`. Rounding is included.
+    """
     Q = tube.samples
     wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
     parts = [Q[part] for part in sections(Q, np.tile(tube.radius, (len(Q), 1)))]
@@ -52,9 +60,10 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
 
 
 def sections(Q: Array, clearance: Array) -> list[slice]:
-    """Divide a path through Q (K, n) into sections, on which each joint moves by at most a quarter
-    of its smallest ``clearance`` (K, n).
+    """Divide a path through Q (K, n) into sections that are short enough for one box each.
 
+    On a section, each joint moves by at most a quarter of the smallest ``clearance`` (K, n) there,
+    the distance that a joint may move within Ω, rad or m. The results are slices of the rows of Q.
     A section has at least two configurations; its last one is the first one of the next section.
     """
     first, parts = 0, []
@@ -68,7 +77,7 @@ def sections(Q: Array, clearance: Array) -> list[slice]:
 
 
 def centered(low: Array, high: Array) -> tuple[Array, Array]:
-    """Compute centres and half-widths of boxes from their corners.
+    """Compute centres and half-widths, (K, n) each, of boxes from their corners.
 
     The half-widths are enlarged, so that the boxes contain both corners in spite of rounding.
     """
@@ -80,8 +89,9 @@ def centered(low: Array, high: Array) -> tuple[Array, Array]:
 def halved(
     low: Array, high: Array, split: NDArray[np.int32]
 ) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Halve boxes along the joints ``split`` (K,), at a number that both halves share.
+    """Halve boxes, each along the joint with the index ``split`` (K,).
 
+    Both halves share the number at which they meet, so that a proof misses nothing between them.
     Boxes with a negative ``split``, which were not evaluated yet, are returned whole, and first.
 
     Returns
@@ -104,8 +114,9 @@ def halved(
 def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     """Reduce boxes so that they overlap less but still cover the same union.
 
-    Each box is divided into what lies outside the previous box. Earlier boxes are removed from
-    these parts where one part remains.
+    A proof then has less to do. The corners of the boxes are low and high, (K, n) each, and so are
+    the results. Each box is divided into the parts outside the box before it. A part is reduced by
+    earlier boxes, too, where what remains is one box.
     """
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]
@@ -123,7 +134,11 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
 def _outside(
     box: tuple[Array, Array], other: tuple[Array, Array]
 ) -> list[tuple[Array, Array]]:
-    """Divide the part of a box outside another one into boxes, at most two per joint."""
+    """Divide the part of a box outside another one into boxes, at most two per joint.
+
+    A box is a pair of its lower and upper corner, (n,) each. The list is empty if the other box
+    contains this one.
+    """
     if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
         return [box]
     pieces, (low, high) = [], (box[0].copy(), box[1].copy())
@@ -149,9 +164,10 @@ def enclosing(low: Array, high: Array) -> Box:
 
 
 def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
-    """Bound the distance to the nearest joint limit from below over boxes.
+    """Bound the distance to the nearest joint limit from below, over boxes of joints.
 
-    Returns the bound, rad or m, and the index of the box with the smallest one.
+    The corners of the boxes are low and high, (K, n) each. Return the bound, rad or m, and the
+    index of the box with the smallest one.
     """
     T = task.coordinate_matrix
     middle, reach = (low + high) / 2 @ T.T, (high - low) / 2 @ np.abs(T).T

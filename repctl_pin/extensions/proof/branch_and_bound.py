@@ -1,4 +1,9 @@
-"""Branch and bound on the leaf margin: boxes are halved until the bounds on them suffice."""
+"""Branch and bound on the leaf margin: boxes are halved until the bounds on them suffice.
+
+The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At one, the matrix
+J_V is singular, that is, the task Jacobian J stacked on the gradients V of the potentials. A box of
+joint space is decided once the lower bound of the leaf margin on it suffices.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +40,14 @@ def bound_leaf_margin(
     seconds: float,
     report: Callable[[str, float], None],
 ) -> Proof:
-    """Bound the leaf margin from below on a union of boxes.
+    """Prove a lower bound of the leaf margin on a union of boxes of joint space.
+
+    The leaf margin is the distance from an algorithmic singularity, from 0 to 1.
 
     Parameters
     ----------
     problem
-        The leaf margin.
+        The task and the potentials whose leaf margin is bounded.
     low, high : (K, n) arrays
         Lower and upper corners of the boxes.
     goal
@@ -70,7 +77,13 @@ def bound_leaf_margin(
 
 
 class _Search:
-    """State of branch and bound: the undecided boxes, and the minimum bound of all others."""
+    """State of branch and bound: the undecided boxes, and the smallest bounds of all others.
+
+    ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: its
+    corners, the bounds of the leaf margin and of σ_min(J) on it, and the joint along which to halve
+    it. ``upper`` is the smallest leaf margin at a centre. ``reason`` says why the search stopped,
+    and is empty while it runs.
+    """
 
     def __init__(
         self, problem: LeafMarginProblem, low: Array, high: Array, goal: float | None
@@ -90,7 +103,7 @@ class _Search:
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
-        """Halve one batch of undecided boxes, and evaluate the halves.
+        """Halve one batch of undecided boxes, and bound the leaf margin on the halves.
 
         With a goal, the newest boxes are taken; without one, those with the smallest bounds.
         """
@@ -125,9 +138,12 @@ class _Search:
             )
 
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
-        """Return the bound from which a box counts as decided.
+        """Return the bound of the leaf margin from which a box counts as decided.
 
-        The search stops if the leaf margin at a centre is below the goal, or 0 without a goal.
+        ``found`` are the bounds on the boxes Q ± half, (K, n) each. The result is the goal. Without
+        a goal it is 95 % of the smallest leaf margin at any centre, which no proved bound can
+        exceed. The search stops if the leaf margin at a centre is below the goal, or 0 without a
+        goal.
         """
         least = int(np.argmin(found.center))
         if found.center[least] < self.upper:
@@ -146,8 +162,9 @@ class _Search:
     ) -> NDArray[np.bool_]:
         """Count waiting boxes as decided if their bound now reaches ``enough``.
 
-        ``stays`` marks the boxes that were not in the last batch. Returns the mask of all boxes but
-        those that are now decided.
+        A search without a goal lowers ``enough`` when it finds a smaller leaf margin. ``stays`` has
+        one bool per undecided box, False for those of the last batch. Return a mask of the
+        undecided boxes, False for those that are now decided.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
@@ -158,6 +175,11 @@ class _Search:
     def _settle(
         self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
     ) -> None:
+        """Record the smallest bounds of newly decided boxes, and the box with the smallest of them.
+
+        ``found`` are the bounds on the boxes Q ± half, (K, n) each; ``done`` (K,) marks the decided
+        ones.
+        """
         (rows,) = np.nonzero(done)
         least = rows[np.argmin(found.leaf_margin[rows])]
         if found.leaf_margin[least] < self.decided:
@@ -166,12 +188,20 @@ class _Search:
         self.settled_sigma = min(self.settled_sigma, float(found.sigma_min[rows].min()))
 
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
+        """Stop the search at box number ``at`` of the boxes Q ± half, (K, n) each, which it names.
+
+        ``why`` is the reason for the user, unless an arm angle is not defined at the centre of the
+        box.
+        """
         if self.problem.undefined(Q[at, None], 0 * half[at, None])[0]:
             why = "the arm angle is not defined there"
         self.reason, self.worst = why, (Q[at], half[at])
 
     def give_up(self, when: str) -> None:
-        """Stop the search while boxes are still undecided."""
+        """Stop the search while boxes are still undecided: it takes too long, or too much memory.
+
+        ``when`` completes the reason "stopped …", such as "after 60 s".
+        """
         self.reason, self.gave_up = f"stopped {when}", True
 
     def proof(self) -> Proof:
@@ -200,7 +230,11 @@ class _Search:
         )
 
     def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Name an arm angle as the reason if it may be singular in the smallest undecided box."""
+        """Name an arm angle as the reason if it may be singular in the smallest undecided box.
+
+        ``worst`` is the box that the proof names so far: its centre and half-widths, (n,) each.
+        Return it, or the smallest undecided box if the arm angle may be undefined there.
+        """
         small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
         Q, half = centered(self.low[small, None], self.high[small, None])
         if not self.problem.undefined(Q, half)[0]:

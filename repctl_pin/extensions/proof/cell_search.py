@@ -1,6 +1,7 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
-A box of poses is halved until the bounds on it suffice.
+The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each of
+them. A box of poses is halved until the bounds on it suffice.
 """
 
 from __future__ import annotations
@@ -35,12 +36,15 @@ def bound_cell(
 ) -> Proof:
     """Prove that F exists on a whole cell, and that its margins are above two goals.
 
+    F gives one configuration for each pose of the cell.
+
     Parameters
     ----------
     problem
         The margins of the function.
     leaf, limit
-        Leaf margin and limit margin, rad or m, to prove; −inf for none.
+        Leaf margin (distance from an algorithmic singularity, 0 to 1) and limit margin (distance
+        from the joint limits, rad or m) to prove; −inf for none.
     seconds
         Processor time, s, after which the search stops.
     report
@@ -63,7 +67,13 @@ def bound_cell(
 
 
 class _CellSearch:
-    """State of branch and bound: the undecided boxes, and the minimum margins of all others."""
+    """State of branch and bound: the undecided boxes, and the minimum margins of all others.
+
+    ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
+    coordinates u. ``margins`` are the smallest proved leaf margin, σ_min(J) and limit margin.
+    ``at`` is the box of the smallest leaf margin, or that at which the search stopped: centre and
+    half-widths. ``reason`` says why it stopped, and is empty while it runs.
+    """
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
         self.problem, self.leaf, self.limit = problem, leaf, limit
@@ -73,11 +83,11 @@ class _CellSearch:
         self.low, self.high = grid(self._counts())
 
     def _counts(self) -> Array:
-        """Choose the number of initial boxes along each coordinate, (k,).
+        """Choose the number of initial boxes along each of the k coordinates of the cell: (k,).
 
-        The joints move equally far on a box along every coordinate. The boxes are made smaller
-        until half of a sample of them is proved; if that takes too many boxes, a single one is
-        used.
+        Boxes of the right size at the beginning save the halving of boxes that are too large. The
+        joints move equally far on a box along every coordinate. The boxes are made smaller until
+        half of a sample of them is proved; if that takes too many boxes, a single one is used.
         """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
@@ -100,16 +110,17 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
+        """Test which boxes have bounds of both margins, leaf and limit, above their goals: (K,)."""
         return np.asarray(
             (found.leaf_margin > self.leaf) & (found.limit_margin > self.limit)
         )
 
     def volume(self) -> float:
-        """Compute the share of the cell that is undecided."""
+        """Compute the share of the cell that is undecided, from 0 to 1."""
         return float(np.prod((self.high - self.low) / 2, axis=1).sum())
 
     def advance(self) -> None:
-        """Evaluate the newest boxes, and halve those that are not proved."""
+        """Evaluate the newest boxes of poses, and halve those that are not proved."""
         take = slice(max(0, len(self.low) - _BATCH), None)
         low, high = self.low[take], self.high[take]
         Uc, half = (low + high) / 2, (high - low) / 2
@@ -130,10 +141,12 @@ class _CellSearch:
         self.high = np.concatenate([self.high[: take.start], high])
 
     def _stop_if_hopeless(self, low: Array, high: Array) -> None:
-        """Stop the search at a box that cannot be proved by halving it.
+        """Stop the search at a box of poses that cannot be proved by halving it.
 
-        Either F at its centre does not exist, misses a margin, or is farther from q_ref than d*,
-        the distance within which F is proved to be the only solution; or the box is too small.
+        The corners of the boxes are low and high, (K, k) each. Either F at the centre of a box does
+        not exist, misses a margin, or is too far from q_ref, the polynomial that approximates it;
+        or the box is too small. Too far means beyond d*, the distance within which F is proved to
+        be the only solution.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
@@ -170,12 +183,18 @@ class _CellSearch:
                 return
 
     def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
-        """Stop the search at box number ``which`` of those with corners low and high."""
+        """Stop the search, and record why, and the box with the index ``which``.
+
+        The corners of the boxes are low and high, (K, k) each, in the cell's coordinates.
+        """
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
     def proof(self) -> Proof:
-        """Return the margins proved on the whole cell, or where and why the search stopped."""
+        """Return the margins proved on the whole cell, or where and why the search stopped.
+
+        The description and the fingerprint of what is proved are added later.
+        """
         leaf, sigma, limit = (
             (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         )

@@ -1,12 +1,13 @@
 r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
-F is the inverse kinematic function of the cell. On a box ``u_c ± h`` of the cell's coordinates u,
-Taylor models are computed of the chart's reference configuration q_ref(u) and null-space basis
-n_ref(u) and of the pose x(u); coordinates that the task leaves free are those of f(q_ref(u)). From
-these follow models, in the middle link's frame, of the joint screws J at q_ref(u) and of the
-displacement ξ(u) from f(q_ref(u)) to x(u). Let A be an approximation of J_V⁻¹ at the centre, and D,
-Y and g bounds on matrices and vectors, entry by entry.
-Then, for all q with ``|q − q_ref(u)| ≤ g``,
+F is the inverse kinematic function of the cell, a box of poses with coordinates u from −1 to 1: one
+configuration for each pose. The chart of F is a pair of polynomials in u, which approximate F and
+the null space of J. On a box ``u_c ± h`` of the cell's coordinates u, Taylor models are computed of
+the chart's reference configuration q_ref(u) and null-space basis n_ref(u) and of the pose x(u);
+coordinates that the task leaves free are those of f(q_ref(u)). From these follow models, in the
+middle link's frame, of the joint screws J at q_ref(u) and of the displacement ξ(u) from f(q_ref(u))
+to x(u). J_V is J stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the centre, and D, Y and
+g bounds on matrices and vectors, entry by entry. Then, for all q with ``|q − q_ref(u)| ≤ g``,
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 
@@ -59,6 +60,8 @@ cell at which they lie."""
 class CellBounds:
     """Bounds on the margins of F over K boxes of poses.
 
+    F is the function of a cell, which gives one configuration for each pose.
+
     Attributes
     ----------
     leaf_margin, sigma_min, limit_margin : (K,) arrays
@@ -81,6 +84,10 @@ class CellBounds:
 
 class CellProof:
     """Bounds over boxes of poses for the function F of one chart; the native library computes them.
+
+    F gives one configuration for each pose of a cell. The chart consists of q_ref and n_ref,
+    polynomials that approximate F and the null space of J. The search over a cell asks for bounds
+    on ever smaller boxes, until F is proved to exist and to keep its margins on all of them.
 
     Parameters
     ----------
@@ -114,20 +121,24 @@ class CellProof:
         self.see_from(max(made, key=self._tightness))
 
     def use(self, native: ctypes.CDLL) -> None:
-        """Compute with a native library."""
+        """Compute with the given native library: later calls run its function ``cell_bounds``."""
         self._run = native.cell_bounds
         self._run.restype = ctypes.c_int
 
     def see_from(self, chain: Chain) -> None:
-        """Choose the middle link, in whose frame the screws are expressed."""
+        """Choose the middle link, in whose frame the joint screws are expressed.
+
+        ``chain`` is the arm with such a choice. The bounds hold with any; some are tighter.
+        """
         self.chain = chain
         self._chain = chain.struct()
         self._cell = self._cell_struct()
 
     def _tightness(self, chain: Chain) -> float:
-        """Sum the bounds of the leaf margin on boxes at corners of the cell, for a chain.
+        """Sum the lower bounds of the leaf margin on boxes at corners of the cell, for a chain.
 
-        The larger it is for a chain (a choice of the middle link), the fewer boxes are needed.
+        A chain is the arm with a choice of the middle link, in whose frame the screws are
+        expressed. The larger the sum is for a chain, the fewer boxes a proof needs.
         """
         self.see_from(chain)
         k = self.cell.k
@@ -137,13 +148,18 @@ class CellProof:
         return float(found.leaf_margin.sum())
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
-        """Bound the margins of F over boxes Uc ± half, (K, k) each, and enclose its values."""
+        """Bound the margins of F over boxes of poses Uc ± half, (K, k) each, and enclose F.
+
+        F gives one configuration for each pose u of a cell.
+        """
         return self.bounds_from(Uc, half, self.start(Uc, half))
 
     def bounds_from(
         self, Uc: Array, half: Array, start: Array, gradients: Array | None = None
     ) -> CellBounds:
-        """Bound the margins of F from the differences of its value and slopes from q_ref.
+        """Bound the margins of F over boxes of poses, from estimates of its difference from q_ref.
+
+        q_ref is the polynomial of the chart that approximates F.
 
         Parameters
         ----------
@@ -173,9 +189,11 @@ class CellProof:
         return CellBounds(leaf, sigma, limit, split, Q, reach)
 
     def start(self, Uc: Array, half: Array) -> Array:
-        """Compute F − q_ref at Uc and its slopes times half: (K, n, 1 + k), both (K, k).
+        """Estimate F − q_ref at the centres Uc of boxes of poses, and its slopes: (K, n, 1 + k).
 
-        The proof holds with any numbers; these make it tight.
+        q_ref is the polynomial that approximates F. The first column is the difference, the others
+        are its slopes with respect to u, times ``half``. Uc and half are (K, k). The proof holds
+        with any numbers; these make it tight. They are 0 where F is not found, or is too far away.
         """
         k = self.cell.k
         points = self.chart.solve(Uc)
@@ -188,7 +206,11 @@ class CellProof:
         return np.where(near[:, None, None], shift, 0.0)
 
     def _cell_struct(self) -> ctypes.Structure:
-        """Create the struct Cell."""
+        """Create the C struct CELL, which holds all that the native library needs of the cell.
+
+        That is the arm's chain, the polynomials of the chart, the poses as functions of u, and
+        bounds.
+        """
         chain, poses, parts = self.chain, self.poses, self.polynomials
         k, kind = self.cell.k, self.task.kind
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
@@ -235,9 +257,10 @@ class CellProof:
 
 
 def _tips(chain: Chain, farthest: Array) -> Array:
-    """Bound the distance of every revolute joint from the frame (P,), m.
+    """Bound the distance of each joint's origin from the end-effector frame: (P,), m.
 
-    ``farthest`` (n,) are the largest absolute values of the joints.
+    It is the length of the links in between, which tells how far a rotation of the joint can move
+    the frame. ``farthest`` (n,) are the largest absolute values of the joints.
     """
     slides = np.abs(chain.S[:, : chain.n]) @ farthest + np.abs(chain.o)
     lengths = np.linalg.norm(chain.p, axis=1) + np.where(chain.revolute, 0.0, slides)
@@ -247,7 +270,9 @@ def _tips(chain: Chain, farthest: Array) -> Array:
 def farthest(chart: Chart) -> Array:
     """Search for the largest distance of F from q_ref over the cell, joint by joint: (n,).
 
-    Random poses and corners are evaluated, then poses around the worst ones.
+    F is the function of the chart, q_ref the polynomial that approximates it. The distance around
+    q_ref within which F is proved to be unique is made from this result, which itself is not
+    proved. Random poses and corners are evaluated, then poses around the worst ones.
     """
     cell, rng = chart.cell, np.random.default_rng(1)
 
@@ -268,10 +293,12 @@ def farthest(chart: Chart) -> Array:
 
 
 def limits_of(cell: Cell) -> tuple[Array, Array]:
-    """Return the lower and upper joint limits for the F of a cell, (n,) each.
+    """Return the lower and upper joint limits for the F of a cell, (n,) each, rad or m.
 
-    They are narrowed by the motion of joints along the coordinates of a sector that its symmetries
-    remove from u; −inf and inf for a joint whose limits bound such a coordinate.
+    F, one configuration for each pose, may be designed without the coordinates of a sector along
+    which a single joint moves the arm, its symmetries. The limits of such a joint are narrowed by
+    its motion along the coordinate. They are −inf and inf if they only end the range of the
+    coordinate.
     """
     lower, upper, _ = cell.task.joint_limits
     lower, upper = lower.copy(), upper.copy()
@@ -288,6 +315,7 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
 class _Polynomials:
     """The polynomials q_ref and n_ref of a chart, prepared for expansion to degree 3 on boxes.
 
+    q_ref approximates the configuration F(u) of each pose, n_ref (n, r) the null space of J there.
     The last axis of the arrays holds q_ref, then the r columns of n_ref; ∂^α is the derivative with
     exponents α, one per coordinate of the cell.
 
@@ -317,7 +345,8 @@ class _Polynomials:
     def of(cls, chart: Chart) -> _Polynomials:
         """Compute the derivatives of a chart's polynomials, and bounds of the fourth ones.
 
-        A bound is the sum of the absolute values of a polynomial's coefficients.
+        The bounds give the error of an expansion to degree 3. A bound is the sum of the absolute
+        values of a polynomial's coefficients, as |u_i| ≤ 1.
         """
         monomials = chart.monomials
         derivatives = Monomials(monomials.k, ORDER + 1)

@@ -52,10 +52,11 @@ def prove(
 ) -> Proof:
     """Prove by branch and bound, rounding included, that a design has no singularity in its region.
 
-    On each box of joints, J_V is expanded about its value at the centre, with bounds on the
-    remainder that hold on the whole box. They follow from bounds on the second derivatives of the
-    joint screws and on the third derivatives of the potentials. A box is halved until its bound
-    suffices. For the theorem and its assumptions, see the theory, "Proved, not sampled".
+    On each box of joints, J_V, the task Jacobian stacked on the gradients of the potentials, is
+    expanded about its value at the centre, with bounds on the remainder that hold on the whole box.
+    They follow from bounds on the second derivatives of the joint screws and on the third
+    derivatives of the potentials. A box is halved until its bound suffices. For the theorem and its
+    assumptions, see the theory, "Proved, not sampled".
 
     Parameters
     ----------
@@ -144,6 +145,7 @@ def prove(
 
 
 def _share(margin: float) -> float:
+    """Check a leaf margin to prove, from 0 to 1, and return it; else raise an InputError."""
     value = positive(margin, "margin", zero=True)
     if value > 1:
         raise InputError(
@@ -153,7 +155,7 @@ def _share(margin: float) -> float:
 
 
 class _Closing(NamedTuple):
-    """Closing radius to prove.
+    """Closing radius to prove: the distance within which every closed path closes in the joints.
 
     Attributes
     ----------
@@ -171,7 +173,12 @@ class _Closing(NamedTuple):
 
 
 def _asked_closing(closes: Any, ratio: float) -> _Closing | None:
-    """Convert the arguments ``closes`` and ``ratio``; None if no closing radius is to be proved."""
+    """Convert the arguments ``closes`` and ``ratio`` of :func:`prove` to the radius to prove.
+
+    ``closes`` is a closed path, True or False, metres, or (metres, radians); else an InputError is
+    raised. ``ratio`` is in rad per m; a pair (metres, radians) replaces it. Return None if
+    ``closes`` is False, and no closing radius is to be proved.
+    """
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
     if isinstance(closes, ClosedPath):
         return _Closing(ratio, path=closes)
@@ -194,7 +201,12 @@ def _of_region(
     closing: _Closing | None,
     report: reporting.Report,
 ) -> Proof:
-    """Prove the margins and the closing radius of a design over a region of joint space."""
+    """Prove the margins and the closing radius of a design over a region of joint space.
+
+    ``goal`` is the leaf margin to prove, None for the largest bound that can be proved. ``least``
+    is the limit margin to prove, rad or m, None for none. ``seconds`` is processor time, for the
+    margins and again for the radius. If a goal is missed, the proof names the box and the reason.
+    """
     task = design.task
     low, high = cover(region)
     limit_bound, nearest = limit_margin(task, low, high)
@@ -238,7 +250,12 @@ def _of_region(
 def _named(
     found: Proof, design: Design, region: Region, report: reporting.Report
 ) -> Proof:
-    """Name the singularity that prevented a proof, if signs of det J_V prove that there is one."""
+    """Name the singularity that prevented a proof, if signs of det J_V prove that there is one.
+
+    J_V is the task Jacobian stacked on the gradients of the potentials. Where its determinant
+    changes its sign, a controller with these potentials is singular. ``found`` is the proof that
+    failed. Return it with this reason, or unchanged.
+    """
     task, field = design.task, design.inverse.potentials
     if isinstance(region, WorkspaceBox):
         region = region.within
@@ -262,11 +279,12 @@ def _named(
 def _opposite_signs(
     task: Task, field: Potentials, region: Region, near: Array
 ) -> tuple[Array, Array] | None:
-    """Find two configurations of Ω at which det J_V has opposite signs.
+    """Find two configurations of Ω at which det J_V has opposite signs; None if none are found.
 
-    J_V is continuous, and Ω connected, so det J_V is 0 between them.
-    Samples of Ω and ``near`` (n,) are searched downhill. Returns the nearest pair found on the line
-    between two of them, or None.
+    Ω is the region of joint space to prove over, J_V the task Jacobian stacked on the potentials'
+    gradients. J_V is continuous, and Ω connected, so J_V is singular between the two. Samples of Ω
+    and ``near`` (n,) are searched downhill. The two are then brought close on the line between
+    them.
     """
     rng, half = np.random.default_rng(0), region.bounds.half_width
     Q = np.concatenate([region.center[None], near[None], region.random(_SAMPLES, 0)])
@@ -296,7 +314,10 @@ def _opposite_signs(
 
 
 def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
-    """Evaluate det J_V at configurations (K, n), relative to the product of the rows' norms."""
+    """Evaluate det J_V at Q (K, n), relative to the product of the norms of its rows: (K,).
+
+    J_V is the task Jacobian J stacked on the gradients Vᵀ of the potentials ``field``.
+    """
     V = np.swapaxes(field.gradients(Q), 1, 2)
     J_V = np.concatenate([task.jacobians(Q), V], axis=1)
     sizes = np.linalg.norm(J_V, axis=2).prod(axis=1)
@@ -306,7 +327,12 @@ def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
 def _without(
     design: Design, region: Region, share: float, report: reporting.Report
 ) -> str:
-    """Write how wide Ω may be without a singularity, from its share that reaches a known one."""
+    """Write how wide Ω may be without a singularity, as the end of a sentence; empty if not known.
+
+    Ω is the region of joint space that was to be proved. ``share`` is the factor by which to scale
+    it so that a known singularity is on its boundary. Smaller factors are tried until a proof
+    succeeds.
+    """
     task, field = design.task, design.inverse.potentials
     for part in (0.95, 0.8, 0.6, 0.4):
         smaller = region.shrunk(part * min(1.0, share)) if share > 0 else region
@@ -325,7 +351,12 @@ def _of_cell(
     seconds: float,
     report: reporting.Report,
 ) -> Proof:
-    """Prove that the function of a design exists over its cell, and prove its margins."""
+    """Prove that the function of a design exists over its cell of poses, and prove its margins.
+
+    ``goal`` is the leaf margin to prove, by default 90 % of the smallest one found. ``least`` is
+    the limit margin to prove, rad or m, by default slightly below the smallest one found.
+    ``seconds`` is processor time.
+    """
     from .cell_search import bound_cell
     from .cells import CellProof
 
@@ -356,7 +387,11 @@ def _of_cell(
 
 
 def _least_leaf_margin(design: CellDesign) -> float:
-    """Return the smallest leaf margin found; of a file without it, that of sampled poses."""
+    """Return the smallest leaf margin found in a cell, from which the goal of a proof is made.
+
+    The evaluation of the design contains it. Files of older versions do not contain it; then it is
+    the smallest one at 4096 sampled poses and the corners of the cell.
+    """
     from ..cells.margins import leaf_margins
 
     found = design.evaluation.leaf_margin

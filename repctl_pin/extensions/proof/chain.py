@@ -3,8 +3,8 @@
 A task with fewer than six coordinates leaves motions of the frame free. Each is represented by a
 virtual joint that stands still: three revolute joints at the tool for the rotation of a position
 task, one of them for an axis task, and a prismatic joint at the base for a position coordinate that
-is not controlled. The screws of all joints are the columns of a (6, N) matrix. Its null space,
-restricted to the first n entries, is the null space of J.
+is not controlled. The screws of all joints, twists (v, ω) per unit of joint speed, are the columns
+of a (6, N) matrix. Its null space, restricted to the first n entries, is the null space of J.
 """
 
 from __future__ import annotations
@@ -41,7 +41,10 @@ They are the base axes along which it can translate, and the tool axes about whi
 class Chain:
     """Serial chain of P joints, virtual ones included, with a middle link.
 
-    The screws of the joints are expressed in the frame of the middle link.
+    Virtual joints stand still: they represent motions that the task leaves free, so that the task
+    of the chain is a pose. The screws of the joints, twists per unit of joint speed, are expressed
+    in the frame of the middle link. The choice of that link decides how tight the bounds of a proof
+    are.
 
     Attributes
     ----------
@@ -82,9 +85,9 @@ class Chain:
 
     @property
     def reach(self) -> Array:
-        """Bound on the distance of each joint from the origin (P,), m, with prismatic joints at 0.
+        """Bound on the distance of each joint from the origin of the screws (P,), m.
 
-        It is the sum of the lengths of the link offsets between them.
+        It is the sum of the lengths of the link offsets between them, with prismatic joints at 0.
         """
         lengths = np.linalg.norm(self.p, axis=1)
         reach, k = np.zeros(len(lengths)), self.middle
@@ -99,16 +102,18 @@ class Chain:
         return reach
 
     def seen_from(self, middle: int, half: float) -> Chain:
-        """Rewrite the chain in the frame of its link after ``middle`` joints, for tighter bounds.
+        """Return the chain with another middle link, in whose frame the joint screws are expressed.
 
-        The origin is at the share ``half`` of the offset from the link's joint to the next one.
+        ``middle`` is the number of joints before that link. The origin is at the share ``half``,
+        from 0 to 1, of the offset from the link's joint to the next one. A proof takes the choice
+        with the tightest bounds.
         """
         ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
         shift = np.asarray(half * ahead, float)
         return replace(self, middle=middle, shift=shift)
 
     def struct(self) -> Any:
-        """Create the struct :data:`CHAIN`."""
+        """Create the C struct :data:`CHAIN`, from which the native library computes the screws."""
         row, column = np.nonzero(self.S)
         ints = {
             "revolute": self.revolute,
@@ -125,7 +130,10 @@ class Chain:
 
 
 def chain_of(task: Task) -> Chain:
-    """Create the extended chain of a task, with the base as its middle link."""
+    """Create the chain of a task, virtual joints included, with the base as its middle link.
+
+    A virtual joint represents a motion of the frame that the task leaves free.
+    """
     joints, unit = joint_chain(task), dict(zip("xyz", np.eye(3), strict=True))
     slides, spins = ([unit[name] for name in names] for names in FREE[task.kind])
     tool = spins or [unit["z"]]  # of a pose: in no column, it marks the frame
@@ -158,14 +166,20 @@ def chain_of(task: Task) -> Chain:
 
 
 def frames_of(task: Task) -> tuple[Task, ...]:
-    """Return the tasks of the frames of a task, each with all of its joints."""
+    """Return the tasks of the single frames of a task, each with all of its joints.
+
+    A task can control several frames, such as those of two arms; else the result is the task
+    itself.
+    """
     return task.parts if isinstance(task, SeveralFrames) else (task,)
 
 
 def chains_of(task: Task) -> tuple[Chain, ...]:
-    """Create the extended chains of the frames of a task.
+    """Create the chains of all frames of a task, virtual joints included.
 
-    Every S has the columns of all: of the task's joints, then of each frame's virtual joints.
+    The matrix S of a chain maps q to the positions of its joints. Every S has the columns of all:
+    of the task's joints, then of each frame's virtual joints. J_V can thus be put together row by
+    row.
     """
     chains = [chain_of(part) for part in frames_of(task)]
     before = np.cumsum([0, *(chain.N - chain.n for chain in chains)])
@@ -179,9 +193,9 @@ def chains_of(task: Task) -> tuple[Chain, ...]:
 
 
 def tool_reach(chain: Chain) -> float:
-    """Bound the distance of the frame from the origin, m, with prismatic joints at 0.
+    """Bound the distance of the end-effector frame from the origin of the screws, m.
 
-    It is the sum of the lengths of the link offsets between them.
+    It is the sum of the lengths of the link offsets between them, with prismatic joints at 0.
     """
     return float(
         np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1]
@@ -191,9 +205,10 @@ def tool_reach(chain: Chain) -> float:
 def frame_change(kind: str, distance: Array) -> Array:
     """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a right inverse of all screws.
 
-    It is the norm of the change of a twist from the middle link to the frame, at a bound of its
-    distance from the origin, m. A task of positions has β = 1: its twists are those of the frame's
-    origin without rotation, and have no moment to change.
+    The screws are known at the middle link, but J is that of the frame. β is the norm of the change
+    of a twist between the two, with ``distance`` (…), m, a bound of the frame's distance from the
+    origin of the screws. ``kind`` is that of the task, such as "pose". A task of positions has β =
+    1: its twists are those of the frame's origin without rotation, and have no moment to change.
     """
     t = np.asarray(distance, float)
     turns = kind in ("pose", "axis")
@@ -211,9 +226,10 @@ def relative_rounding(chain: Chain) -> float:
 
 
 def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
-    """Bound the rows of J, with its slopes times the half-widths added: (6,), linear, then angular.
+    """Bound the sizes of the rows of J, to which rounding errors are relative: (6,).
 
-    Rounding errors are relative to these sizes. The box of joint positions is θ ± η, (P,) each.
+    The first three rows are linear, the others angular; the slopes of J times the half-widths are
+    added. The box of joint positions is θ ± η, ``theta`` and ``eta`` (P,) each.
     """
     L = chain.reach.max() + (np.abs(theta) + eta)[~chain.revolute].sum()
     columns = np.abs(chain.S).sum(axis=0).max()

@@ -1,4 +1,7 @@
-"""The closing radius of a design: around its start, or along a closed path that closes itself."""
+"""The closing radius of a design: around its start, or along a closed path that closes itself.
+
+It is the distance within which every closed path of the end effector is closed in the joints, too.
+"""
 
 from __future__ import annotations
 
@@ -36,12 +39,13 @@ def closing_radius(
     goal: float | None,
     seconds: float,
 ) -> ClosingRadius:
-    """Prove a closing radius of a design.
+    """Prove a closing radius of a design: every closed path within it closes in the joints.
 
     Parameters
     ----------
     design, region, problem
-        The design, Ω, and J_V over Ω.
+        The design, the region Ω of joint space to prove over, and J_V there, the task Jacobian
+        stacked on the potentials' gradients.
     path
         Closed path along which to prove it; None for the surroundings of the start.
     ratio
@@ -104,7 +108,11 @@ def closing_radius(
 
 
 def _edge(task: Task, places: Places, found: Reach) -> str:
-    """Write what ends a radius."""
+    """Write what ends a closing radius: a joint that may leave Ω, or a possible singularity.
+
+    Ω is the region of joint space of the design. ``found`` names the place of the path and the
+    joint.
+    """
     if not found.regular:
         return "farther away, J_V is not proved to be regular"
     away = places.clearance[found.place, found.joint]
@@ -113,9 +121,11 @@ def _edge(task: Task, places: Places, found: Reach) -> str:
 
 
 def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
-    """Return the start of the design's own cycle, if it is inside Ω, or a centre of Ω.
+    """Choose the configuration (n,) around which, or from which on, a closing radius is proved.
 
-    In a tube, that is the sample whose pose is nearest to the beginning of the path.
+    It is the start of the design's own cycle if that is inside Ω, the region of joint space to
+    prove over. Otherwise it is the centre of Ω; for a path in a tube, the sample of the tube whose
+    pose is nearest to the beginning of the path.
     """
     if design.cycle is not None and region.ratio(design.cycle.start[None])[0] < 1:
         return design.cycle.start
@@ -127,7 +137,11 @@ def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
 
 
 def _followed(design: Design, path: ClosedPath, start: Array) -> tuple[Array, str]:
-    """Follow a path once: configurations along it, and why there are none, if so."""
+    """Follow a closed path once with the design's controller; return the configurations (K, n).
+
+    Return also an empty text, or why the motion is of no use: it ends in a singularity, or does not
+    close. The only configuration is then the start.
+    """
     try:
         motion = follow(design.inverse, path, start, cycles=1, steps=_CYCLE_STEPS)
     except SingularityError as error:
@@ -139,9 +153,11 @@ def _followed(design: Design, path: ClosedPath, start: Array) -> tuple[Array, st
 
 
 def _clearance(region: Region, Q: Array) -> Array:
-    """Bound the distances (K, n) that the joints may move from configurations Q (K, n) within Ω.
+    """Bound how far each joint may move from configurations Q (K, n) within Ω: (K, n), rad or m.
 
-    Between neighbours the smaller one of their rooms is left: for a tube, less half of the step.
+    Ω is the region of joint space of the design. In a box it is the distance from the nearer face.
+    In a tube around sampled configurations, half of the larger step to a neighbouring row of Q is
+    subtracted, so that the bound holds between the rows, too.
     """
     if isinstance(region, WorkspaceBox):
         return _clearance(region.within, Q)
@@ -160,7 +176,12 @@ def _clearance(region: Region, Q: Array) -> Array:
 
 
 def _places(Q: Array, clearance: Array) -> Places:
-    """Divide a path through Q (K, n) into places; neighbours share a configuration."""
+    """Divide a path through Q (K, n) into places: boxes of configurations in which lines begin.
+
+    A closing radius is proved for lines that begin anywhere on the path. Neighbouring boxes share a
+    configuration, and contain the path between. ``clearance`` (K, n) is the distance that each
+    joint may move within Ω, rad or m; in a place, the smallest one counts.
+    """
     parts = sections(Q, clearance)
     low = np.array([Q[part].min(axis=0) for part in parts])
     high = np.array([Q[part].max(axis=0) for part in parts])
@@ -174,8 +195,9 @@ def _places(Q: Array, clearance: Array) -> Places:
 
 
 def _bent(Q: Array) -> Array:
-    """Bound how far a closed path through Q (K, n) is from straight lines between neighbours.
+    """Bound how far a closed path through Q (K, n) is from straight lines between its rows: (K, n).
 
+    Boxes around these lines, widened by this bound, contain the path. It is
     ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four
     times the sag of a parabola.
     """

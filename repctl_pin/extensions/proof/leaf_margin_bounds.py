@@ -1,6 +1,8 @@
 """Lower bounds of the leaf margin over boxes of joint space, computed by leaf_margin_bounds.c.
 
-docs/theory.md, "Proved, not sampled", derives them.
+The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At one, the matrix
+J_V is singular, that is, the task Jacobian J stacked on the gradients V of the potentials.
+docs/theory.md, "Proved, not sampled", derives the bounds.
 """
 
 from __future__ import annotations
@@ -34,6 +36,9 @@ from .potentials import Features, features_of
 class LeafMarginBounds:
     """Bounds on the leaf margin and σ_min(J) over K boxes of joint space.
 
+    The leaf margin is the distance from an algorithmic singularity, where J_V, the task Jacobian
+    stacked on the potentials' gradients, is singular.
+
     Attributes
     ----------
     leaf_margin : (K,) array
@@ -57,12 +62,15 @@ class LeafMarginBounds:
 class LeafMarginProblem:
     """The leaf margin of potentials on a task, prepared to be bounded over boxes inside one region.
 
+    J_V (N, N) is the task Jacobian stacked on the potentials' gradients, with the rows and columns
+    of the virtual joints that represent motions which the task leaves free.
+
     Attributes
     ----------
     chains : tuple of Chain
         Extended chain of each frame of the task.
     features : Features
-        The potentials as sums of features.
+        The potentials as sums of features: monomials, sines, cosines and arm angles.
     round : (N,) array
         Bounds of the rounding errors in the rows of J_V.
     eps : float
@@ -85,7 +93,10 @@ class LeafMarginProblem:
 
     @property
     def N(self) -> int:
-        """Number of rows and columns of J_V, with those of virtual joints."""
+        """Number of rows and columns of J_V, with those of virtual joints.
+
+        J_V is the task Jacobian stacked on the gradients of the potentials.
+        """
         return self.chains[0].N
 
     @property
@@ -94,20 +105,29 @@ class LeafMarginProblem:
         return len(self.features.G)
 
     def bounds(self, Q: Array, half: Array) -> LeafMarginBounds:
-        """Bound the leaf margin in boxes Q ± half, (K, n) each."""
+        """Bound the leaf margin and σ_min(J) in boxes of joints Q ± half, (K, n) each."""
         bound, center, sigma = np.zeros((3, len(Q)))
         split = np.zeros(len(Q), np.int32)
         self.run("leaf_margins", Q, half, bound, center, sigma, split)
         return LeafMarginBounds(bound, center, sigma, split)
 
     def deviations(self, Q: Array, half: Array) -> Array:
-        """Bound ``|A J_V − I|`` in boxes, (K, N, N); inf without an inverse A at the centre."""
+        """Bound ``|A J_V − I|`` in boxes of joints Q ± half, (K, n) each: (K, N, N).
+
+        J_V is the task Jacobian stacked on the potentials' gradients, A its approximate inverse at
+        the centre. If the spectral radius of the bound is below 1, J_V is regular on the whole box.
+        The bound is inf without such an inverse.
+        """
         D = np.full((len(Q), self.N, self.N), np.inf)
         self.run("deviations", Q, half, D)
         return D
 
     def run(self, kernel: str, Q: Array, half: Array, *more: Any) -> None:
-        """Run a kernel on boxes Q ± half; ``more`` are its other arguments, the results last."""
+        """Run a function of the native library on boxes of joints Q ± half, (K, n) each.
+
+        ``kernel`` is its name. ``more`` are its other arguments, numbers and contiguous arrays; the
+        last arrays are filled with the results.
+        """
         call = getattr(required_library("a proof"), kernel)
         problem = self.struct()
         arms = self._arm_angles(Q, half)
@@ -116,7 +136,7 @@ class LeafMarginProblem:
         call(ctypes.byref(problem), ctypes.c_long(len(Q)), *map(_as_argument, given))
 
     def struct(self) -> Any:
-        """Create the C struct of the problem."""
+        """Create the C struct PROBLEM: the chains, the features and the rounding bounds."""
         parts, upper = self.features, np.triu_indices(self.n)
         ints = {name: getattr(parts, name) for name in ("kind", "parent", "variable")}
         reals = {name: getattr(parts, name) for name in ("z0", "G", "T", "T4", "E")}
@@ -134,7 +154,11 @@ class LeafMarginProblem:
         return made
 
     def _arm_angles(self, Q: Array, half: Array) -> Array | None:
-        """Evaluate the arm angles' V, dV, rest and rounding, (K, r (n² + 2 n + 1)), if any."""
+        """Evaluate the arm angles' gradients on boxes Q ± half, (K, n) each, for C; None without.
+
+        The result (K, r, n² + 2 n + 1) has for each of the r potentials the gradient V at the
+        centre, its n² derivatives, n bounds of the rest, and a bound of the rounding.
+        """
         if not self.features.arms:
             return None
         K, n = Q.shape
@@ -150,7 +174,11 @@ class LeafMarginProblem:
         return out
 
     def undefined(self, Q: Array, half: Array) -> NDArray[np.bool_]:
-        """Test for arm angles that are not shown to be defined in boxes Q ± half, (K, n) each."""
+        """Test in which boxes of joints Q ± half, (K, n) each, an arm angle may be undefined: (K,).
+
+        It is undefined where the elbow is on the line from shoulder to wrist, for example. Such a
+        box cannot be proved, and the search names this reason.
+        """
         rests = [arm.gradient_bounds(Q, half).rest for arm in self.features.arms]
         found = [~np.isfinite(rest).all(axis=1) for rest in rests]
         return np.any([np.zeros(len(Q), bool), *found], axis=0)
@@ -168,7 +196,8 @@ def _as_argument(value: Any) -> Any:
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem:
     """Prepare the leaf margin of potentials for bounds inside a box of joint space.
 
-    The middle link of each frame's chain is the one expected to need the fewest boxes.
+    The joint screws of each frame are expressed in the frame of one link, the middle link. It is
+    the one with which the fewest boxes are expected to be needed. ``field`` are the potentials.
     """
     features, chains = features_of(field, task.n, box), list(chains_of(task))
 
@@ -190,6 +219,10 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
 def _prepared(
     task: Task, chains: tuple[Chain, ...], features: Features, box: Box
 ) -> LeafMarginProblem:
+    """Make the problem of bounding a leaf margin from chains and features, with bounds of rounding.
+
+    ``chains`` has one chain per frame of the task. ``box`` contains all boxes to be evaluated.
+    """
     eps = max(map(relative_rounding, chains))
     rounds, betas = [], []
     for part, chain in zip(frames_of(task), chains, strict=True):

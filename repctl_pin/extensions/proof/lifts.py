@@ -1,7 +1,9 @@
 r"""The closing radius: every closed path within it closes, however long the path is.
 
-Lifts of straight lines are followed in boxes ``S_1 ⊂ S_2 ⊂ … ⊂ S_M ⊂ Ω`` around their start, of
-half-widths ``w_1 < w_2 < …``. While such a lift is in S_k, joint i moves by at most
+A lift is the joint path that the repeatable inverse G_r gives to a line of the end effector. Lifts
+of straight lines are followed in boxes of joints ``S_1 ⊂ S_2 ⊂ … ⊂ S_M ⊂ Ω`` around their start,
+where Ω is the region of joint space of the design. The boxes have half-widths ``w_1 < w_2 < …``.
+While such a lift is in S_k, joint i moves by at most
 
 .. math::
 
@@ -57,6 +59,9 @@ _WIDEST = 3.1
 class Places:
     """K boxes of configurations in which lifts begin, and the clearance around them.
 
+    A lift is the joint path of a straight line of the end effector. The boxes enclose the start of
+    a design, or the joint path of a cycle, section by section.
+
     Attributes
     ----------
     center, extent : (K, n) arrays
@@ -74,6 +79,10 @@ class Places:
 @read_only
 class Reach:
     """Length of the lines whose lifts are proved to stay in the clearance of their places.
+
+    A lift is the joint path of a straight line of the end effector. The places are boxes in which
+    lifts begin; their clearance is how far each joint may move within Ω, the region of the design.
+    The smallest length over all places is the closing radius.
 
     Attributes
     ----------
@@ -109,6 +118,9 @@ def bound_reach(
 ) -> Reach:
     """Bound from below the length of the lines whose lifts stay in the clearance of their places.
 
+    A lift is the joint path of a straight line of the end effector. It begins in a place, a box of
+    joints, and must stay in the clearance around it. The length is the closing radius of a design.
+
     Parameters
     ----------
     problem, task, field
@@ -133,7 +145,14 @@ def bound_reach(
 
 
 class _Search:
-    """Branch and bound on the rates of lifts, in the boxes S_1 ⊂ … ⊂ S_M of each place."""
+    """Branch and bound on the rates of lifts, in the boxes S_1 ⊂ … ⊂ S_M of each place.
+
+    A lift is the joint path of a straight line of the end effector; it begins in a place, a box of
+    joints. A rate is the motion of a joint per metre of the line, rad or m per m. ``widths`` and
+    ``rates`` (K, M, n) are the half-widths of the boxes S around K places, and the rates to prove
+    in them. ``low``, ``high``, ``place``, ``within``, ``bound`` and ``split`` have one row per
+    undecided box.
+    """
 
     def __init__(
         self,
@@ -158,9 +177,11 @@ class _Search:
         self.boxes = 0
 
     def _layers(self) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Divide S_1, and each S_k without S_(k−1), into boxes.
+        """Divide S_1, and each S_k without S_(k−1), into boxes that branch and bound can halve.
 
-        Returns their lower and upper corners, relative to the centres, their places and k.
+        S_1 ⊂ … ⊂ S_M are boxes of joints around each place, in which lines begin. Return the lower
+        and upper corners, (L, n) each, relative to the centre of the place; the index of the place;
+        and k, counted from 0.
         """
         K, M, n = self.widths.shape
         half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
@@ -185,7 +206,7 @@ class _Search:
         )
 
     def advance(self) -> None:
-        """Halve one batch of undecided boxes, the smallest S first, and evaluate the halves."""
+        """Halve one batch of undecided boxes, the smallest S first, and bound the rates there."""
         take = np.arange(len(self.low))
         if len(take) > _BATCH:
             take = np.argpartition(self.within, _BATCH)[:_BATCH]
@@ -216,7 +237,11 @@ class _Search:
     def _halved(
         self, take: NDArray[np.intp]
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Return the halves of boxes, with their places and sets; see :func:`halved`."""
+        """Return the halves of the undecided boxes ``take``, with their places and sets.
+
+        These are lower and upper corners, (L, n) each, and (L,) each the index of the place, and
+        that of the smallest set S that contains the box; see :func:`halved`.
+        """
         low, high, parents = halved(self.low[take], self.high[take], self.split[take])
         order = take[parents]
         return low, high, self.place[order], self.within[order]
@@ -224,7 +249,13 @@ class _Search:
     def _raise(
         self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array
     ) -> None:
-        """Raise the rates that are exceeded at a centre: the samples had missed it."""
+        """Raise the rates to prove where a box has a larger one at its centre, which no sample had.
+
+        A rate is the motion of a joint per metre of a line. ``value`` (L, n) are the rates at the
+        centres of boxes, ``place`` and ``within`` (L,) the indices of their place and of the
+        smallest set S that contains them. The rates of the larger sets S of a place are raised,
+        too.
+        """
         over = np.flatnonzero((value > self.rates[place, within]).any(axis=1))
         for b in over:
             rates = self.rates[place[b], within[b] :]
@@ -232,9 +263,11 @@ class _Search:
             np.copyto(rates, np.maximum(rates, np.where(value[b] > rates, high, 0)))
 
     def reach(self) -> Reach:
-        """Return the length that the proved rates leave, the smallest one of all places.
+        """Return the length that lines may have with the rates proved so far, for the worst place.
 
-        ``moved`` bounds the motion of each joint at the end of each step.
+        A rate is the motion of a joint per metre of a line. A line is extended through the sets S_1
+        ⊂ S_2 ⊂ … until a joint may leave the last one. Undecided boxes count with their last
+        bounds.
         """
         rates = self.rates.copy()
         bound = np.where(np.isnan(self.bound), np.inf, self.bound)
@@ -268,7 +301,9 @@ def _largest_slack(
 ) -> tuple[float, float]:
     """Choose how much more than the sampled rates to allow, so that lines of the goal's length fit.
 
-    The more is allowed, the fewer boxes prove it; but wider boxes have larger rates.
+    A rate is the motion of a joint per metre of a line. The more is allowed, the fewer boxes prove
+    it; but wider boxes have larger rates. The two numbers, for the first and the last box around a
+    place, are added to a factor of 1. If there is little to spare, they are the usual ones.
     """
     best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
     slack = 0.95 * best / goal - 1
@@ -289,10 +324,12 @@ def _sampled(
 ) -> tuple[Array, Array, float]:
     """Choose the half-widths of the boxes S, and the rates to prove in them, (K, M, n) each.
 
-    Around each place grow M nested boxes. Each is wider than the one before by a step times the
-    largest rate that was sampled in it, with a slack that goes from the first of ``slacks`` to the
-    last. All places reach the same length in space.
-    Returns the length of these lines, m, too.
+    A rate is the motion of a joint per metre of a line of the end effector, rad or m per m. Around
+    each of K places, in which lines begin, grow M nested boxes of joints. Each is wider than the
+    one before by a step times the largest rate that was sampled in it, times 1 plus a slack that
+    goes from the first of ``slacks`` to the last. All places reach the same length in space. Return
+    also the length of these lines, m. A SingularityError is raised if J_V, the task Jacobian
+    stacked on the potentials' gradients, is singular at the start, or there is no clearance.
     """
     K, n = places.center.shape
     signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))
@@ -336,12 +373,13 @@ def rate_bounds(
     most: Array,
     ratio: float | Array,
 ) -> tuple[Array, Array, NDArray[np.int32]]:
-    """Bound ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames, of the rows g of G_r.
+    """Bound how far each joint moves per metre of a line of the end effector, on boxes of joints.
 
-    The boxes are Q ± half, (K, n) each; ``ratio`` is one number, or one per frame.
-
-    Returns the bounds, the values at the centres, both (K, n), and the joint along which to halve
-    each box in order to come below ``most`` (K, n) soonest.
+    The rate of a joint is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames, with g the joint's row
+    of the repeatable inverse G_r, v its linear and ω its angular columns. The boxes are Q ± half,
+    (K, n) each; ``ratio``, rad per m, is one number, or one per frame. Return the bounds, the
+    values at the centres, both (K, n), and the joint along which to halve each box in order to come
+    below ``most`` (K, n) soonest.
     """
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)
@@ -353,7 +391,11 @@ def rate_bounds(
 
 @np.errstate(all="ignore")
 def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
-    """Evaluate the sum of ``‖g_v‖ + ratio ‖g_ω‖`` over the frames at configurations (K, s, n)."""
+    """Evaluate how far each joint moves per metre of a line, at Q (K, s, n): (K, s, n).
+
+    It is the sum of ``‖g_v‖ + ratio ‖g_ω‖`` over the frames, with g the joint's row of the
+    repeatable inverse G_r, v its linear and ω its angular columns; inf where G_r does not exist.
+    """
     points = Q.reshape(-1, Q.shape[2])
     J, V = task.jacobians(points), field.gradients(points)
     G = _inverses(np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1))
@@ -368,7 +410,7 @@ def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
 
 
 def _inverses(matrices: Array) -> Array:
-    """Invert matrices (K, N, N); NaN where a matrix is singular."""
+    """Invert matrices (K, N, N), such as J_V; NaN where a matrix is singular, without an error."""
     try:
         return np.asarray(np.linalg.inv(matrices), float)
     except np.linalg.LinAlgError:

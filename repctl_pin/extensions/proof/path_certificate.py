@@ -1,7 +1,9 @@
-"""Certificate of one closed path: it can be shrunk to its start through paths that J_V lets close.
+"""Check of one closed path: whether it can be shrunk to its start through paths that close.
 
-On a leaf, Φ = (f, h) is a local diffeomorphism where J_V is regular, so a sheet of poses that is
-swept from the start has one lift. The cone from the start pose to the path is such a sheet.
+A leaf is the set of configurations with one value of the potentials h. On it, Φ = (f, h) is a local
+diffeomorphism where its Jacobian J_V is regular. So a sheet of poses that is swept from the start
+has one lift, that is, one sheet of configurations. The cone from the start pose to the path is such
+a sheet.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ _SAME = 1e-6
 @dataclass(frozen=True)
 class PathCertificate:
     """Result of :func:`path_certificate`; ``bool`` of it is :attr:`shrinks`.
+
+    A ray is the motion along the straight line from the start pose to a pose of the path.
 
     Attributes
     ----------
@@ -74,8 +78,9 @@ def path_certificate(
     """Check whether a closed path can be shrunk to its start, and so closes.
 
     Each pose x(s) of the path is reached along the straight line from the start pose x₀,
-    ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, with a rotation about one axis, on the leaf of q0. If J_V is
-    regular on all these rays, and each ends on the motion along x(s), the motion closes: paths
+    ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, with a rotation about one axis. The arm stays on the leaf of
+    q0, on which the potentials are constant. If J_V, the task Jacobian stacked on their gradients,
+    is regular on all these rays, and each ends on the motion along x(s), the motion closes: paths
     ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are checked at 120 poses, so this
     is no proof. Paths around the base, or around a singularity, are not shrunk.
 

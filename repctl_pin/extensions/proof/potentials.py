@@ -1,6 +1,8 @@
 r"""Potentials as sums of features φ, with bounds of the second-order Taylor remainder of V.
 
-Each feature is 1, an earlier feature times a linear argument z, or the sine or cosine of one:
+A potential h is a function of q that the controller holds constant; V are the gradients. A proof
+expands V on boxes of joints inside Ω, the region of the design. Each feature is 1, an earlier
+feature times a linear argument z, or the sine or cosine of one:
 
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,
@@ -39,6 +41,10 @@ _Exponents = tuple[int, ...]
 @read_only
 class Features:
     """r potentials of n joints as sums of F features, with bounds that hold in one region.
+
+    A potential h is a function of q that the controller holds constant; V are the gradients. A
+    feature is 1, a product of linear functions of q, or the sine or cosine of one. A proof expands
+    V on boxes of joints, and needs the bounds for the remainder.
 
     Attributes
     ----------
@@ -83,7 +89,9 @@ class Features:
 
 
 def features_of(field: Potentials, n: int, box: Box) -> Features:
-    """Convert potentials to sums of features, with bounds that hold in a box.
+    """Convert potentials to sums of features, with bounds that hold in a box of joints.
+
+    A feature is a monomial, a sine or a cosine, whose derivatives a proof can bound.
 
     Raises
     ------
@@ -97,7 +105,11 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
 
 
 class _Argument(NamedTuple):
-    """A linear argument ``z = row · q − z0``, and bounds of its absolute value and its rounding."""
+    """Linear function ``z = row · q − z0`` of the joints, from which features are made.
+
+    Features are monomials, sines and cosines of such functions. ``most`` bounds the absolute value
+    in the box, ``error`` its rounding.
+    """
 
     row: Array
     z0: float
@@ -106,7 +118,11 @@ class _Argument(NamedTuple):
 
 
 class _Feature(NamedTuple):
-    """A feature, and bounds of its absolute value and its rounding; see :class:`Features`."""
+    """Function of q of which potentials are sums: 1, a product, a sine or a cosine.
+
+    The first three numbers are those of :class:`Features`; ``bound`` bounds its absolute value in
+    the box, ``error`` its rounding.
+    """
 
     kind: int
     parent: int
@@ -116,7 +132,11 @@ class _Feature(NamedTuple):
 
 
 class _Builder:
-    """Collects the features of potentials, and their coefficients and bounds."""
+    """Collects the features of potentials, and their coefficients and bounds.
+
+    A feature is a function of the n joints of which potentials are sums. :meth:`add` collects them,
+    :meth:`features` returns them as arrays. The bounds hold in ``box``.
+    """
 
     def __init__(self, n: int, box: Box) -> None:
         self.n, self.box = n, box
@@ -131,7 +151,7 @@ class _Builder:
         self.arms: list[ArmAngleChain] = []
 
     def add(self, field: Potentials) -> None:
-        """Add potentials."""
+        """Add potentials, or each part of a sum of potentials, to what is collected."""
         if isinstance(field, SumMap):
             for part in field.maps:
                 self.add(part)
@@ -141,7 +161,10 @@ class _Builder:
             self._add_other(field)
 
     def _add_other(self, field: Potentials) -> None:
-        """Add potentials that few designs have, and that a study need not import."""
+        """Add a Fourier series or an arm angle; raise an InputError for any other potentials.
+
+        Few designs have them, so their modules are imported here, and a study need not import them.
+        """
         from ...potentials.arm_angle import ArmAngle
         from ...potentials.fourier import FourierMap
         from .arm_angle import ArmAngleChain
@@ -161,6 +184,7 @@ class _Builder:
     # ---- arguments and features ---------------------------------------------------------------
 
     def _argument(self, row: Array, z0: float) -> int:
+        """Add the linear function ``row · q − z0`` of the joints, and return its index."""
         middle, reach = row @ self.box.center - z0, np.abs(row) @ self.box.half_width
         error = (self.n + 6) * U * (np.abs(row) @ self.most + abs(z0))
         most = abs(middle) + reach + error
@@ -168,10 +192,12 @@ class _Builder:
         return len(self.arguments) - 1
 
     def _feature(self, feature: _Feature) -> int:
+        """Add a feature, a function of which potentials are sums, and return its index."""
         self.found.append(feature)
         return len(self.found) - 1
 
     def _room(self, r: int) -> Array:
+        """Return the array (r, n, n, n) of bounds on the third derivatives of h."""
         if self.T is None:
             self.T = np.zeros((r, self.n, self.n, self.n))
         return self.T
@@ -179,7 +205,10 @@ class _Builder:
     # ---- families -----------------------------------------------------------------------------
 
     def _polynomial(self, field: PolynomialMap) -> None:
-        """Add the terms of ``h = Σ c_β u^β`` with ``u = (q − center) / scale``."""
+        """Add the terms of polynomials ``h = Σ c_β u^β`` with ``u = (q − center) / scale``.
+
+        β are the exponents. Every monomial that occurs in h or its derivatives becomes a feature.
+        """
         scale, joints = field.scale, field.joints
         rows = np.zeros((len(joints), self.n))
         rows[np.arange(len(joints)), joints] = 1 / scale
@@ -230,9 +259,11 @@ class _Builder:
         scale: Array,
         monomial: Callable[[_Exponents], int],
     ) -> None:
-        """Add the term ``c u^three`` of the third derivative of h along joints ``ijl``.
+        """Add the term ``c u^three`` of the third derivative of h along the joints ``ijl``.
 
-        Its derivative along the last of these joints and all later ones is bounded, too.
+        ``c`` (r,) are its coefficients, ``three`` its exponents. ``most`` has the bounds of |u_i|
+        in the box, ``monomial`` gives the index of the feature with given exponents. The derivative
+        of the term along the last of the three joints and all later ones is bounded, too.
         """
         feature = monomial(three)
         self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
@@ -247,6 +278,11 @@ class _Builder:
     def _monomial(
         self, beta: _Exponents, z: list[int], monomial: Callable[[_Exponents], int]
     ) -> int:
+        """Add the monomial with exponents ``beta`` as a feature, and return its index.
+
+        It is the product of a lower monomial, which ``monomial`` finds or adds, and one of the
+        variables, whose linear functions have the indices z.
+        """
         used = [i for i, power in enumerate(beta) if power]
         if not used:
             return self._feature(_Feature(_CONSTANT, 0, 0, 1.0, 0.0))
@@ -259,7 +295,11 @@ class _Builder:
         return self._feature(_Feature(_PRODUCT, parent, z[i], bound, error))
 
     def _fourier(self, field: FourierMap) -> None:
-        """Add the terms of ``h = Σ a sin(w · q) + b cos(w · q)``."""
+        """Add the terms of Fourier series ``h = Σ a sin(w · q) + b cos(w · q)``.
+
+        They are sines and cosines of the linear functions w · q, with one coefficient a, b per
+        potential.
+        """
         T = self._room(field.sines.shape[1])
         for row, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
             z = self._argument(row, 0.0)
@@ -282,7 +322,7 @@ class _Builder:
     # ---- all together -------------------------------------------------------------------------
 
     def features(self) -> Features:
-        """Create the features, with bounds of the rounding in their sums."""
+        """Create the arrays of all features, with bounds of the rounding in their sums."""
         assert self.T is not None, "a field has at least one term"
         r, n, F = len(self.T), self.n, len(self.found)
         G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))

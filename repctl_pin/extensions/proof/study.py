@@ -1,4 +1,4 @@
-"""Certificate of the design that a study makes."""
+"""Certificate of the design that a study makes: margins proved in a small part of its time."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def with_certificate(
 ) -> Design:
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
-    It holds the closing radius along the path, if Ω is a tube.
-
-    The proof fails, too, if it takes too long compared with the ``spent`` seconds of processor
-    time.
+    So a study states what is proved, and takes little longer. If Ω, the region of joint space of
+    the design, is a tube, the certificate has a closing radius: the distance from the path within
+    which every closed path closes in the joints. The proof fails, too, if it takes too long
+    compared with the ``spent`` seconds of processor time. ``say`` reports the step.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
@@ -48,7 +48,10 @@ def with_certificate(
 
 
 def unproved_note(design: Design) -> list[str]:
-    """Write that a study's time did not suffice for a certificate, and how to get one."""
+    """Write that a study's time did not suffice for a certificate, and how to get one.
+
+    The list is empty if the design has a certificate, or if there is no proof for such a design.
+    """
     several = len(design.task.frames) > 1  # they have no closing radius
     if design.proof is not None or library() is None or several:
         return []

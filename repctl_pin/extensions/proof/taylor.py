@@ -1,4 +1,8 @@
-"""Tables for the Taylor models of taylor.h: products of monomials, and frames of axes."""
+"""Tables for the Taylor models of taylor.h: products of monomials, and frames of axes.
+
+A Taylor model is a polynomial of degree 3 that approximates a function on a box, with a bound on
+the error.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,11 @@ ORDER = 3
 
 
 def space_of(k: int) -> Any:
-    """Create the struct SPACE of models in k variables; copies of it hold none of its arrays.
+    """Create the C struct SPACE, the table by which Taylor models in k variables are multiplied.
 
-    It has a row per product of two monomials up to degree 3: the indices of both factors, sorted
-    by the monomial that they make; and where the rows of each monomial, and each degree, begin.
+    Copies of it hold none of its arrays, so keep the original. It has a row per product of two
+    monomials up to degree 3: the indices of both factors, sorted by the monomial that they make;
+    and where the rows of each monomial, and each degree, begin.
     """
     from ..cells.monomials import Monomials  # a study has no need of it
 
