@@ -1,4 +1,8 @@
-"""Number of turns of a path around the first joint of an arm."""
+"""Number of turns of a path around the first joint of an arm.
+
+Repeatability holds for paths that can be shrunk to a point; one that goes around the base cannot,
+so studies count the turns and warn of them.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +50,7 @@ def winding(task: Task, path: TaskPath) -> int:
 
 
 def winding_words(turns: int, joint: str) -> str:
-    """Write that a path winds around the axis of a joint, and what follows."""
+    """Write the warning that a path winds around the axis of a joint, and may not close."""
     times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
     winds = f"the path winds {times} around the axis of {joint}"
     return f"{winds}, so it need not close under any control"

@@ -1,7 +1,8 @@
 """Audit of a recorded joint motion: how the configurations at the visits of one hand pose differ.
 
-Creep is a steady drift: the configuration at the pose changes from visit to visit. The hand is the
-frame that the task controls; of several frames, all must be back.
+Creep is a steady drift: the configuration at the pose changes from visit to visit. A visit is a
+time at which the hand is back at the pose; the first is no return. The hand is the frame that the
+task controls; of several frames, all must be back.
 """
 
 from __future__ import annotations
@@ -320,7 +321,11 @@ def audit(
 
 
 def _task(robot: Any, frame: Any, kind: str | None) -> Task:
-    """Make the task from a robot, its frame and a kind; return a given task as it is."""
+    """Make the task of an audit from a robot, its frame and a kind; return a given task as it is.
+
+    ``robot`` is a name, a URDF, a Robot or a Task. InputError is raised if a task is given with a
+    frame or kind of another, or is in other coordinates than the robot's joints, which a log has.
+    """
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
             name = "frame" if frame is not None else "kind"
@@ -340,10 +345,11 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
 
 
 def _units(task: Task, log: JointLog) -> list[str]:
-    """Check units, times and the order of the joints; return notes.
+    """Check units, times and the order of the joints of a log; return notes, a list of sentences.
 
-    Values that look like degrees, or that are not those of this arm, raise an error. Slight
-    violations of joint limits, and speeds far beyond the limits, are noted.
+    Values that look like degrees, or that are not those of this arm, raise an InputError, because a
+    verdict on them would be wrong. Slight violations of joint limits, and speeds far above the
+    limits, are noted only.
     """
     (lower, upper, _), q = task.joint_limits, log.q
     beyond = _beyond(task, q)
@@ -397,7 +403,11 @@ def _beyond(task: Task, q: Array) -> Array:
 def _measured(
     task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]
 ) -> Audit:
-    """Judge the configurations at the visits, and measure the links; return the audit."""
+    """Judge the configurations at the visits, and measure the links; return the audit.
+
+    The verdict is on the joints. To say it in metres, the point of each link that is displaced most
+    is found, and its speed and its largest distance between two visits are measured.
+    """
     scale = joint_scale(task, visits.q[0])
     found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)
     bodies = LinkPoints.of(task, visits.q)
@@ -426,7 +436,9 @@ def _measured(
 def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
     """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
 
-    The scatter of the point counts as at least what the joints' ``floor`` causes.
+    ``part`` is the index of the link. The scatter of the point counts as at least what ``floor``, a
+    scatter of each joint (n,), rad or m, causes, so that a few equal visits do not pretend
+    certainty.
     """
     q, step = visits.q[0], 1e-6
     around = np.vstack([q, q + step * np.eye(len(q))])

@@ -1,4 +1,8 @@
-"""Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function."""
+"""Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function.
+
+A cell is a box of poses, or a sector around the base, over which a function q = F(x; c) gives the
+joints. The level c chooses the leaf, that is, where along the self-motion the elbow is.
+"""
 
 from __future__ import annotations
 
@@ -356,14 +360,20 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
-    """Compute the level c (K, r) of each recorded configuration; None if none were recorded."""
+    """Compute the level c (K, r) of each recorded configuration; None if none were recorded.
+
+    The level says where along the self-motion the elbow was: consistent demonstrations have one.
+    """
     if recording.joints is None:
         return None
     return in_blocks(lambda Q: F.pose_and_leaf(Q)[1], recording.joints)
 
 
 def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
-    """Evaluate F on the leaf c at the poses of all frames: (K, n), NaN where F has no value."""
+    """Evaluate the cell's function F at the poses of all frames, with the level c (r,): (K, n).
+
+    Rows are NaN where F has no value: outside the cell, or beyond a joint limit.
+    """
 
     def label(p: Array, R: Array) -> Array:
         return F.batch(homogeneous(p, R), leaf=c, missing="nan")
@@ -374,10 +384,11 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
 def _nearest_leaf(
     F: InverseFunction, recording: Recording, recorded: Array | None
 ) -> Array:
-    """Find the level c nearest to the recorded median that loses no frame and no limit margin.
+    """Find the level c (r,) nearest to the recorded median that loses no frame and no limit margin.
 
-    Levels between the median and 0 are tried, the nearest to the median first. The function was
-    designed for c = 0, which is returned if all others lose frames or margin.
+    So the new elbow is near the recorded one. Levels between the median of ``recorded`` (K, r) and
+    0 are tried, the nearest to the median first. The function was designed for c = 0, which is
+    returned if all others lose frames or margin.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():
@@ -393,7 +404,7 @@ def _nearest_leaf(
 
 
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
-    """Count the frames that the leaf c relabels, and find their smallest joint-limit margin."""
+    """Count the frames that the level c relabels; find their smallest limit margin, rad or m."""
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]
     return len(Q), float(F.task.limit_margin(Q).min(initial=np.inf))
@@ -402,7 +413,10 @@ def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, floa
 def _result(
     recording: Recording, design: CellDesign, c: Array, recorded: Array | None, Q: Array
 ) -> Relabeled:
-    """Make the result from new configurations Q (K, n), with gaps and ambiguity."""
+    """Make the result from new configurations Q (K, n), with gaps and ambiguity.
+
+    ``c`` is their level (r,), and ``recorded`` the levels (K, r) of the recorded configurations.
+    """
     before, found = recording.joints, np.isfinite(Q[:, 0])
     U, off = in_blocks(
         design.cell.coordinates, recording.positions, recording.rotations
@@ -422,7 +436,11 @@ def _result(
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[_Gap, ...]:
-    """List the ranges of consecutive frames of a session that lack a label for one reason."""
+    """List the ranges of consecutive frames of a session that lack a label for one reason.
+
+    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. A pose
+    that is inside and has none is beyond the joint limits.
+    """
     reason = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
     reason, session = reason[order], recording.session[order]

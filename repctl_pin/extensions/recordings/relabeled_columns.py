@@ -1,4 +1,8 @@
-"""Columns of a relabelled recording: those of its file, with new joints and poses."""
+"""Columns of a relabelled recording: those of its file, with new joints and poses.
+
+Columns that depend on the old joints, such as velocities or actions, would contradict the new ones
+and are removed; those of the gripper, of cameras and of times stay.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +56,7 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
     """Make the columns of a recording with new configurations Q (K, n).
 
     Other columns of its file are kept, unless they depend on the recorded joints. Rows of Q that
-    are NaN keep their recorded pose.
+    are NaN, where the cell's function has no value, keep their recorded pose.
     """
     task, old = recording.task, recording.joints
     joints = dict(zip(task.joint_names, Q.T, strict=True))
@@ -93,10 +97,10 @@ def _begins_with(values: Column, old: Array) -> bool:
 
 
 def _of_old_joints(name: str, joints: Sequence[str]) -> bool:
-    """Check whether a column depends on the recorded joints, by its name.
+    """Test by its name whether a column depends on the recorded joints, and is to be removed.
 
-    It holds the name of a joint, or a word such as ``action``, ``qvel`` or ``velocity``, and no
-    word of the hand or the gripper.
+    It does if it contains the name of a joint, or a word such as ``action``, ``qvel`` or
+    ``velocity``, and no word of the hand or the gripper.
     """
     rest = words_of(name, joints)
     held = rest != words_of(name, ())
