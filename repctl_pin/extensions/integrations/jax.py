@@ -1,4 +1,10 @@
-r"""Inverse kinematic function of a cell as pure JAX functions; requires the extra ``jax``."""
+r"""Inverse kinematic function of a cell as pure JAX functions; requires the extra ``jax``.
+
+A cell is a box of poses over which a function F gives one configuration per pose. Its chart are
+polynomials of the cell's coordinates u: q_ref, a configuration near the solution, and n_ref, the
+directions along the self-motion in which the level c is measured. JAX compiles these functions,
+maps them over many poses, and differentiates them, as learning requires.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +46,10 @@ _ROUNDINGS = 64
 def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     r"""Convert ``q = F(x; c)`` to a pure, jitted JAX function.
 
-    It can be vmapped and differentiated. Newton's method finds q. The derivative is that of the
-    implicit function theorem, not taken through the iterations:
+    It can be vmapped and differentiated. Newton's method finds q from q_ref, the configuration of
+    F's polynomials; n_ref (n, r) are the directions in which the level c, the position along the
+    self-motion, is measured. The derivative is that of the implicit function theorem, not taken
+    through the iterations:
 
     .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
               dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}
@@ -138,7 +146,9 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
 def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
     """Convert the inverse of F, from a configuration to its pose and level, to a pure JAX function.
 
-    ``x = f(q)`` and ``c = n_ref(x)ᵀ (q − q_ref(x))``, so that ``F(x; c) = q`` if q is near F(x; 0).
+    The level c says where along the self-motion the configuration is. ``x = f(q)`` and ``c =
+    n_ref(x)ᵀ (q − q_ref(x))``, with q_ref and n_ref the polynomials of F, so that ``F(x; c) = q``
+    if q is near F(x; 0).
 
     Parameters
     ----------
@@ -173,6 +183,7 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
 
 
 def _pose(x: Numbers) -> Numbers:
+    """Check that a pose is a matrix (4, 4), and convert integers to floating-point numbers."""
     x = jnp.asarray(x)
     if x.shape != (4, 4):
         raise InputError(
@@ -184,7 +195,10 @@ def _pose(x: Numbers) -> Numbers:
 def _kinematics(
     F: InverseFunction,
 ) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
-    """Create the function from q (n,) to p (3,) and R (3, 3) of the frame, and J (m, n)."""
+    """Create the function from q (n,) to p (3,), m, and R (3, 3) of the frame, and J (m, n).
+
+    It is the forward kinematics in JAX, along the chain of joints.
+    """
     chain, task = chain_of(F.task), F.task
     S, turns = chain.S[:, : task.n], chain.revolute[:, None]
     links = (chain.R, chain.p, chain.a, skew(chain.a), chain.revolute)
@@ -213,9 +227,11 @@ def _kinematics(
 
 
 def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Create the function from a pose x (4, 4) to q_ref (n,) and n_ref (n, r).
+    """Create the function from a pose x (4, 4) to F's polynomials q_ref (n,) and n_ref (n, r).
 
-    q_ref includes the joint angles that symmetries of the arm add to the polynomials.
+    q_ref is a configuration near F(x), from which Newton's method starts, and n_ref the directions
+    in which the level c is measured. q_ref includes the joint angles that symmetries of the arm,
+    such as a turn about its base, add to the polynomials.
     """
     monomials, C = F.chart.monomials, np.asarray(F.chart.coefficients)
     blocks = [
@@ -237,7 +253,10 @@ def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers
 
 
 def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
-    """Evaluate the task error (m,) from the frame's placement (p, R) to a pose x (4, 4)."""
+    """Evaluate the task error (m,) from the frame's placement (p, R) to a pose x (4, 4), m and rad.
+
+    It has the components that the kind of task commands only.
+    """
     away = x[:3, 3] - p
     kind = cell.task.kind
     if not kind.turns:
@@ -269,7 +288,11 @@ def _rigid(task: Task, x: Numbers) -> Numbers:
 
 
 def _inside(cell: Cell, x: Numbers) -> Numbers:
-    """Test whether a pose lies in a cell, which must have all its coordinates (``cell.whole``)."""
+    """Test whether a pose x (4, 4) lies in a cell with all its coordinates (``cell.whole``).
+
+    Coordinates without width, which are constant in the cell, are tested too. The tolerance depends
+    on the precision of x.
+    """
     y = _measured(cell, x)
     held = np.flatnonzero(cell.widths == 0)
     most = cell._bounds
@@ -282,7 +305,8 @@ def _inside(cell: Cell, x: Numbers) -> Numbers:
 def _shift(cell: Cell, x: Numbers) -> Numbers:
     """Evaluate the joint angles (n,) to add to q_ref for the coordinates that u leaves out.
 
-    Along these, by a symmetry of the arm, F changes by these angles only.
+    Along these, by a symmetry of the arm, F changes by these angles only: turning a pose around the
+    base turns the first joint. They are left out of the polynomials' coordinates u.
     """
     return (
         jnp.asarray(cell.along, x.dtype)
@@ -312,8 +336,8 @@ def _measured(cell: Cell, x: Numbers) -> Numbers:
 def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
     """Compute the coordinates (m,) of a pose in a sector, m and rad, not scaled.
 
-    They are radius, angle and height about the sector's axis, from its middle, and the tilts and
-    the spin of the tool.
+    A sector is a cell around the base. They are radius, angle and height about the sector's axis,
+    from its middle, and the tilts and the spin of the tool: the turn of its axis, and about it.
     """
     (rho, z), B = sector.middle, jnp.asarray(sector.directions, x.dtype)
     a, b, height = B @ (x[:3, 3] - jnp.asarray(sector.axis[0], x.dtype))

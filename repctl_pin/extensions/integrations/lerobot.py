@@ -63,8 +63,8 @@ class FunctionKinematics:
     ) -> Array:
         """Compute the joint positions of a pose by F, which needs no initial guess.
 
-        The weights have no effect, because F is exact. Positions after the first n, such as a
-        gripper's, are returned unchanged.
+        The weights, part of LeRobot's interface, have no effect, because F is exact. Positions
+        after the first n, such as a gripper's, are returned unchanged.
         """
         joints = np.array(current_joint_pos, float)
         joints[: len(self._arm(joints))] = (
@@ -74,6 +74,7 @@ class FunctionKinematics:
         return joints
 
     def _arm(self, joints: ArrayLike) -> Array:
+        """Return the first n of the joints, in degrees and m; InputError if there are fewer."""
         n = len(self.joint_names)
         given = np.atleast_1d(np.asarray(joints, float))
         if len(given) < n:

@@ -25,8 +25,9 @@ except ImportError as error:
 class RepeatableTask(PinkTask):
     """pink task that holds h(q) = c: together with a frame task, it makes pink repeatable.
 
-    ``e(q) = h(q) − c``, with the Jacobian ``∂h/∂q``. The joints are found in pink's model by name;
-    other joints are not affected.
+    pink solves for joint velocities that serve several tasks. The potentials h of a design, held at
+    the level c, determine the joints that a frame task leaves free. ``e(q) = h(q) − c``, with the
+    Jacobian ``∂h/∂q``. The joints are found in pink's model by name; other joints are not affected.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ class RepeatableTask(PinkTask):
         return q
 
     def _find(self, model: pin.Model) -> None:
-        """Find the design's joints in pink's model.
+        """Find the design's joints in pink's model, by name; InputError if one is missing.
 
         Stores their indices in q and v, and which of them are (cos, sin) pairs.
         """

@@ -61,6 +61,7 @@ def _solved(
     leaf: Array | None,
     tool: pin.SE3 | None,
 ) -> tuple[Array | None, int]:
+    """Evaluate F at a request's pose: the joints (n,) and SUCCESS, or None and an error code."""
     if request.ik_link_name not in ("", F.task.frame):
         return None, WRONG_LINK
     if request.pose_stamped.header.frame_id not in ("", base):

@@ -1,4 +1,8 @@
-"""Servo: joint commands per tick from target poses or twists and measured joints; without ROS."""
+"""Servo: joint commands per tick from target poses or twists and measured joints; without ROS.
+
+A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
+keeps the arm; its level c says where along the self-motion the elbow is.
+"""
 
 from __future__ import annotations
 
@@ -189,7 +193,10 @@ class Servo:
             self._heard = self._time.at(now)
 
     def couple(self, coupled: bool) -> None:
-        """Engage the clutch with the next hand pose, or release it: then the arm stops."""
+        """Engage the clutch with the next hand pose, or release it: then the arm stops.
+
+        While engaged, the arm's target moves as the operator's hand does.
+        """
         self._forget()
         self._coupled = coupled and self.state is State.RUNNING
         if self._coupled:
@@ -251,7 +258,11 @@ class Servo:
     # ---- ticks ---------------------------------------------------------------------------------
 
     def tick(self, now: float) -> Array | None:
-        """Compute the next command (n,); None if no command may be sent."""
+        """Compute the next command (n,); None if no command may be sent.
+
+        None is returned while the arm waits: for joints that are measured, recent and at rest, or
+        because it does not follow and has stopped. :attr:`reason` says why.
+        """
         now = self._time.tick(now)
         q, age = self._readings.measured(now)
         late = q is None or not age <= self.timeout
@@ -280,7 +291,10 @@ class Servo:
         return self._command()
 
     def brake(self) -> Array | None:
-        """Compute the next command (n,) of a stop; None if the arm is at rest, or waits."""
+        """Compute the next command (n,) of a stop; None if the arm is at rest, or waits.
+
+        It is called in a row when the program ends, with no measured joints.
+        """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
 
@@ -312,13 +326,16 @@ class Servo:
 
     @property
     def beyond_closing_radius(self) -> bool:
-        """True if the command is beyond the closing radius of the design's certificate."""
+        """True if the command is beyond the closing radius of the design's certificate.
+
+        Within this distance of a start or a path, closed paths are proved to close.
+        """
         if not self._closes or self.command is None:
             return False
         return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
-        """Describe what stops the arm before the target."""
+        """Describe what stops the arm early: a joint limit, bodies, a singularity, Ω's edge."""
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)
             return (
@@ -340,7 +357,11 @@ class Servo:
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next command: of a self-motion to another leaf, or of the governor."""
+        """Compute the next command (n,): of a self-motion to another leaf, or of the governor.
+
+        A change of the level c comes first: the arm stops, moves its elbow in parts, and then
+        follows the target.
+        """
         if not self._piece and self._leaf is not None and self._moving_asked():
             self._to_leaf(self._leaf)
         if self._piece:
@@ -368,9 +389,10 @@ class Servo:
         )
 
     def _to_leaf(self, leaf: Array) -> None:
-        """Plan the next part of the self-motion to the level c, once the arm is at rest.
+        """Plan the next part of the self-motion to the level c (r,), once the arm is at rest.
 
-        If there is no such motion, the arm holds.
+        If there is no such motion, or bodies would come too near, the arm holds and gives the
+        reason.
         """
         if not self.at_rest:
             return
@@ -388,7 +410,11 @@ class Servo:
             self._stop(f"leaf refused: {error}")
 
     def _start(self, q: Array) -> bool:
-        """Start at rest at the measured joints q (n,); False if that is not possible."""
+        """Start at rest at the measured joints q (n,); False if that is not possible.
+
+        A start at the last command goes on from it, so that the level c does not change by the
+        error of the measurement.
+        """
         command = self.command
         if self._fault or command is None or np.abs(q - command).max() > SAME:
             try:
@@ -405,8 +431,9 @@ class Servo:
     def _compare(self, q: Array, age: float) -> bool:
         """Compare measured joints q (n,), ``age`` s old, with the last command; hold if too far.
 
-        Returns True if no command may be sent: the arm did not follow, and the commands are at
-        rest.
+        A collision or a lost controller shows like this. The joints may have moved since, at their
+        speed limits. Returns True if no command may be sent: the arm did not follow, and the
+        commands are at rest.
         """
         off = (
             np.abs(q - self._commands[-1]) - age * self._limits.velocity
@@ -431,7 +458,8 @@ class Servo:
     def _usable(self, what: str, frame: str, age: float) -> bool:
         """Test whether a message can be used: in the base frame, not late, and while the arm runs.
 
-        A message in another frame or late also stops the arm.
+        ``what`` names it, such as "target"; ``frame`` is its frame, empty for the base; ``age`` is
+        by its stamp, s. A message in another frame or late also stops the arm.
         """
         if frame not in ("", self.base):
             self._refuse(

@@ -1,7 +1,9 @@
 """Lines between two poses of a cell: straight for the tool, or straight in the cell's coordinates.
 
-A line is a curve of poses x(a), a from 0 to 1. Two lines that meet at a pose are blended by a
-curve of continuous curvature."""
+A cell is a box of poses; its coordinates u are from −1 to 1. A line is a curve of poses x(a), a
+from 0 to 1. Two lines that meet at a pose are blended by a curve of continuous curvature, so that
+the arm need not stop there.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +80,7 @@ class Line:
     def of(
         cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None
     ) -> Line:
-        """Create a line, and measure its length."""
+        """Create a line of poses x(a), and measure its length; ``ends`` as the attribute."""
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
         steps = np.linalg.norm(np.diff(X[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2)
@@ -87,7 +89,11 @@ class Line:
         return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
-        """Evaluate v and ω (3,) at an end, m and rad per metre; exact on a line of the tool."""
+        """Evaluate v and ω (3,), m and rad per metre of the line, at an end, a = 0 or 1.
+
+        A blend needs both directions. They are differences over a step of 1e-4, exact on a line of
+        the tool.
+        """
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]
         omega = rotation_vectors(X[1:, :3, :3] @ X[0, :3, :3].T)[0]
@@ -119,7 +125,8 @@ def tool_line(cell: Cell, start: Array, end: Array) -> Line:
 def cell_line(F: Function, start: Array, end: Array) -> Line:
     """Create the line between two poses (4, 4) that is straight in the cell's coordinates u.
 
-    A cell is a box in u, hence convex: the whole line lies in it.
+    A cell is a box in u, hence convex: the whole line lies in it, where the function F exists. It
+    is used where the straight line of the tool leaves the cell.
     """
     X = np.stack([start, end]) @ np.linalg.inv(tool_of(F))
     U, _ = F.cell.coordinates(X[:, :3, 3], X[:, :3, :3])
@@ -127,7 +134,7 @@ def cell_line(F: Function, start: Array, end: Array) -> Line:
 
 
 def _between(U: Array, a: Array) -> Array:
-    """Interpolate between two coordinates U (2, k): (K, k) for a (K,)."""
+    """Interpolate between two coordinates U (2, k) of a cell, at fractions a (K,): (K, k)."""
     return np.asarray((1 - a)[:, None] * U[0] + a[:, None] * U[1])
 
 
@@ -146,11 +153,10 @@ def tool_of(F: Function) -> Array:
 class Blend:
     """Curve that leaves one line before a pose and joins the next line after it.
 
-    With the shares α and β of a bend, see :meth:`.Bend.shares`, and the pose x₁ in between,
-
-    ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``;
-
-    between two lines in the cell's coordinates, ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
+    With the shares α and β of a bend along its two edges, see :meth:`.Bend.shares`, the two lines
+    p_in and p_out, and the pose x₁ between them, ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``,
+    ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``; between two lines in the cell's coordinates, ``u =
+    u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
 
     Attributes
     ----------
@@ -171,8 +177,9 @@ class Blend:
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
-    The blend begins and ends where an arc of the radius would, m, on at most half of each line. If
-    the two lines are one, its length is 0.
+    The blend begins and ends where an arc of the radius, m, would, on at most half of each line. If
+    the two lines are one, its length is 0. The arm must rest at a rotation in place, at a reversal,
+    where half of a line is too short, or with the radius 0.
     """
     if into.turns or out.turns or not radius:
         return None

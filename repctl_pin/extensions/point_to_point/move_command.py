@@ -61,7 +61,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Time the motion, evaluate it, and write it."""
+    """Time the motion through the poses of a file, and write it; return the exit code."""
     from ...motion.csv_file import csv_text
     from ...motion.joint_motion import refuse_violations
     from ...motion.write_motion import yaml_text

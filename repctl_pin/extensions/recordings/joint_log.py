@@ -228,7 +228,7 @@ def _unit_of(clock: str) -> str:
 def _clock(header: Sequence[str]) -> str | None:
     """Find the name of the column of times; None if there is none.
 
-    Of several, the first in the order of ``_CLOCKS`` is taken; a unit may follow, as in
+    If there are several, the first in the order of ``_CLOCKS`` is taken; a unit may follow, as in
     ``time_ms``.
     """
     bare = {

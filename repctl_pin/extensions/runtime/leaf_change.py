@@ -1,4 +1,8 @@
-"""Self-motion to another leaf: the frame rests, and the joints keep their limits."""
+"""Self-motion to another leaf: the frame rests, and the joints keep their limits.
+
+A leaf is the set h(q) = c on which a repeatable inverse keeps the arm; another level c has the
+elbow elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +91,11 @@ def leaf_change(
 def _refined(
     inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array
 ) -> Array:
-    """Solve for the next sample by Newton's method, from the previous one."""
+    """Solve for the next sample by Newton's method, from the previous one q (n,).
+
+    The sample has the frame at ``place`` and the level ``leaf`` (r,). InputError is raised if six
+    steps do not reach it.
+    """
     for _ in range(_STEPS):
         last, q = q, inverse.step(q, place, 1.0, leaf=leaf)
         if np.abs(q - last).max() <= _EXACT:
@@ -98,7 +106,11 @@ def _refined(
 
 
 def _least_ticks(travel: Array, limits: JointLimits, dt: float) -> int:
-    """Compute the number of time steps in which a quintic over ``travel`` (n,) keeps the limits."""
+    """Compute the number of time steps in which a quintic over ``travel`` (n,) keeps the limits.
+
+    A quintic goes from rest to rest without a jump of acceleration. As the self-motion is no
+    straight line, this number is a first guess, at least 4.
+    """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     times = [
         float(np.max(peak * travel / (_ALLOWED * most)) ** (1 / k))
@@ -109,7 +121,10 @@ def _least_ticks(travel: Array, limits: JointLimits, dt: float) -> int:
 
 
 def _share_used(Q: Array, limits: JointLimits, dt: float) -> float:
-    """Evaluate the largest fraction of a limit that samples use, with rest at both ends."""
+    """Evaluate the largest fraction of a limit that samples Q (T, n) use, with rest at both ends.
+
+    Above 1, the motion needs more time steps.
+    """
     Q = np.concatenate([np.tile(Q[0], (3, 1)), Q, np.tile(Q[-1], (3, 1))])
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     return max(

@@ -1,4 +1,8 @@
-"""Feed override of a timed motion: stop, resume and reverse along its path, within its limits."""
+"""Feed override of a timed motion: stop, resume and reverse along its path, within its limits.
+
+The override o is the speed on the motion's clock: 1 as timed, 0 at rest, -1 backwards. A change of
+it is a curve o(t) from one value to another.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +69,10 @@ class _Change:
     time: Array
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning."""
+        """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning.
+
+        ∫o is the way on the motion's clock, s.
+        """
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
         o = self.override
@@ -196,7 +203,7 @@ class Run:
         return q, slope * o
 
     def _hold(self, t: float, override: float) -> None:
-        """Set the override at a time of the motion's clock, and keep it constant."""
+        """Set the override at a time of the motion's clock, and keep it until it is changed."""
         self._t = t
         self._override = override
         self._rate = 0.0
@@ -205,7 +212,11 @@ class Run:
         self._wish, self._looked = override, 0.0
 
     def _aim(self, wish: float) -> None:
-        """Begin a change to the requested override, if it is needed and the limits allow it."""
+        """Begin a change to the requested override, if it is needed and the limits allow it.
+
+        If they do not allow the whole change, a part of it is begun; attempts are 5 ms apart. Where
+        the motion rests, the override is set at once.
+        """
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (
             (left <= 0 and change.goal[0] == wish)
@@ -229,9 +240,10 @@ class Run:
             self._looked = 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
-        """Find the shortest change to the first of several goals that the limits allow.
+        """Find the shortest change to the first of several goals (G,) that the limits allow.
 
-        Returns None if no goal can be reached.
+        A goal is a value of the override. Longer durations are tried in turn, and the limits
+        checked along the whole change. Returns None if no goal can be reached.
         """
         slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
         far = np.abs(goals - self._override)
@@ -275,7 +287,7 @@ class Run:
         return np.asarray(used.max(axis=(0, 2)) <= _TOLERANCE)
 
     def _nearest(self, q: Array) -> float:
-        """Find the time at which the first cycle passes q; InputError if it does not."""
+        """Find the time, s, at which the first cycle passes q (n,); InputError if it does not."""
         timed = self._timed
         first = timed.t <= timed.starts[1]
         k = int(np.argmin(np.linalg.norm(timed.q[first] - q, axis=1)))
