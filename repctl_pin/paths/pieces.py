@@ -30,7 +30,7 @@ _DEEPEST = 6
 @dataclass(frozen=True, eq=False)
 @read_only
 class Piece:
-    """Polynomial piece of a path between two values of s.
+    """Polynomial piece of a closed path between two values of s; a cycle is s from 0 to 1.
 
     Attributes
     ----------

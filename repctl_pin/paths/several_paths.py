@@ -40,11 +40,11 @@ class SeveralPaths(TaskPath):
         """Take the paths as they are: each of them was checked when it was created."""
 
     def placement(self, s: float) -> Any:
-        """Evaluate the placements of all frames at s."""
+        """Evaluate the placements of all frames, one per frame, at s in [0, 1] along the cycle."""
         return Placements(path.placement(s) for path in self.paths)
 
     def twist(self, s: float) -> Array:
-        """Evaluate the twists of all frames at s: (6 F,), m and rad per cycle."""
+        """Evaluate the twists (v, ω) of all frames at s in [0, 1]: (6 F,), m and rad per cycle."""
         return np.concatenate([path.twist(s) for path in self.paths])
 
     @property

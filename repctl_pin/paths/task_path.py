@@ -35,7 +35,10 @@ from .orientation import angular_velocity, rotation_matrix
 
 @runtime_checkable
 class ClosedPath(Protocol):
-    """Interface of a closed path, which :class:`TaskPath` and custom classes implement."""
+    """Interface of a closed path, which :class:`TaskPath` and custom classes implement.
+
+    A path is a function of s, from 0 at the start to 1 at the end of a cycle.
+    """
 
     @property
     def name(self) -> str:
@@ -49,7 +52,7 @@ class ClosedPath(Protocol):
         """Evaluate the placement of the frame at s in [0, 1]: position, m, and rotation."""
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds = (v, ω): (6,), m and rad per cycle, base axes."""
+        """Evaluate d(pose)/ds = (v, ω) at s in [0, 1]: (6,), m and rad per cycle, base axes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,8 +60,9 @@ class ClosedPath(Protocol):
 class TaskPath:
     """Closed path of a frame: a curve of its origin, and a fixed or varying orientation.
 
-    It is checked when created: the path must be closed, and ``slope`` and ``spin`` must be the
-    derivatives of ``point`` and ``rotation``.
+    Both are functions of s, from 0 at the start to 1 at the end of a cycle. The path is checked
+    when created: it must be closed, and ``slope`` and ``spin`` must be the derivatives of ``point``
+    and ``rotation``.
 
     Attributes
     ----------
@@ -139,12 +143,12 @@ class TaskPath:
         _check(self)
 
     def placement(self, s: float) -> pin.SE3:
-        """Evaluate the placement of the frame at s."""
+        """Evaluate the placement of the frame at s in [0, 1]: position, m, and rotation."""
         s = finite(s, "s")
         return pin.SE3(self._turned(s), np.asarray(self.point(s), float))
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds = (v, ω): (6,), m and rad per cycle, base axes."""
+        """Evaluate d(pose)/ds = (v, ω) at s in [0, 1]: (6,), m and rad per cycle, base axes."""
         s = finite(s, "s")
         return np.concatenate(
             [self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)]

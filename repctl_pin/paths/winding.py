@@ -21,7 +21,7 @@ def winding(task: Task, path: TaskPath) -> int:
 
     The joints of an arm that follows such a path can end a full turn from their start, so that not
     even a repeatable controller closes it: repeatability is a property of loops that can be shrunk
-    to a point inside Ω.
+    to a point inside Ω, the region of joint space of the design.
 
     Parameters
     ----------

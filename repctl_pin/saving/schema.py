@@ -102,7 +102,7 @@ class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
 
 
 class JoinedFile(Part, tag_field="kind", tag="joined"):
-    """Several bases of potentials, concatenated in this order."""
+    """Several bases of potentials, which are functions of q, concatenated in this order."""
 
     parts: list[BasisFile]
 
@@ -262,7 +262,10 @@ class CycleFile(Part):
 
 
 class Figures(Part):
-    """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`."""
+    """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`.
+
+    They are computed when the design is made, not when it is loaded.
+    """
 
     cost: float
     cost_error: float

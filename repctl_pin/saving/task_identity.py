@@ -38,8 +38,9 @@ _TOLERANCE = 1e-9
 def identity(task: Task) -> TaskFile:
     """Convert a task to its part of a file: names, and placements at several configurations.
 
-    The placements are the fingerprint: they depend on each link and joint axis of the chain and on
-    the locked joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
+    By it, a file is refused for another robot, or for one that was changed since. The placements
+    are the fingerprint: they depend on each link and joint axis of the chain and on the locked
+    joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
     """
     robot = task.robot
     checks = [
@@ -83,9 +84,10 @@ def _frames(task: Task) -> list[FrameFile] | msgspec.UnsetType:
 
 
 def task_of(made_for: TaskFile, robot: Robot) -> Task:
-    """Create the task that a design was made for, on a robot.
+    """Create the task (frame, kind, joints, tool) that a design was made for, on a robot.
 
-    The robot is loaded again if its base or its locked joints are other ones.
+    The robot is loaded again if its base or its locked joints are other ones than those of the
+    file.
     """
     if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
         name = robot.entry.name if robot.entry is not None else robot.description.path

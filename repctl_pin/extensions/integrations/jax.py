@@ -83,7 +83,11 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     def system(
         x: Numbers, c: Numbers, q: Numbers, chart: tuple[Numbers, Numbers]
     ) -> tuple[Numbers, Numbers]:
-        """Evaluate ``J_V = [J; n_refᵀ]`` and ``g = [x − f(q); c − n_refᵀ (q − q_ref)]``."""
+        """Evaluate the linear system of Newton's method: ``J_V = [J; n_refᵀ]`` (n, n) and g (n,).
+
+        ``g = [x − f(q); c − n_refᵀ (q − q_ref)]`` is the error of the pose x and of the level c at
+        q; ``chart`` are q_ref (n,) and n_ref (n, r), the polynomials of F at x.
+        """
         p, R, J = frame(q)
         q_ref, n_ref = chart
         g = jnp.concatenate([_error(F.cell, x, p, R), c - n_ref.T @ (q - q_ref)])
@@ -269,15 +273,19 @@ def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
 
 
 def _coordinates(cell: Cell, x: Numbers) -> Numbers:
-    """Convert a pose to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell."""
+    """Convert a pose x (4, 4) to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell.
+
+    They are the variables of the polynomials of F, the function of the cell.
+    """
     y = _measured(cell, x) - jnp.asarray(cell._offset, x.dtype)
     return y[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
 
 
 def _rigid(task: Task, x: Numbers) -> Numbers:
-    """Test whether a matrix (4, 4) is a rigid transform, as :func:`is_rotation` and ``F.batch`` do.
+    """Test whether a matrix (4, 4) is a rigid transform, as ``F.batch`` does, to about 1e-6.
 
-    The rotation is tested only if the task commands one.
+    The rotation is tested only if the task commands one. The result is a JAX boolean: a compiled
+    function cannot raise an error.
     """
     R = x[:3, :3]
     off = [x[3] - jnp.asarray([0.0, 0.0, 0.0, 1.0], x.dtype)]
@@ -320,7 +328,11 @@ def _eps(x: Numbers) -> float:
 
 
 def _measured(cell: Cell, x: Numbers) -> Numbers:
-    """Compute the coordinates (m,) of a pose from the cell's middle, m and rad, not scaled."""
+    """Compute the coordinates (m,) of a pose (4, 4) from the cell's middle, m and rad, not scaled.
+
+    They are the components of position, and a rotation vector or tilts of the tool, that the task
+    commands; for a sector, a cell around the base, cylindrical ones.
+    """
     if isinstance(cell, Sector):
         return _cylindrical(cell, x)
     placement, kind = cell.placement, cell.task.kind
@@ -366,7 +378,7 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
 def _tilted_back(t: Numbers, v: Numbers) -> Numbers:
     """Rotate a vector v (3,) by ``exp(-t)``, where t (2,) is a rotation vector in the x-y plane.
 
-    It is differentiable at t = 0, too.
+    It undoes a tilt of the tool, so that only its spin is left. It is differentiable at t = 0, too.
     """
     square = t @ t
     small = square < 1e-6
@@ -379,20 +391,30 @@ def _tilted_back(t: Numbers, v: Numbers) -> Numbers:
 
 
 def _log3(R: Numbers) -> Numbers:
-    """Evaluate the rotation vector ω (3,), exp(ω̂) = R, for angles below π; differentiable at 0."""
+    """Evaluate the rotation vector ω (3,), exp(ω̂) = R, for angles below π; differentiable at 0.
+
+    The usual formula divides by 0 at R = I, which makes its derivative NaN.
+    """
     w = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     return w * _angle_over_sine(w @ w, (jnp.trace(R) - 1) / 2)
 
 
 def _tilts(R: Numbers, goal: Numbers) -> Numbers:
-    """Compute the rotation (2,), rad, about a tool's x and y that aligns its z with a goal's z."""
+    """Compute the rotation (2,), rad, about a tool's x and y that aligns its z with a goal's z.
+
+    R and ``goal`` (3, 3) are the rotations of the tool and the goal. It is the error of a task that
+    leaves the turn about the tool's axis free.
+    """
     aim = R.T @ goal[:, 2]
     turn = jnp.stack([-aim[1], aim[0]])
     return turn * _angle_over_sine(turn @ turn, aim[2])
 
 
 def _angle_over_sine(square: Numbers, cosine: Numbers) -> Numbers:
-    """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0."""
+    """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0.
+
+    It scales the sine of a rotation's angle to the angle, and is differentiable at 0.
+    """
     small = (square < 1e-6) & (cosine > 0)
     sine = jnp.sqrt(jnp.where(small, 1.0, square))
     series = 1 + square / 6 + 3 * square**2 / 40

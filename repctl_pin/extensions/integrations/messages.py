@@ -129,7 +129,7 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Restart the time for which :meth:`rest` requires constant joints."""
+        """Restart the time for which :meth:`rest` requires constant joints; readings were late."""
         self._still = None
 
 

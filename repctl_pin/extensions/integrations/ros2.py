@@ -232,7 +232,7 @@ class _ArmNode(Node):
     # ---- messages ------------------------------------------------------------------------------
 
     def _now(self) -> float:
-        """Time of the ticks and time-outs, s."""
+        """Time of the ticks and time-outs, s, by a clock that is never set, or the simulation's."""
         return float(self._tick_clock.now().nanoseconds * 1e-9)
 
     def _age(self, stamp: Any) -> float:
@@ -275,7 +275,7 @@ class _ArmNode(Node):
         return self._answered(response)
 
     def _answered(self, response: Any) -> Any:
-        """Fill in a service's response with the state of the servo."""
+        """Fill in a service's response: success, and the state of the servo in one line."""
         response.success = True
         response.message = self.servo.said
         return response

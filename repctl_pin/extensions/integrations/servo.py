@@ -66,10 +66,10 @@ class State(Enum):
 class Servo:
     """Joint commands of an arm, per tick, from target poses or twists and measured joints.
 
-    The commands stay on one leaf and within the limits. All times are of one clock, in s, passed as
-    ``now``. Where the clock steps back or stands still, each tick counts as one period, so
-    time-outs still end. A target or twist that cannot be used raises no error: it stops the arm,
-    and :attr:`reason` describes it.
+    The commands stay on one leaf, the set h(q) = c that the design's potentials h hold, and within
+    the limits. All times are of one clock, in s, passed as ``now``. Where the clock steps back or
+    stands still, each tick counts as one period, so time-outs still end. A target or twist that
+    cannot be used raises no error: it stops the arm, and :attr:`reason` describes it.
 
     Parameters
     ----------
@@ -231,7 +231,8 @@ class Servo:
     def leaf(self, leaf: ArrayLike) -> str:
         """Set the level c (r,) to which the arm moves before it follows the next target.
 
-        Returns why the level is refused, or an empty text.
+        The level, the value of the design's potentials, says where along the self-motion the elbow
+        is. Returns why the level is refused, or an empty text.
         """
         c = np.atleast_1d(np.asarray(leaf, float))
         if c.shape != (self.task.r,) or not np.isfinite(c).all():
@@ -310,13 +311,17 @@ class Servo:
 
     @property
     def stopped_early(self) -> bool:
-        """True if the governor stops before the target: at a limit, singularity or edge of Ω."""
+        """True if the governor stops the arm before its target.
+
+        A joint limit, a near body, a singularity or the edge of Ω, the region of the design, is
+        ahead.
+        """
         asked = self._target is not None or self._twist is not None
         return self.state is State.RUNNING and asked and self.status in _AHEAD
 
     @property
     def said(self) -> str:
-        """State, and what stops the arm, in one line."""
+        """State of the servo, and what stops the arm, in one line to show."""
         reason = self.reason
         if self.stopped_early and not reason:
             does = "stopped" if self.at_rest else "slowing down"
@@ -353,7 +358,7 @@ class Servo:
 
     @property
     def current_leaf(self) -> Array | None:
-        """Level c (r,) of the last command; None before the first."""
+        """Level c (r,) of the design's potentials at the last command; None before the first."""
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:

@@ -54,7 +54,7 @@ _STRAIGHT = 1e-9
 @dataclass(frozen=True, eq=False)
 @read_only
 class Line:
-    """Line between two poses.
+    """Line between two poses, along which the tool moves.
 
     Attributes
     ----------
@@ -139,12 +139,12 @@ def _between(U: Array, a: Array) -> Array:
 
 
 def _placed(F: Function, U: Array) -> Array:
-    """Convert coordinates U (K, k) of the cell to poses (K, 4, 4) of the tool."""
+    """Convert coordinates U (K, k) in the cell, from −1 to 1, to poses (K, 4, 4) of the tool."""
     return homogeneous(*F.cell.placements(U)) @ tool_of(F)
 
 
 def tool_of(F: Function) -> Array:
-    """Return the placement (4, 4) of the tool in the frame that the cell is of."""
+    """Return the placement (4, 4) of the tool in the frame that the cell is of; I without one."""
     return F.tool.homogeneous if isinstance(F, ToolFunction) else np.eye(4)
 
 

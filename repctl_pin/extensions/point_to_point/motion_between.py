@@ -116,10 +116,11 @@ def motion_between(
 ) -> MotionBetween:
     """Time a motion through poses of a cell, as quickly as the limits allow.
 
-    The joints are ``q(t) = F(x(t))``: at every pose, the configuration is that of F, whatever the
-    order of the poses. Between two poses, the tool moves on a straight line and turns about one
-    axis. Where that line leaves the cell, it moves on a straight line in the cell's coordinates,
-    which always lies inside.
+    A cell is a box of poses, or a sector around the base, whose function F gives one configuration
+    per pose. The joints are ``q(t) = F(x(t))``: at every pose, the configuration is that of F,
+    whatever the order of the poses. Between two poses, the tool moves on a straight line and turns
+    about one axis. Where that line leaves the cell, it moves on a straight line in the cell's
+    coordinates, which always lies inside.
 
     Parameters
     ----------

@@ -106,7 +106,11 @@ def run(options: Options) -> int:
 
 
 def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
-    """Read the poses (P, 4, 4) of a CSV file, and the names of their lines."""
+    """Read the poses (P, 4, 4) of a CSV file, and the names of their lines for error messages.
+
+    Without quaternions, they have the orientation of the cell's middle. InputError if the file has
+    times, because the limits determine them.
+    """
     import numpy as np
 
     from ...paths.waypoint_file import read_waypoints

@@ -54,7 +54,9 @@ _INSIDE = np.linspace(0.0, 1.0, 2001)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Part:
-    """Part of a motion between two rests, through one line or several.
+    """Part of a motion between two rests, through one line or several that are blended.
+
+    s is about the length of the joint path.
 
     Attributes
     ----------

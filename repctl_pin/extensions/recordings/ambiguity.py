@@ -30,6 +30,9 @@ _FRAMES_PER_TERM = 3
 class Ambiguity:
     """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
 
+    A labelling is one choice of a configuration for every frame, such as the recorded joints or the
+    new ones. The misfit is large if equal poses have different configurations.
+
     Attributes
     ----------
     misfits : tuple of (K,) arrays
@@ -56,6 +59,9 @@ class Ambiguity:
 
 def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
     r"""Fit configurations as a polynomial of the pose, and measure the misfit on held-out frames.
+
+    A labelling is a choice of configurations for the frames, such as the recorded ones; the
+    comparison of its misfit before and after relabelling shows whether equal poses had several.
 
     .. math:: \hat q(u) = \sum_{|α| ≤ 3} a_α u^α, \qquad
               \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2

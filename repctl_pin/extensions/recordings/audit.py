@@ -390,7 +390,10 @@ def _units(task: Task, log: JointLog) -> list[str]:
 
 
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
-    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint."""
+    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint.
+
+    Times in a wrong unit make it far too large; a few outliers of the log do not.
+    """
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
 

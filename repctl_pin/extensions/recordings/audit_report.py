@@ -165,7 +165,10 @@ def _headline(audit: Audit) -> Headline:
 
 
 def _distance(audit: Audit) -> str:
-    """Write how near the hand came to an earlier pose again, as the end of a sentence."""
+    """Write how near the hand came to an earlier pose again, as the end of a sentence.
+
+    It explains a log for which there is no verdict, because no pose was visited often enough.
+    """
     if audit.returns > 0:
         back = hands_are(len(audit.task.frames))
         return f" often enough: {back} back at a pose once"
@@ -206,7 +209,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def _part_of(audit: Audit) -> str:
-    """Name the part that is off most."""
+    """Name the part of the arm that is off most between two visits of one pose, such as "elbow"."""
     return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
 
@@ -307,10 +310,10 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
 
 
 def _audit_page(audit: Audit) -> str:
-    """Write the HTML page of the recorded motion, with the first visit as the ghost.
+    """Write the HTML page of the recorded motion, with the arm of the first visit as a ghost.
 
-    Each cycle is the part of the log between two consecutive visits. If there are too many, evenly
-    spaced ones are shown.
+    Each cycle is the part of the log between two consecutive visits of the pose. If there are too
+    many, evenly spaced ones are shown.
     """
     task, visits = audit.task, audit.visits
     ends = np.unique(
@@ -361,7 +364,10 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def _audit_figure(audit: Audit) -> Figure:
-    """Draw ``audit.png``: creep of the part that is off most, and of the joints, over time."""
+    """Draw ``audit.png``: creep over time, of the link that is off most, and of the joints.
+
+    Dots are the visits of the hand pose, lines the measured rates.
+    """
     task = audit.task
     visits = audit.visits
     joints = audit.joints

@@ -49,7 +49,8 @@ def design_for(
 ) -> CellDesign:
     """Design a function over a box or a sector, just large enough to hold the recorded frames.
 
-    The cell holds all frames or, if no function covers it, 98 or 90 % of them. If no function
+    A box of poses, or a sector around the base, is a cell; its function gives one configuration per
+    pose. The cell holds all frames or, if no function covers it, 98 or 90 % of them. If no function
     covers those either, the one that covers most frames is returned. In the middle of the cell, the
     function has a recorded configuration, see :func:`_posture`, if a design from it succeeds.
 
@@ -83,7 +84,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of the frames at which the function has a value within the limits."""
+    """Compute the share of the frames at which a cell's function has a value within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -131,9 +132,9 @@ def _posture(recording: Recording, cell: Cell) -> Array:
 
 
 def _cells(recording: Recording, share: float) -> Iterator[Cell]:
-    """Yield a box and a sector that hold a share of the poses.
+    """Yield a box and a sector, a cell around the base, that hold a share of the recorded poses.
 
-    The sector comes first if the poses extend far around the base.
+    The sector comes first if the poses extend far around the base, where a box would be too large.
     """
     p = recording.positions
     angle = np.arctan2(p[:, 1], p[:, 0])

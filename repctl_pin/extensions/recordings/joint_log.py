@@ -265,7 +265,10 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
 
 
 def joint_log(t: Any, q: Any, units: Array) -> JointLog:
-    """Check times t (T,), s, and joint positions q (T, n) in ``units`` (n,), and make a log."""
+    """Make a log from times t (T,), s, and joint positions q (T, n), after checking them.
+
+    ``units`` (n,) are the values of one unit of q, rad or m: π/180 for degrees.
+    """
     times, values, n = as_numbers(t), as_numbers(q), len(units)
     sizes = None if values is None or times is None else (times.shape, values.shape)
     if sizes is None or sizes[1] != (*sizes[0], n):
@@ -340,7 +343,10 @@ def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
 
 
 def words_of(name: str, joints: Sequence[str]) -> set[str]:
-    """Split the name of a column, without the name of a joint, into words in lower case."""
+    """Split the name of a column, without the name of a joint, into words in lower case.
+
+    The words, such as "velocity" or "desired", tell what the column holds.
+    """
     for joint in joints:
         if _holds(name, joint):
             name = name.replace(joint, " ")

@@ -109,7 +109,7 @@ class Relabeled:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """True for frames that were relabelled: (K,)."""
+        """True for frames (rows of the recording) that were relabelled: (K,)."""
         return np.isfinite(self.joints[:, 0])
 
     @property
@@ -128,13 +128,16 @@ class Relabeled:
 
     @property
     def residual_before(self) -> float:
-        """Ambiguity of the recorded configurations, rad or m; NaN if none were recorded."""
+        """Ambiguity of the recorded configurations, rad or m; NaN if none were recorded.
+
+        It is the rms misfit of a smooth function of the pose, large if equal poses have several.
+        """
         residuals = self.ambiguity.residuals
         return residuals[0] if len(residuals) > 1 else float("nan")
 
     @property
     def residual_after(self) -> float:
-        """Ambiguity of the new configurations, rad or m."""
+        """Ambiguity of the new configurations: rms misfit of a smooth function of the pose."""
         return self.ambiguity.residuals[-1]
 
     @property
@@ -233,8 +236,10 @@ class Relabeled:
         return f"c = {text}; recorded: {_row(low)} to {_row(high)}{near}"
 
     def _missing(self) -> str:
-        """Write which frames were not relabelled: the longest gaps in the order of time, and how
-        many frames the other gaps have."""
+        """Write which frames were not relabelled: the three longest gaps in the order of time.
+
+        The frames of the other gaps are counted in a last line.
+        """
         longest = sorted(self.gaps, key=lambda gap: -gap.frames)[:_LISTED]
         lines = [self._gap(gap) for gap in self.gaps if gap in longest]
         rest = sum(gap.frames for gap in self.gaps if gap not in longest)
@@ -274,8 +279,9 @@ def relabel(
 
     Recorded configurations depend on where each session started and on the motion before, so that
     equal poses have different configurations. The new ones depend on the pose alone. The cell is
-    the box, or the sector around the base, that holds the frames. By default the level c is near
-    the median of the recorded ones.
+    the box of poses, or the sector around the base, that holds the frames, and F the function
+    designed for it. The level c says where along the self-motion the elbow is; by default it is
+    near the median of the recorded ones.
 
     Parameters
     ----------

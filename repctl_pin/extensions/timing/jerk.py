@@ -68,6 +68,8 @@ _BETWEEN = np.linspace(0.0, 1.0, 9)
 class _JerkSegment(Segment):
     """A smooth part of a joint path, from rest to rest, timed with bounded jerk.
 
+    s is the length of the joint path; stages are the grid points of s at which the limits are kept.
+
     Attributes
     ----------
     x, bend : (K,), (K - 1,) arrays
@@ -79,10 +81,10 @@ class _JerkSegment(Segment):
     bend: Array
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start.
+        """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start, s.
 
-        After a stage s₀, ``s̈ = x′/2 = (x′₀ + x″ u)/2`` is linear in ``u = s − s₀``, hence u(t) is
-        a sum of exponentials.
+        After a stage s₀, ``s̈ = x′/2 = (x′₀ + x″ u)/2`` with x = ṡ² is linear in ``u = s − s₀``,
+        hence u(t) is a sum of exponentials.
         """
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         h = np.diff(self.s)[i]
@@ -160,6 +162,9 @@ def with_jerk(
     weight: float = 1.0,
 ) -> _JerkSegment:
     """Find the time-optimal profile with bounded jerk along a curve, from rest to rest.
+
+    The profile is the speed ṡ along the curve. It is found by linear programs, from a profile
+    without a limit of jerk.
 
     Parameters
     ----------
@@ -512,7 +517,11 @@ def _rows(
     columns = np.repeat(ends, len(limits.acceleration), axis=0)
 
     def rows(share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
-        """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4)."""
+        """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4).
+
+        x = ṡ² is a parabola between stages. ``share`` is the place in the interval, from 0 to 1; x,
+        slope and bend are the weights of x, x′ and x″, per interval and joint.
+        """
         k = bend / h - share * (1 - share) / 2 * h * x
         return np.stack(
             [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k],

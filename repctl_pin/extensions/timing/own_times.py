@@ -39,9 +39,10 @@ _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
 class _OwnTimes(Segment):
     """A smooth part of a joint path, from rest to rest, in the motion's own times.
 
-    ``s(t)`` is the motion's own law, at rest before and after, convolved with a triangle of width
-    r. That smooths the beginning, the end and every jump of speed; it never exceeds the largest
-    speed of the law, and changes a law of constant speed only within r/2 of a jump.
+    Own times are those of the waypoints. ``s(t)``, the length of the joint path over time, is the
+    motion's own law, at rest before and after, convolved with a triangle of width r. That smooths
+    the beginning, the end and every jump of speed; it never exceeds the largest speed of the law,
+    and changes a law of constant speed only within r/2 of a jump.
 
     Attributes
     ----------

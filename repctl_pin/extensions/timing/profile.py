@@ -81,8 +81,9 @@ class Segment:
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
 
-        They are checked at both ends of every interval between stages and halfway through its time;
-        that of jerk is not checked.
+        A profile keeps them at its stages, the grid points of the path, only. They are checked at
+        both ends of every interval between stages and halfway through its time; that of jerk is not
+        checked.
         """
         t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
         return most_used(limits, self.derivatives(t)[:3])
@@ -130,6 +131,8 @@ def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
 @read_only
 class Course:
     """Segments in order as a function of time, each stretched to its duration, with rests between.
+
+    A segment is a part of the joint path between two stops, with its own timing.
 
     Attributes
     ----------
@@ -179,6 +182,10 @@ def require_samples(count: float, seconds: float, rate: float) -> None:
 
 class Profile:
     """Timing of a few cycles: segments in order, with pauses between them.
+
+    A cycle is one traversal of the closed path; a segment leads from one stop of the arm to the
+    next. The constructor takes the segments ``runs``, the pause ``stays`` before each, s, and the
+    indices of the path's points at which the arm stops and cycles end.
 
     Attributes
     ----------
@@ -313,9 +320,10 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
 
 
 def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
-    """Compute the time-optimal profile of a curve q(s), from rest to rest.
+    """Compute the time-optimal profile of a curve q(s), from rest to rest, by TOPP-RA.
 
-    The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages.
+    The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages, the values of s
+    at which the limits are kept.
 
     Raises
     ------

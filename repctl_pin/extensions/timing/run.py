@@ -50,7 +50,9 @@ _NEAR = 1e-3
 class _Change:
     """K alternative changes of the override: polynomials o(t), constant after their duration.
 
-    They begin at one value and rate, and end at their goals with the rate 0; each is a cubic.
+    The override o is the speed on the motion's clock, 1 as timed. The changes begin at one value
+    and rate, and end at their goals with the rate 0; each is a cubic. The one that keeps the limits
+    and takes least time is chosen.
 
     Attributes
     ----------
@@ -271,7 +273,10 @@ class Run:
         return None
 
     def _kept(self, change: _Change, shares: Array) -> Array:
-        """Test whether each of K changes keeps the limits, at fractions of its duration: (K,)."""
+        """Test whether each of K changes of the override keeps the limits of the joints: (K,).
+
+        They are checked at ``shares`` (S,), fractions of the duration of each change.
+        """
         way, o, rate, push = change.at(shares[:, None] * change.time)
         clock = np.clip(change.begin + way, 0.0, self._end)
         q = self._trajectory.derivatives(clock.ravel()).reshape(4, *clock.shape, -1)

@@ -174,11 +174,11 @@ class _Laps:
         )
 
     def corners(self, bend: float = BEND) -> list[int]:
-        """Find the indices at which the direction changes by more than ``bend``, rad."""
+        """Find the indices at which the path's direction changes by more than ``bend``, rad."""
         return corners_of(self.Q, self.marks, bend)
 
     def stops(self, corners: list[int]) -> list[int]:
-        """List the indices at which the arm rests: both ends, some corners, and pauses."""
+        """List the indices at which the arm rests: both ends, the given corners, and pauses."""
         pauses = np.flatnonzero(self.stays).tolist()
         return sorted({0, len(self.Q) - 1, *corners, *pauses})
 

@@ -215,7 +215,7 @@ def _closing_source(
 
 
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
-    """Return the region that ``name_inside`` checks: the given one, else the inverse's own Ω."""
+    """Return the region that ``name_inside`` checks in C: the given one, else the design's."""
     return inverse.region if region is None else region
 
 
@@ -267,7 +267,7 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
 
 
 def _of(region: Bounded | None) -> str:
-    """Describe a region, for a C comment."""
+    """Describe a region of joint space or a cell in one line, for a C comment."""
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))

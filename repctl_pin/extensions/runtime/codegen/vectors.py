@@ -63,9 +63,10 @@ def vectors(
     region: Bounded | None,
     start: Array,
 ) -> list[Vector]:
-    """Sample test vectors at configurations in and near the region, or near the start without one.
+    """Sample test vectors, inputs of the C functions, at configurations in and near the region.
 
-    Optional inputs are given in some vectors and None in others, and a few vectors are invalid.
+    Without a region, they are near ``start`` (n,). Optional inputs are given in some vectors and
+    None in others, and a few vectors are invalid. They are the same at every call.
     """
     task, rng = inverse.task, np.random.default_rng(0)
     near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
