@@ -43,7 +43,10 @@ class NoCompilerError(Exception):
 
 
 def target() -> str:
-    """Name the machine that the library is for, as zig does: ``x86_64-linux-gnu.2.17``."""
+    """Name the machine that the library is built for, as zig does: ``x86_64-linux-gnu.2.17``.
+
+    It is ``REPCTL_TARGET``, if that is set, else this machine.
+    """
     machine = {"arm64": "aarch64", "AMD64": "x86_64"}
     here = machine.get(platform.machine(), platform.machine())
     system = "macos.11.0" if sys.platform == "darwin" else "linux-gnu.2.17"

@@ -405,7 +405,7 @@ _FARTHEST = 1e9
 
 
 def _are_placements(points: Sequence[Any] | Array) -> bool:
-    """Test whether waypoints are rigid transforms; only the first one is tested."""
+    """Test whether waypoints are rigid transforms instead of positions, by the first one."""
     if isinstance(points, np.ndarray):
         return points.ndim == 3
     if not points or isinstance(points[0], pin.SE3):
@@ -429,7 +429,7 @@ def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
 
 
 def _doubles(values: Any) -> Array | None:
-    """Convert values to doubles, numeric strings included; None if NumPy cannot."""
+    """Convert values to an array of doubles, numeric strings included; None if NumPy cannot."""
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

@@ -59,7 +59,7 @@ def read_waypoints(file: str | Path) -> Waypoints:
 
 
 def _lines(file: Path) -> list[_Line]:
-    """Read the lines of a file that are not empty."""
+    """Read the lines of a CSV file that are not empty: their numbers and cells."""
     lines = csv_rows(file, _LARGEST)
     return [(line, row) for line, row in lines if any(map(str.strip, row))]
 
@@ -218,7 +218,7 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
 
 
 def _cell(text: str) -> str:
-    """Strip a cell of the header of blanks and quotes."""
+    """Strip a cell of a CSV file's header of blanks, quotes and the ``#`` of a comment."""
     return text.strip("#\"' \t")
 
 

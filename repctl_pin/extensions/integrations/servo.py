@@ -52,7 +52,7 @@ _BEYOND = "beyond the proved radius"
 
 
 class State(Enum):
-    """State of a :class:`Servo`.
+    """State of a :class:`Servo`: what its ticks do with the arm.
 
     WAITING: no command is sent until joints at rest have been measured. RUNNING: the targets are
     followed. HOLDING: the arm stops and stays at rest until it is resumed.
@@ -478,20 +478,23 @@ class Servo:
         return False
 
     def _refuse(self, reason: str) -> None:
-        """Drop the target, so that the arm stops until the next usable one, and give the reason."""
+        """Drop the target, so that the arm stops until the next usable one, and give the reason.
+
+        A running arm goes on with the next usable message; a hold, see :meth:`_stop`, does not.
+        """
         self._forget()
         if self.state is State.RUNNING:
             self.reason = reason
 
     def _stop(self, reason: str) -> None:
-        """Hold, for the given reason, until :meth:`resume`."""
+        """Hold, for the given reason, until :meth:`resume` is called: the arm brakes to rest."""
         self._forget()
         self._held = reason
         if self.state is not State.WAITING:
             self.state, self.reason = State.HOLDING, reason
 
     def _forget(self) -> None:
-        """Drop the target and the twist, and release the clutch."""
+        """Drop the target and the twist, and release the clutch, so that the arm stops."""
         self._target, self._twist, self._heard = None, None, 0.0
         self._coupled = False
         self._clutch.release()

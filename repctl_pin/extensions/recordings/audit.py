@@ -117,17 +117,17 @@ class Audit:
 
     @property
     def joints(self) -> Trend | None:
-        """Creep of every joint, rad/s or m/s; None with fewer than two returns."""
+        """Creep of each joint, its steady change, rad/s or m/s; None below two returns."""
         return None if self.found is None else self.found.trend
 
     @property
     def differences(self) -> Array:
-        """Largest difference of each joint between two visits: (n,), rad or m."""
+        """Largest difference of each joint between two visits of the hand pose: (n,), rad or m."""
         return np.ptp(self.visits.q, axis=0)
 
     @property
     def returns(self) -> int:
-        """Number of times that the hand came back to the pose."""
+        """Number of times that the hand came back to the pose; the first visit is no return."""
         return len(self.visits.t) - 1
 
     @property
@@ -139,14 +139,15 @@ class Audit:
 
     @property
     def elbow(self) -> int:
-        """Index of the elbow joint, found at the first visit."""
+        """Index of the elbow joint, found at the first visit of the hand pose."""
         return elbow(self.task, self.visits.q[0])
 
     @property
     def along(self) -> Array:
-        """Displacement of the point of link ``part`` since the first visit: (N,), m.
+        """Displacement of the most displaced link's point since the first visit: (N,), m.
 
-        It is measured along the straight line to the point's position at the last visit.
+        The link is ``part``. It is measured along the straight line to the point's position at the
+        last visit.
         """
         place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]

@@ -74,7 +74,10 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 
 
 def _audit_sentence(audit: Audit) -> list[Span]:
-    """Write the verdict, its statistic, and how often the hand came back."""
+    """Write the verdict, its statistic, and how often the hand came back, in pieces of styled text.
+
+    A log in which no pose is visited often enough gets a sentence that says so.
+    """
     if audit.found is None:
         return [
             Span(
@@ -156,7 +159,7 @@ def _farthest(audit: Audit) -> tuple[str, str]:
 
 
 def _headline(audit: Audit) -> Headline:
-    """Write the headline of the page: the sentence of the audit, and its consequences."""
+    """Write the headline of the page: the sentence of the audit, and its consequences below it."""
     notes = [note.removeprefix("! ") for note in _leads(audit)]
     return Headline(
         tuple(_audit_sentence(audit)),

@@ -281,9 +281,10 @@ def _alike(by: tuple[float, float]) -> bool:
 
 
 def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
-    """Raise an error if times (K,) do not increase within each session.
+    """Raise an error if times (K,) do not increase within each session of the recording.
 
-    Its ``at`` is the number of the frame. ``split`` is True if the recording has several sessions.
+    ``sessions`` (K,) numbers the session of each frame; ``split`` is True if there are several. The
+    error's ``at`` is the number of the frame.
     """
     order = np.argsort(sessions, kind="stable")
     late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)

@@ -128,7 +128,7 @@ def _arms(relabeled: Relabeled) -> list[tuple[str, dict[str, object]]]:
 
 
 def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
-    """Write the number of frames that were relabelled and that were not, and the limit margins."""
+    """Write the lines below the headline: ambiguity, frames relabelled or not, and margins."""
     found = relabeled.found
     lost = int((~found).sum())
     margin = float(relabeled.margins_after[found].min())
@@ -204,7 +204,8 @@ def _at_one_pose(relabeled: Relabeled) -> list[int]:
 def _labels_figure(relabeled: Relabeled) -> Figure:
     """Draw each joint over the frames, recorded and relabelled, and the level c of the leaf.
 
-    Dashed lines are joint limits that lie within a panel, and thin lines separate the sessions.
+    The level says where along the self-motion the elbow is; it becomes one number. Dashed lines are
+    joint limits that lie within a panel, and thin lines separate the sessions.
     """
     recording, task = relabeled.recording, relabeled.recording.task
     order = np.argsort(recording.session, kind="stable")
@@ -256,7 +257,10 @@ def _series(ax: Axes, old: Array | None, new: Array, borders: Array) -> None:
 
 
 def _shares_figure(relabeled: Relabeled) -> Figure:
-    """Draw the cumulative distributions of the misfit of a smooth fit and of the limit margin."""
+    """Draw which share of the frames has a smaller misfit, and a smaller limit margin, than x.
+
+    The misfit is that of a smooth function of the pose, with the recorded and the new joints.
+    """
     unit, found = relabeled.recording.task.unit, relabeled.found
     figure = titled(10.0, 3.4, "")
     left, right = figure.subplots(1, 2)

@@ -92,7 +92,10 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
 
 
 def _begins_with(values: Column, old: Array) -> bool:
-    """Check whether the first columns of an array are the recorded configurations."""
+    """Test whether the first columns of an array of a file are the recorded configurations (K, n).
+
+    Further columns, such as a gripper's, are then kept beside the new ones.
+    """
     return values.ndim == 2 and np.array_equal(values[:, : old.shape[1]], old)
 
 
@@ -121,7 +124,10 @@ def _poses(recording: Recording, Q: Array) -> tuple[Array, Array]:
 
 
 def _beside(recording: Recording) -> dict[str, Column]:
-    """Make the columns of time and session of a recording that was not read from a file."""
+    """Make the columns of time and session of a recording that was not read from a file.
+
+    They stand beside the new joints in the file that is written; those that it lacks are left out.
+    """
     columns = dict[str, Column]()
     if recording.times is not None:
         columns["time"] = recording.times

@@ -52,7 +52,9 @@ _MOST_VISITS = 400
 @dataclass(frozen=True, eq=False)
 @read_only
 class Trend:
-    """Robust lines through columns of values over time: medians of the slopes between all pairs.
+    """Robust lines through columns of values over time, such as each joint at the visits of a pose.
+
+    A slope is the median of the slopes between all pairs, so an outlier does not change it.
 
     Attributes
     ----------
@@ -95,11 +97,12 @@ class Verdict:
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
     """Compare the configurations q (N, n) of the visits at times t (N,), s, with their noise.
 
-    Each value has an interval: its deviation times a quantile of the normal distribution, plus its
-    bias. The quantile is corrected for the number of pairs (Bonferroni), so that two intervals of
-    equal configurations with equal deviations do not overlap in one log of 10,000. The bias is a
-    wide bound, which must not hide a difference: an arm repeats if the intervals with a quarter of
-    it overlap, too.
+    A visit is a time at which the hand is at the pose; an arm that repeats has the same
+    configuration there. Each value has an interval: its deviation times a quantile of the normal
+    distribution, plus its bias. The quantile is corrected for the number of pairs (Bonferroni), so
+    that two intervals of equal configurations with equal deviations do not overlap in one log of
+    10,000. The bias is a wide bound, which must not hide a difference: an arm repeats if the
+    intervals with a quarter of it overlap, too.
 
     Parameters
     ----------

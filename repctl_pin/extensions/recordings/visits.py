@@ -270,7 +270,10 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 
 
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split sorted row numbers into runs of consecutive ones; between runs, the hand was away."""
+    """Split sorted row numbers of a log, those near a pose, into runs of consecutive ones.
+
+    Between two runs the hand was away, so each run is one visit or one way past the pose.
+    """
     return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
 
@@ -319,7 +322,7 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
 
 
 def _at(values: Array, at: float) -> Array:
-    """Interpolate values (T, …) at a row number with a fraction."""
+    """Interpolate values (T, …), one per row of the log, at a row number with a fraction."""
     low = min(int(at), len(values) - 2)
     return values[low] + (at - low) * (values[low + 1] - values[low])
 

@@ -85,7 +85,7 @@ class BodyGuard:
         self._left = _MOST
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; the collision model is found again."""
+        """Return what a copy needs; the collision model, which cannot be copied, is found again."""
         own = ("_model", "_drive", "_reach", "_kept")
         return {name: value for name, value in vars(self).items() if name not in own}
 

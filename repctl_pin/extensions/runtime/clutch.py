@@ -132,7 +132,7 @@ class Clutch:
 
 
 def _usable(place: pin.SE3) -> bool:
-    """Test whether a placement has finite numbers and a rotation matrix."""
+    """Test whether a placement has finite numbers and a rotation, as a lost tracker's has not."""
     finite = bool(np.isfinite(place.translation).all())
     return finite and is_rotation(place.rotation.ravel().tolist())
 

@@ -215,7 +215,7 @@ class Governor:
         self._native = required_library("a governor", holds=True)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; its connection to C is made again."""
+        """Return what a copy needs; its connection to C, addresses in memory, is made again."""
         connected = "arm call address target twist begin native ask samples ways error"
         own = {f"_{name}" for name in connected.split()}
         kept = {name: value for name, value in vars(self).items() if name not in own}

@@ -42,8 +42,8 @@ _BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
 class Segment:
     """A smooth part of a joint path between two stops, with its time-optimal profile.
 
-    ``s`` is the length of the joint path. The stages are grid points of s; s̈ is constant between
-    two of them.
+    ``s`` is the length of the joint path, and the profile its rate ṡ. The stages are grid points of
+    s, at which the limits are kept; s̈ is constant between two of them.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Segment:
         return s, self.speed[i] + push * tau, push, np.zeros(len(t))
 
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
+        """Evaluate q, q̇, q̈ and q⃛, each (T, n), at times (T,), s, from the segment's start."""
         s, *rates = self.law(t)
         v, a, j = (rate[:, None] for rate in rates)
         q, q1, q2, q3 = (self.curve(s, k) for k in range(4))
@@ -151,7 +151,7 @@ class Course:
         return Course(self.segments, self.begins * factor, self.durations * factor)
 
     def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
+        """Evaluate q and its first three derivatives by time (4, T, n) at times (T,), s.
 
         The arm is at rest before the start, between two segments, and after the end.
         """
@@ -254,7 +254,10 @@ class Trajectory:
     more: int
 
     def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,) of the samples."""
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,), s, of the motion.
+
+        A time in a repeated cycle is that of the second cycle.
+        """
         clock = t - self.lead
         if self.more:
             again = np.floor((clock - self.begin) / self.period)

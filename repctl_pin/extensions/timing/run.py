@@ -162,7 +162,7 @@ class Run:
 
     @property
     def override(self) -> float:
-        """Present value of the override."""
+        """Present value of the override, the speed on the motion's clock: 1 as timed, 0 at rest."""
         return self._override
 
     def step(self, dt: float, override: float = 1.0) -> tuple[Array, Array]:

@@ -152,7 +152,10 @@ class _Laps:
 
     @classmethod
     def of(cls, motion: Motion, Q: Array, cycles: int) -> _Laps:
-        """Take the joint path Q (T, n) of some cycles of a motion."""
+        """Take the joint path Q (T, n) of some cycles of a motion, without repeated points.
+
+        InputError is raised if the joints do not move.
+        """
         steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
         moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
         if not moving.any():

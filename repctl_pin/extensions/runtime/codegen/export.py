@@ -175,7 +175,10 @@ def _checksum(text: bytes) -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise InputError for a file that repctl_pin did not write, or that was edited."""
+    """Raise InputError for a file that repctl_pin did not write, or that was edited since.
+
+    The export would overwrite it. The first line of its own files has a checksum of the others.
+    """
     if not path.is_file():
         return
     with path.open("rb") as file:
@@ -265,9 +268,9 @@ def _optional(given: Array | None, size: int) -> tuple[int, Array]:
 
 
 def _function_vectors(function: InverseFunction, name: str) -> str:
-    """Write the C test vectors of a cell function, with Python's results.
+    """Write the C test vectors of a cell's function q = F(x; c), with Python's results.
 
-    Their targets are inside and outside the cell.
+    Their targets are poses inside and outside the cell; outside, the status is OUTSIDE.
     """
     rows = []
     for target, leaf in targets(function):

@@ -65,7 +65,10 @@ def _rates(task: Task) -> str:
 
 
 def quoted(text: str) -> str:
-    """Write a C string literal; bytes other than letters, digits and ``_`` as octal escapes."""
+    """Write a C string literal, as a name of a joint can contain anything.
+
+    Bytes of its UTF-8 text other than letters, digits and ``_`` become octal escapes.
+    """
     return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
 
 

@@ -149,7 +149,7 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
 
 
 def _template(file: str) -> str:
-    """Read a template of C code, in which ``@part`` and ``arm`` stand for parts and the name."""
+    """Read a file of templates of C code, in which ``@part`` and ``arm`` are placeholders."""
     return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
 
 
@@ -174,9 +174,10 @@ def _pasted(name: str) -> str:
 
 
 def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
-    """Fill a template of C code.
+    """Fill a template of C code: the text of ``file`` with its placeholders replaced.
 
-    Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name.
+    Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name, the prefix of all
+    exported names.
     """
     text = re.sub(r"\bARM_", f"{name.upper()}_", _template(file))
     text = re.sub(r"\barm(?=_|\.(?:h|hpp|c)\b)|(?<=namespace )arm\b", name, text)
@@ -184,6 +185,9 @@ def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
 
 
 def _escaped(character: str) -> str:
-    """Escape a character by its UTF-16 code units, lone surrogates included."""
+    """Escape a character by its UTF-16 code units, four hex digits each, lone surrogates included.
+
+    So it can neither end a C comment nor break a line of it.
+    """
     units = character.encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{unit}" for unit in re.findall("....", units))

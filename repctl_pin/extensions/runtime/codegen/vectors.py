@@ -203,7 +203,7 @@ def _inertia(rng: np.random.Generator, n: int) -> Array:
 
 
 def _gains(rng: np.random.Generator, task: Task) -> Gains:
-    """Sample random gains of the torque law."""
+    """Sample random gains of the torque law: stiffness, damping, frequency and observer."""
     zeta, omega, zeta_h, kappa = rng.uniform(0.5, 20.0, 4).tolist()
     stiffness, limit = rng.uniform(20.0, 2000.0, task.m), rng.uniform(0.5, 5.0, task.n)
     return Gains(stiffness, zeta, omega, zeta_h, kappa, limit)
