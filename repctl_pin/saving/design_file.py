@@ -213,7 +213,7 @@ def _design_of(content: DesignFile, task: Task) -> Design:
 
 
 class _Head(msgspec.Struct):
-    """Fields that a file has in every schema version, by which an unreadable file is explained."""
+    """Fields that a file has in every schema version, so that an error can name the version."""
 
     format: str
     schema: int
@@ -223,8 +223,7 @@ class _Head(msgspec.Struct):
 def _printable(value: Any) -> Any:
     """Escape unprintable characters in all texts of plain data (nested dicts, lists and tuples).
 
-    A file with a line break or a control character in a text is refused, because the text could
-    forge lines of the terminal's output.
+    Texts of a file are printed, and could contain control sequences of a terminal.
     """
     if isinstance(value, dict):
         return {key: _printable(part) for key, part in value.items()}

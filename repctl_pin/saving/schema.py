@@ -230,7 +230,7 @@ class PieceFile(Part):
 
 
 class PathFile(Part):
-    """Closed path of a frame, as polynomial pieces that lead from s = 0 to 1.
+    """Closed path of a frame, as polynomial pieces that lead from s = 0 to 1, once along the cycle.
 
     ``path`` is its name to show, ``spec`` and ``plane`` the options ``--path`` and ``--plane`` that
     make it again, empty if there are none. ``rotation`` (3, 3) is the orientation at s = 0, which
@@ -404,7 +404,10 @@ def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
 
 
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
-    """Convert a proof to its part of a file; UNSET, which leaves it out, if nothing is proved."""
+    """Convert a proof to its part of a file.
+
+    It is UNSET, which leaves the key out, if there is no proof or nothing is proved.
+    """
     if not proof:
         return msgspec.UNSET
     closes: ClosingRadiusFile | msgspec.UnsetType = msgspec.UNSET
@@ -496,7 +499,9 @@ def region_of(data: RegionFile, task: Task) -> Region:
 
 
 def desired_file(desired: Inverse) -> Desired:
-    """Convert a desired inverse, which a design comes closest to, to its part of a file.
+    """Convert a desired inverse to its part of a file.
+
+    A desired inverse G_d, with q̇ = G_d ẋ, is the one that a design comes closest to.
 
     Raises
     ------
@@ -526,7 +531,10 @@ def desired_file(desired: Inverse) -> Desired:
 
 
 def desired_of(data: Desired, task: Task) -> Inverse:
-    """Create a desired inverse, which a design comes closest to, from its part of a file."""
+    """Create a desired inverse, which a design comes closest to, from its part of a file.
+
+    It is a matrix function of q with q̇ = G_d ẋ, such as the pseudoinverse J⁺.
+    """
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
     weight = (
@@ -550,7 +558,10 @@ def cycle_file(cycle: Cycle) -> CycleFile:
 
 
 def _path_file(path: TaskPath) -> PathFile:
-    """Convert the path of one frame to its part of a file: polynomial pieces, and its options."""
+    """Convert the path of one frame to its part of a file, as polynomial pieces.
+
+    Its name and command-line options are kept as well, so that the path can be made again.
+    """
     return PathFile(
         path.name,
         path.spec,

@@ -134,7 +134,10 @@ class JointReadings:
 
 
 def clock_difference(age: float) -> str:
-    """Write a message's age by its stamp, s, as a difference from this clock."""
+    """Write a message's age by its stamp, s, in words, such as "3 s before this clock".
+
+    A negative age is a stamp ahead of the clock.
+    """
     size = f"{abs(age):.0f}" if abs(age) >= 1000 else f"{abs(age):.3g}"
     return f"{size} s {'ahead of' if age < 0 else 'before'} this clock"
 

@@ -364,7 +364,10 @@ def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any
 
 
 def _hand_axes(given: dict[str, Any]) -> Array | None:
-    """Read the rotation (3, 3) from the axes of the hand's tracker to the base's; None for none."""
+    """Read the rotation (3, 3) from the axes of the hand's tracker to those of the base.
+
+    None without the parameter ``hand_axes``, a quaternion x, y, z, w: the axes are then parallel.
+    """
     if given["hand_axes"] is None:
         return None
     return placement_of([0.0, 0.0, 0.0, *given["hand_axes"]], "hand_axes").rotation

@@ -388,7 +388,11 @@ class Servo:
         return self.task.placement(self._governor.q)
 
     def _moving_asked(self) -> bool:
-        """Test whether the arm is running and has a target or a twist to follow."""
+        """Test whether the arm is running and has a target or a twist to follow.
+
+        Only then is the level c changed that the user has set: an arm at rest does not move by
+        itself.
+        """
         return self.state is State.RUNNING and (
             self._target is not None or self._twist is not None
         )

@@ -101,10 +101,11 @@ class Line:
 
 
 def tool_line(cell: Cell, start: Array, end: Array) -> Line:
-    """Create the straight line of the tool between two poses (4, 4).
+    """Create the straight line of the tool between two poses (4, 4), p₀, R₀ and p₁, R₁.
 
-    The position moves straight, ``p₀ + a (p₁ − p₀)``, in the components that the task commands, and
-    the frame turns about one axis, ``exp(a ω̂) R₀``.
+    With a from 0 to 1, the position moves straight, ``p₀ + a (p₁ − p₀)``, in the components that
+    the task commands, and the frame turns about one axis, ``exp(a ω̂) R₀``. The line may leave the
+    cell.
     """
     p, R = start[:3, 3], start[:3, :3]
     e = cell.errors(end[None, :3, 3], end[None, :3, :3], p[None], R[None])[0]

@@ -251,11 +251,12 @@ def audit(
 ) -> Audit:
     """Measure how far an arm creeps between returns to one end-effector pose, from a joint log.
 
-    The end-effector poses of the log, f(q) of (1), are searched for the one that is visited most
-    often. The arm repeats if the largest difference of its configurations there is within the
-    noise. A joint's creep is the median of the slopes between all pairs of visits (Theil and Sen),
-    so an outlier, a gap or a pause does not change it. Its confidence interval is that of a
-    straight line with the robust scatter of the visits, at least the noise of the log.
+    Creep is a steady change of the joints at that pose, as under J⁺. The end-effector poses of the
+    log, f(q) of (1), are searched for the one that is visited most often. The arm repeats if the
+    largest difference of its configurations there is within the noise. A joint's creep is the
+    median of the slopes between all pairs of visits (Theil and Sen), so an outlier, a gap or a
+    pause does not change it. Its confidence interval is that of a straight line with the robust
+    scatter of the visits, at least the noise of the log.
 
     Parameters
     ----------

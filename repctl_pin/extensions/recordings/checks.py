@@ -246,7 +246,10 @@ def _orders(n: int) -> list[list[int]]:
 
 
 def _first_is_w(R: Array) -> Array:
-    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
+    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last.
+
+    If the corrected ones agree with the joints, that was the mistake.
+    """
     x = Rotation.from_matrix(R).as_quat()
     return Rotation.from_quat(x[:, [1, 2, 3, 0]]).as_matrix()
 
@@ -262,7 +265,8 @@ def _miss(
 ) -> tuple[float, float]:
     """Compute the median distances, m and rad, between two series of poses, as the task counts.
 
-    For a position task the angle is 0, for an axis task it is that between the tool axes.
+    The series are p, R and p_own, R_own, (K, 3) and (K, 3, 3). For a position task the angle is 0,
+    for an axis task it is that between the tool axes.
     """
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))

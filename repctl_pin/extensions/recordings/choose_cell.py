@@ -84,7 +84,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of the frames at which a cell's function has a value within the limits."""
+    """Compute the share of the frames at which a cell's function has joints within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -93,8 +93,9 @@ def _held(found: CellDesign, recording: Recording) -> float:
 def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign:
     """Design the function of a cell from a recorded configuration in its middle.
 
-    Without recorded joints, or if that fails, the design searches for the configuration itself. A
-    function that covers only part of the cell is returned too, since not all frames need be held.
+    The function gives one configuration per pose of the cell, near the recorded ones. Without
+    recorded joints, or if that fails, the design searches for the configuration itself. A function
+    that covers only part of the cell is returned too, since not all frames need be held.
     """
     control = Pseudoinverse(cell.task)
     if recording.joints is not None:

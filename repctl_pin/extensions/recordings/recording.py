@@ -242,8 +242,8 @@ def forward(task: Task, Q: Array) -> tuple[Array, Array]:
 def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
     """Evaluate a function of the rows of arrays block by block, to keep its memory small.
 
-    The function returns an array or a tuple of arrays, one row per row; these are joined, so the
-    result is that of one call on all rows.
+    The function takes a block of rows of each array, and returns an array or a tuple of arrays with
+    as many rows. The blocks are joined, so the result is that of one call on all rows.
     """
     parts = [
         function(*(values[at] for values in arrays)) for at in blocks(len(arrays[0]))

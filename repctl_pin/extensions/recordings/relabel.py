@@ -204,7 +204,10 @@ class Relabeled:
 
     @property
     def recomputed(self) -> tuple[str, ...]:
-        """Names of the columns of the pose that are computed from the new joints."""
+        """Names of the columns of the pose that are computed from the new joints.
+
+        A task that commands only a part of the pose leaves the rest to change with the joints.
+        """
         return self._columns.recomputed
 
     @property

@@ -55,7 +55,10 @@ def relabel_sentence(relabeled: Relabeled) -> str:
 
 
 def ambiguity_words(relabeled: Relabeled) -> str:
-    """Write the ambiguity of the joints before and after, as a sentence."""
+    """Write the ambiguity of the joints before and after relabelling, as a sentence.
+
+    It is the rms misfit of a smooth function of the pose, rad or m.
+    """
     unit, after = relabeled.recording.task.unit, f"{relabeled.residual_after:.2g}"
     if np.isnan(relabeled.residual_before):
         return f"Ambiguity of the joints: {after} {unit}."
@@ -145,9 +148,10 @@ def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
 
 
 def _arms_figure(relabeled: Relabeled) -> Figure | None:
-    """Draw the arms of several sessions at nearly one pose, before and after.
+    """Draw the arms of several sessions at nearly one pose, before and after relabelling.
 
-    None if the joints were not recorded, or if fewer than two sessions come to one pose.
+    Before, their elbows differ; after, they are one. None if the joints were not recorded, or if
+    fewer than two sessions come to one pose.
     """
     rows = _at_one_pose(relabeled)
     before, task = relabeled.recording.joints, relabeled.recording.task

@@ -35,7 +35,7 @@ _OF_HAND = frozenset(
 
 
 class Columns(NamedTuple):
-    """Columns of a relabelled recording.
+    """Columns of a relabelled recording, as they are written to a file.
 
     Attributes
     ----------

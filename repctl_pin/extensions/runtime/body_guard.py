@@ -142,7 +142,10 @@ class BodyGuard:
         self._left = _MOST
 
     def allows(self, Q: Array, S: Array) -> bool:
-        """Tell whether a plan keeps all distances.
+        """Tell whether a plan, the motion of the next ticks to rest, keeps all body distances.
+
+        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if too many
+        distances would have to be measured in this tick.
 
         Parameters
         ----------

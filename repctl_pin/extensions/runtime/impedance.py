@@ -164,7 +164,9 @@ class LeafImpedance:
         leaf: ArrayLike,
         observer: Observer | None = None,
     ) -> Array:
-        """Compute the joint torques τ (n,), Nm or N.
+        """Compute the joint torques τ (n,), Nm or N, once per tick of the control loop.
+
+        The end effector is pulled to the target, and the joints to the leaf h(q) = c.
 
         Parameters
         ----------

@@ -32,7 +32,8 @@ class Gains(NamedTuple):
     stiffness : (m,) array
         Stiffness K for each row of J, N/m or Nm/rad.
     damping, leaf_frequency, leaf_damping, observer_rate : float
-        ζ, ω in rad/s, ζ_h, and κ in 1/s.
+        Damping ratio ζ of the end effector; frequency ω, rad/s, and damping ratio ζ_h of the return
+        to the leaf; and the rate κ of the observer, 1/s.
     observer_limit : (n,) array
         Maximum torque of the observer on each joint, Nm or N.
     """
@@ -60,7 +61,7 @@ class Observer(NamedTuple):
     dt: float
 
     def reset(self) -> None:
-        """Set the state to 0, after a stop of the robot."""
+        """Set the state to 0, after a stop of the robot: what it has estimated no longer holds."""
         self.state[...] = 0.0
 
 

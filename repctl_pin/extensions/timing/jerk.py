@@ -135,7 +135,10 @@ class _JerkSegment(Segment):
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: JointLimits) -> float:
-        """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
+        """Factor by which time must be stretched to keep the limits between stages; 1 if kept.
+
+        The linear program keeps them at the stages, the grid points of the path, only.
+        """
         return most_used(limits, self.derivatives(self.between()))
 
 
@@ -299,8 +302,8 @@ def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
 class _Path:
     """A joint path at the stages, with its speed limits; between two stages q‴ is constant.
 
-    It holds what all linear programs of one path have in common. Derivatives are by s, the length
-    of the joint path.
+    It holds what all linear programs of one path have in common. The stages are grid points of s,
+    the length of the joint path; derivatives are by s, and x = ṡ² is the unknown.
 
     Attributes
     ----------
@@ -400,10 +403,10 @@ def _solved(
 ) -> tuple[Array, Array]:
     """Solve one linear program, linearised at x̄ = ``near``, for x and x′ (K,) at the stages.
 
-    It minimises the linearised time within all limits. Its unknowns are x/x̄ at the inner stages,
-    and x′ in units of the acceleration limits. ``ties`` are two stages with equal x and x′, or
-    empty; the time of an interval counts ``weights`` (K - 1,) times; limits of acceleration and
-    jerk are divided by ``tight`` (K - 1,).
+    x = ṡ² is the squared speed along the joint path. It minimises the linearised time within all
+    limits. Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits.
+    ``ties`` are two stages with equal x and x′, or empty; the time of an interval counts
+    ``weights`` (K - 1,) times; limits of acceleration and jerk are divided by ``tight`` (K - 1,).
     """
     h, inner, m = np.diff(path.s), slice(1, -1), len(path.s) - 2
     x0 = near[inner]
@@ -450,7 +453,7 @@ class _Rows(NamedTuple):
 def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_array:
     """Create A (E, 2 m) of the equations ``A z = 0`` that tie x and x′ of successive stages.
 
-    The unknowns z are x at the m inner stages in units of x0 (m,), and x′ in units of ``unit``
+    The unknowns z are x = ṡ² at the m inner stages in units of x0 (m,), and x′ in units of ``unit``
     (m,). Between stages x is a parabola; next to rest it is ``c s^4/3``, hence ``x′ = 4/3 x / s``;
     at both stages of ``ties``, the ends of a period, x and x′ are the same.
     """
@@ -506,8 +509,9 @@ def _rows(
 ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
     """Generate the rows ``A z ≤ b`` of speed, acceleration, torque and jerk of a linear program.
 
-    Each item has the coefficients (R, 4), their columns (R, 4), and b (R,). ``near`` is x̄ (K,), at
-    which the jerk is linearised; limits are divided by ``tight`` (K - 1,).
+    The unknowns z are x = ṡ² and x′ at the stages, the grid points of the path. Each item has the
+    coefficients (R, 4), their columns (R, 4), and b (R,). ``near`` is x̄ (K,), at which the jerk is
+    linearised; limits are divided by ``tight`` (K - 1,).
     """
     assert limits.jerk is not None
     h, tight = np.diff(path.s)[1:-1, None], tight[1:-1, None]
@@ -553,9 +557,9 @@ def _rows(
 def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:
     """Compute the largest x₁ = x one stage from rest within the limits, for ``x = c s^4/3``.
 
-    ``end`` is 0 or -1, the end of the path that is at rest, and ``step`` the signed way to the
-    stage. ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 /
-    h)`` at the fraction σ of the interval, whose length is h.
+    x = ṡ² grows so at constant jerk. ``end`` is 0 or -1, the end of the path that is at rest, and
+    ``step`` the signed way to the stage. ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ =
+    x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at the fraction σ of the interval, whose length is h.
     """
     assert limits.jerk is not None
     sigma = np.linspace(0, 1, 4 * _MERGED + 1)

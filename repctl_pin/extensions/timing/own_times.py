@@ -58,7 +58,10 @@ class _OwnTimes(Segment):
         return s, self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
     def excess(self, limits: JointLimits) -> float:
-        """Return 1: time is not stretched, because the smoothing makes the limits hold."""
+        """Return 1: time is not stretched, because the smoothing makes the limits hold.
+
+        Other segments return the factor by which time must be stretched.
+        """
         return 1.0
 
 

@@ -177,7 +177,10 @@ class _Laps:
         )
 
     def corners(self, bend: float = BEND) -> list[int]:
-        """Find the indices at which the path's direction changes by more than ``bend``, rad."""
+        """Find the points, by index, at which the direction changes by more than ``bend``, rad.
+
+        The arm has to stop there, or needs an unlimited acceleration.
+        """
         return corners_of(self.Q, self.marks, bend)
 
     def stops(self, corners: list[int]) -> list[int]:

@@ -194,7 +194,8 @@ def _refuse_foreign(path: Path) -> None:
 def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
     """Choose the configuration (n,) at which the example and the test vectors begin.
 
-    It is that of the cell's middle, the centre of the region Ω, or else the reference pose.
+    It is that of the cell's middle, the centre of the region Ω of joint space, or else the task's
+    reference configuration.
     """
     if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
         return InverseFunction(inverse.potentials.chart)(region.placement)

@@ -60,6 +60,9 @@ def write_source(
 ) -> _Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
+    Returns the texts of the header and the source file, and parts of the C++ header. A cell
+    function gives one configuration per pose of a cell, a box of poses.
+
     Parameters
     ----------
     control
@@ -220,7 +223,10 @@ def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | N
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
-    """Test whether an inverse is that of the function over this cell, whose region is the cell."""
+    """Test whether an inverse is that of the function over this cell of poses.
+
+    Only then can the cell be its region in C, because the chart of the function tests the poses.
+    """
     if not isinstance(inverse.potentials, CellPotentials):
         return False
     own = inverse.potentials.chart.cell.whole
