@@ -26,7 +26,10 @@ _REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin agai
 
 
 def library() -> ctypes.CDLL | None:
-    """Load the native library; None if it is switched off, or missing, after one warning."""
+    """Load the native library; None if ``REPCTL_NATIVE=no``, or if it is missing, with one warning.
+
+    For callers that can do without it, slower, in NumPy; others call :func:`required_library`.
+    """
     return None if os.environ.get("REPCTL_NATIVE") == "no" else _loaded()
 
 
@@ -47,9 +50,10 @@ def _loaded() -> ctypes.CDLL | None:
 
 
 def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
-    """Load the native library, which ``by`` requires.
+    """Load the native library, or stop the caller, which cannot do without it.
 
-    ``holds``: its functions keep Python's global interpreter lock, which makes short calls faster.
+    ``by`` names that caller in the message, such as "a governor". With ``holds``, the functions of
+    the library keep Python's global interpreter lock during a call, which makes short calls faster.
 
     Raises
     ------
@@ -70,7 +74,11 @@ def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
 def _struct(
     *first: tuple[str, Any], ints: str = "", doubles: str = "", pointers: str = ""
 ) -> type[ctypes.Structure]:
-    """Declare a C struct: its first members, then ints, doubles and pointers, names in a text."""
+    """Declare a C struct for ctypes, from texts of member names separated by blanks.
+
+    Its members are those of ``first``, pairs (name, ctypes type), then ints, then doubles, then
+    pointers; this must be their order in C.
+    """
     members = [*first, *((name, ctypes.c_int) for name in ints.split())]
     members += [(name, ctypes.c_double) for name in doubles.split()]
     members += [(name, ctypes.c_void_p) for name in pointers.split()]
@@ -169,10 +177,11 @@ def filled_struct(
     reals: Mapping[str, ArrayLike],
     scalars: Mapping[str, Any],
 ) -> tuple[Any, list[NDArray[np.generic]]]:
-    """Create a C struct with pointers to arrays.
+    """Create a C struct whose pointers point to copies of arrays, converted to C's types.
 
-    Returns the struct, and the list of these arrays. The struct holds them by name as ``held``, so
-    they live as long as it does.
+    ``ints`` and ``reals`` are arrays by member name, stored as int32 and double; ``scalars`` are
+    the other members. Returns the struct, and the list of the converted arrays. The struct keeps
+    them as ``held``, a dict by name, so that they live as long as it does.
     """
     held: dict[str, NDArray[np.generic]] = {}
     held |= {
@@ -190,7 +199,9 @@ def filled_struct(
 def point(made: Any, name: str, structs: list[Any]) -> None:
     """Let the pointer ``name`` of a struct point to other structs, in a row in memory.
 
-    The struct holds them, as it does its arrays.
+    ``made`` is a struct of :func:`filled_struct`. It keeps ``structs``, all of one type, in its
+    ``held``, so that they live as long as it does. They are copied into the row: later changes of
+    their members have no effect in C.
     """
     row = (type(structs[0]) * len(structs))(*structs)
     setattr(made, name, ctypes.addressof(row))

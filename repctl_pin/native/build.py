@@ -39,11 +39,14 @@ _SECONDS = 300
 
 
 class NoCompilerError(Exception):
-    """No C compiler works here."""
+    """No C compiler works here; the message has the command and its output, or what was tried."""
 
 
 def target() -> str:
-    """Name the machine that the library is for, as zig does: ``x86_64-linux-gnu.2.17``."""
+    """Name the machine that the library is built for, as zig does: ``x86_64-linux-gnu.2.17``.
+
+    It is ``REPCTL_TARGET``, if that is set, else this machine.
+    """
     machine = {"arm64": "aarch64", "AMD64": "x86_64"}
     here = machine.get(platform.machine(), platform.machine())
     system = "macos.11.0" if sys.platform == "darwin" else "linux-gnu.2.17"
@@ -51,7 +54,7 @@ def target() -> str:
 
 
 def compiler(zig: bool = True) -> list[str]:
-    """Find a C compiler that makes shared libraries.
+    """Find a C compiler that makes shared libraries: the beginning of its command line, as words.
 
     Parameters
     ----------
@@ -78,7 +81,10 @@ def compiler(zig: bool = True) -> list[str]:
 
 
 def _works(command: list[str]) -> bool:
-    """Test a compiler on a file that needs the C library, as ``cc`` may be there without it."""
+    """Test a compiler on a small file that needs the C library's headers: True if it compiles.
+
+    A command ``cc`` may exist without these headers, and would fail only in the middle of a build.
+    """
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "test.c"
         source.write_text("#include <math.h>\ndouble f(double x) { return sin(x); }\n")
@@ -90,7 +96,10 @@ def _works(command: list[str]) -> bool:
 
 
 def _run(line: list[str], folder: str) -> None:
-    """Run a compiler in a folder."""
+    """Run a compiler command in a folder, where the caches of zig go as well.
+
+    Raises NoCompilerError with the compiler's output if it fails, or takes more than 300 s.
+    """
     zig = {f"ZIG_{which}_CACHE_DIR": f"{folder}/zig" for which in ("LOCAL", "GLOBAL")}
     try:
         subprocess.run(
@@ -111,6 +120,9 @@ def _run(line: list[str], folder: str) -> None:
 
 def build(library: Path = LIBRARY) -> None:
     """Compile the C files of this folder, two at a time, and link the library.
+
+    Files whose loops are worth it are compiled several times on x86-64, for plain, AVX2 and AVX-512
+    processors. The finished file replaces ``library`` in one step.
 
     Raises
     ------

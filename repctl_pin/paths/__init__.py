@@ -1,4 +1,7 @@
-"""Closed paths of a frame; those of several frames, and waypoints, have their own files."""
+"""Closed paths of a frame; those of several frames, and waypoints, have their own files.
+
+A path is a function of s from 0 to 1, once along a cycle; it has no time yet.
+"""
 
 from .shapes import circle as circle
 from .shapes import figure_eight as figure_eight

@@ -37,7 +37,7 @@ class Bend:
 
     @classmethod
     def of(cls, phi: float) -> Bend:
-        """Create the curve with the total turn φ, rad."""
+        """Create the curve with the total turn φ, rad, as fitted polynomials."""
         nodes = chebyshev.chebpts1(_DEGREE + 1)
         theta = cls.direction_of(phi, (nodes + 1) / 2)
         slope = np.linalg.solve(
@@ -48,7 +48,7 @@ class Bend:
 
     @staticmethod
     def direction_of(phi: float, u: ArrayLike) -> Array:
-        """Evaluate the direction θ(u), rad."""
+        """Evaluate the direction θ(u), rad, from the one at u = 0."""
         u = np.asarray(u, float)
         return phi * u**2 * (3 - 2 * u)
 
@@ -59,15 +59,18 @@ class Bend:
     def length(self, cut: float) -> float:
         """Compute the length, m, of a bend that cuts off ``cut``, m, from both edges at its corner.
 
-        The ends of the bend are ``2 cut cos(φ/2)`` apart.
+        The stored curve has the length 1: this is the factor to scale it by. The ends of the bend
+        are ``2 cut cos(φ/2)`` apart.
         """
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 
     def shares(self, u: Array) -> tuple[Array, Array]:
-        """Split the points at u (K,) along the two edges: α and β (K,), with the corner at c,
+        """Split the points of a bend along the two edges of its corner: shares α and β at u (K,).
 
-        ``p(u) = c − α(u) cut d₀ + β(u) cut d₁``, where d₀ and d₁ are the directions at the ends.
-        ``β(0) = β′(0) = β″(0) = β″(1) = 0``, ``β(1) = 1`` and ``α(u) = β(1 − u)``.
+        With the corner at c, ``p(u) = c − α(u) cut d₀ + β(u) cut d₁``, where d₀ and d₁ are the
+        directions at the ends and ``cut`` is the length taken off both edges. So two curves can be
+        blended that are not straight. ``β(0) = β′(0) = β″(0) = β″(1) = 0``, ``β(1) = 1`` and ``α(u)
+        = β(1 − u)``.
         """
         scale = self.length(1.0) / np.sin(self.phi)
         return scale * self.at(1 - u)[1], scale * self.at(u)[1]

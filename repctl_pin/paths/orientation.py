@@ -1,4 +1,7 @@
-"""Orientation along a closed path: R(s), and ω(s) with ``dR/ds = [ω]× R``, base axes."""
+"""Orientation along a closed path: R(s), and ω(s) with ``dR/ds = [ω]× R``, base axes.
+
+s runs from 0 to 1 along a cycle, so ω is in rad per cycle. Both are functions of one number.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,8 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
 def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
     """Create the function ω(s) of an orientation R(s) by finite differences, error 1e-11.
 
-    The differences are those of log(R(s + e) R(s)ᵀ), within one interval between ``breaks``.
+    For a path whose user gives the orientation alone. The differences are those of log(R(s + e)
+    R(s)ᵀ), within one interval between ``breaks``, the s at which ω may jump.
     """
     knots = np.array([0.0, *breaks, 1.0])
     piece = piece_finder(knots, np.diff(knots))
@@ -79,7 +83,8 @@ def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
 def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, float]]:
     """Create the function s → (index of the interval that contains s, fraction of it before s).
 
-    ``knots`` are the ends of the intervals, ``widths`` their lengths.
+    ``knots`` (P,) are the ends of the intervals, increasing, ``widths`` (P − 1,) their lengths. An
+    s outside belongs to the first or the last interval.
     """
 
     def piece(s: float) -> tuple[int, float]:
@@ -164,9 +169,10 @@ def facing(
 ) -> tuple[_Turning, _Turning]:
     """Create R(s) and ω(s) of a frame that keeps facing a point, as it does at the start.
 
-    ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from the frame to the point
-    ``target``, d₀ = d(0), and T the shortest rotation. With ḋ = dd/ds,
-    ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``. ``start`` is R(0).
+    ``point`` and ``slope`` are p(s), m, and dp/ds of the path, ``target`` is the point (3,), m, and
+    ``start`` is R(0). ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from the frame to
+    the point, d₀ = d(0), and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1
+    + d₀·d) d``.
 
     Raises
     ------

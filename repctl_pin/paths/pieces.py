@@ -1,4 +1,8 @@
-"""Closed paths as piecewise polynomials, the form in which files store any path."""
+"""Closed paths as piecewise polynomials, the form in which files store any path.
+
+A path of Python functions can be neither saved nor sent to another process; its pieces can. s runs
+from 0 to 1 along a cycle.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,7 @@ _DEEPEST = 6
 @dataclass(frozen=True, eq=False)
 @read_only
 class Piece:
-    """Polynomial piece of a path between two values of s.
+    """Polynomial piece of a closed path between two values of s; a cycle is s from 0 to 1.
 
     Attributes
     ----------
@@ -45,7 +49,8 @@ class Piece:
 def pieces_of(path: TaskPath) -> list[Piece]:
     """Approximate a path by polynomial pieces, in the order of s.
 
-    The error is 1e-12 of the path's size if the path is smooth between its corners.
+    No piece extends over a corner. The error is 1e-12 of the path's size if the path is smooth
+    between its corners.
 
     Raises
     ------
@@ -111,7 +116,10 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
-    """Describe a path to pickle by its polynomial pieces, since its functions cannot be pickled."""
+    """Describe a path to pickle by its polynomial pieces, since its functions cannot be pickled.
+
+    Returns what pickle's ``copyreg`` expects: a function that creates the path, and its arguments.
+    """
     what = {
         name: getattr(path, name)
         for name in ("name", "breaks", "spec", "plane", "corners", "period")
@@ -125,10 +133,11 @@ copyreg.pickle(TaskPath, _pickled)
 def _fitted(
     path: TaskPath, begin: float, end: float, turns: bool, size: float, depth: int
 ) -> list[Piece]:
-    """Fit the path from ``begin`` to ``end`` by one polynomial, else by several: all pieces.
+    """Fit the path from s = ``begin`` to ``end`` by one polynomial, or else halve it: its pieces.
 
-    ``turns``: whether the frame rotates; ``size``: extent of the path, m; ``depth``: number of
-    halvings so far.
+    ``turns`` tells whether the frame rotates, ``size`` is the extent of the path, m, to which
+    errors are relative, and ``depth`` the number of halvings so far. InputError is raised after the
+    last one if the fit is still too rough.
     """
     inner = 1e-13 * (
         end - begin

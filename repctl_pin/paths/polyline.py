@@ -1,4 +1,8 @@
-"""Closed paths of straight lines between waypoints, with sharp or blended corners."""
+"""Closed paths of straight lines between waypoints, with sharp or blended corners.
+
+A blend is a curve of continuous curvature that rounds a corner, so that the arm need not stop
+there. Knots are the values, in any unit of time, at which the lines and blends begin.
+"""
 
 from __future__ import annotations
 
@@ -233,9 +237,11 @@ def _polyline(
     blend: float,
     name: str,
 ) -> TaskPath:
-    """Create a path through corners (P, 3), the last equal to the first.
+    """Create a path through corners (P, 3), m, the last equal to the first.
 
-    ``rotation`` is one orientation (3, 3), or a list of P orientations to interpolate.
+    ``rotation`` is one orientation (3, 3), or a list of P orientations to interpolate. ``times``
+    (P,), s, give the speed, else it is constant; ``blend`` is the radius, m, of the rounded
+    corners; ``name`` is the display name.
     """
     if len(corners) - 1 > MOST_POINTS:
         raise InputError(
@@ -311,10 +317,11 @@ def _line(start: Array, edge: Array) -> _Curve:
 def _bend(
     bend: Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> _Curve:
-    """Create the half of a bend from u = ``begin`` (0 or 0.5), itself a function on [0, 1].
+    """Create the half of a bend from u = ``begin``, 0 or 0.5, as a function on [0, 1].
 
-    The whole bend has the given length, m; it starts at the point ``start`` in the direction
-    ``along`` and turns towards ``inward``.
+    A path begins in the middle of a bend, so bends are used by halves. The whole bend has the given
+    length, m; it starts at the point ``start`` in the direction ``along`` and turns towards
+    ``inward``, both unit vectors.
     """
     frame = np.stack([along, inward])
 
@@ -332,12 +339,12 @@ def _rounded(
 ) -> tuple[list[_Curve], Array, Array]:
     """Round the corners (P, 3) of a closed polyline by bends.
 
-    The bend at a corner with angle φ cuts ρ tan(φ/2) off both edges, as an arc of radius ρ does.
-    The path begins at the midpoint of the first corner's bend.
+    The bend at a corner with angle φ cuts ρ tan(φ/2), m, off both edges, as an arc of radius ρ
+    does. The path begins at the midpoint of the first corner's bend.
 
-    Returns the lines and half bends, the knots between them, and the knots of the corners (the
-    midpoints of their bends). The knots begin at 0 and grow by ``sizes`` along a full edge, and by
-    the arc length, m, along a bend.
+    Returns the lines and half bends in order, the knots between them, and the knots of the corners
+    (the midpoints of their bends). The knots begin at 0 and grow by ``sizes`` along a full edge,
+    and by the arc length, m, along a bend: they are times at constant speed.
     """
     edges = np.diff(corners, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
@@ -398,7 +405,7 @@ _FARTHEST = 1e9
 
 
 def _are_placements(points: Sequence[Any] | Array) -> bool:
-    """Test whether waypoints are rigid transforms; only the first one is tested."""
+    """Test whether waypoints are rigid transforms instead of positions, by the first one."""
     if isinstance(points, np.ndarray):
         return points.ndim == 3
     if not points or isinstance(points[0], pin.SE3):
@@ -422,7 +429,7 @@ def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
 
 
 def _doubles(values: Any) -> Array | None:
-    """Convert values to doubles, numeric strings included; None if NumPy cannot."""
+    """Convert values to an array of doubles, numeric strings included; None if NumPy cannot."""
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

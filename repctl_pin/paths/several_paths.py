@@ -1,4 +1,4 @@
-"""Closed paths of several frames at once, with one period."""
+"""Closed paths of several frames at once, such as of both hands, with one period."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class SeveralPaths(TaskPath):
         """Take the paths as they are: each of them was checked when it was created."""
 
     def placement(self, s: float) -> Any:
-        """Evaluate the placements of all frames at s."""
+        """Evaluate the placements of all frames, one per frame, at s in [0, 1] along the cycle."""
         return Placements(path.placement(s) for path in self.paths)
 
     def twist(self, s: float) -> Array:
-        """Evaluate the twists of all frames at s: (6 F,), m and rad per cycle."""
+        """Evaluate the twists (v, ω) of all frames at s in [0, 1]: (6 F,), m and rad per cycle."""
         return np.concatenate([path.twist(s) for path in self.paths])
 
     @property
@@ -109,7 +109,9 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
 
 
 def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
-    """Join the paths of several frames, one per frame, into one path.
+    """Join the paths of several frames, one per frame in the task's order, into one path.
+
+    It has a corner wherever one of them has.
 
     Raises
     ------
@@ -140,12 +142,16 @@ def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
 
 
 def paths_of(path: Any) -> list[Any]:
-    """List the paths of all frames: the path itself, for one frame."""
+    """List the paths of all frames of a path, in order: the path itself, for one frame."""
     return list(path.paths) if isinstance(path, SeveralPaths) else [path]
 
 
 def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
-    """Return the path of one frame; the point at which it is, if it holds still."""
+    """Return the path of one frame; if it holds still (None), the point at which it is at q0 (n,).
+
+    ``task`` is that of this frame alone. InputError is raised for anything but a closed path, a
+    function that returns one, or None.
+    """
     if path is None:
         here = task.placement(q0)
         point, rest = here.translation.copy(), np.zeros(3)

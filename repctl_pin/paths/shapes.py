@@ -237,7 +237,11 @@ def rose(
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
-    """Compute the start's placement, the two unit axes of the path's plane, and its name."""
+    """Compute the start's placement, the two unit axes of a path's plane, and the plane's name.
+
+    ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; with a minus sign the
+    second axis is reversed, and the path runs the other way round.
+    """
     normal = require_type(
         normal,
         str,

@@ -1,4 +1,8 @@
-"""Closed paths of a frame: placement and twist as functions of s in [0, 1]."""
+"""Closed paths of a frame: placement and twist as functions of s in [0, 1].
+
+s = 0 is the start and s = 1 the end, the same pose. The twist (v, ω) is the derivative of the
+placement by s, in m and rad per cycle; with a period it becomes a velocity.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,10 @@ from .orientation import angular_velocity, rotation_matrix
 
 @runtime_checkable
 class ClosedPath(Protocol):
-    """Interface of a closed path, which :class:`TaskPath` and custom classes implement."""
+    """Interface of a closed path, which :class:`TaskPath` and custom classes implement.
+
+    A path is a function of s, from 0 at the start to 1 at the end of a cycle.
+    """
 
     @property
     def name(self) -> str:
@@ -42,10 +49,10 @@ class ClosedPath(Protocol):
         """Values of s in (0, 1) at which the twist is discontinuous."""
 
     def placement(self, s: float) -> pin.SE3:
-        """Evaluate the placement of the frame at s."""
+        """Evaluate the placement of the frame at s in [0, 1]: position, m, and rotation."""
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds = (v, ω): (6,), m and rad per cycle, base axes."""
+        """Evaluate d(pose)/ds = (v, ω) at s in [0, 1]: (6,), m and rad per cycle, base axes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,8 +60,9 @@ class ClosedPath(Protocol):
 class TaskPath:
     """Closed path of a frame: a curve of its origin, and a fixed or varying orientation.
 
-    It is checked when created: the path must be closed, and ``slope`` and ``spin`` must be the
-    derivatives of ``point`` and ``rotation``.
+    Both are functions of s, from 0 at the start to 1 at the end of a cycle. The path is checked
+    when created: it must be closed, and ``slope`` and ``spin`` must be the derivatives of ``point``
+    and ``rotation``.
 
     Attributes
     ----------
@@ -135,12 +143,12 @@ class TaskPath:
         _check(self)
 
     def placement(self, s: float) -> pin.SE3:
-        """Evaluate the placement of the frame at s."""
+        """Evaluate the placement of the frame at s in [0, 1]: position, m, and rotation."""
         s = finite(s, "s")
         return pin.SE3(self._turned(s), np.asarray(self.point(s), float))
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds = (v, ω): (6,), m and rad per cycle, base axes."""
+        """Evaluate d(pose)/ds = (v, ω) at s in [0, 1]: (6,), m and rad per cycle, base axes."""
         s = finite(s, "s")
         return np.concatenate(
             [self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)]
@@ -213,7 +221,11 @@ def closed_path(path: Any) -> TaskPath:
 
 
 def _check(path: TaskPath) -> None:
-    """Raise InputError unless a path is closed and its twist is the derivative of its placement."""
+    """Raise InputError unless a path is closed and its twist is the derivative of its placement.
+
+    A wrong derivative would make every motion miss its path, so it is compared with finite
+    differences at 16 points.
+    """
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
         raise InputError(f"{path.name}: breaks must increase between 0 and 1")
@@ -271,7 +283,10 @@ def _require_values(path: TaskPath, s: float) -> None:
 
 
 def _difference(a: pin.SE3, b: pin.SE3) -> Array:
-    """Compute the displacement from placement a to b: (6,), (v, ω) in m and rad, base axes."""
+    """Compute the displacement from placement a to b: (6,), (v, ω) in m and rad, base axes.
+
+    The rotation part is a rotation vector, from a to b.
+    """
     return np.concatenate(
         [b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)]
     )

@@ -1,4 +1,7 @@
-"""Reading of waypoints from a CSV file, and the closed path through them."""
+"""Reading of waypoints from a CSV file, and the closed path through them.
+
+A line of the file (:data:`_Line`) is its number and its cells, so that errors can name it.
+"""
 
 from __future__ import annotations
 
@@ -56,13 +59,17 @@ def read_waypoints(file: str | Path) -> Waypoints:
 
 
 def _lines(file: Path) -> list[_Line]:
-    """Read the lines of a file that are not empty."""
+    """Read the lines of a CSV file that are not empty: their numbers and cells."""
     lines = csv_rows(file, _LARGEST)
     return [(line, row) for line, row in lines if any(map(str.strip, row))]
 
 
 def _waypoints(file: Path, rows: list[_Line]) -> Waypoints:
-    """Read the waypoints of one frame from its columns."""
+    """Read the waypoints of one frame from its columns, and check them.
+
+    ``rows`` are the lines of the file, a header first if there is one. InputError names the line
+    with a wrong number, a quaternion that is not of length 1, or a time that does not increase.
+    """
     names: tuple[str, ...] = _POINT + _TURN if rows and len(rows[0][1]) == 7 else _POINT
     if rows and _is_header(rows[0][1]):
         names = _columns(rows.pop(0)[1], file)
@@ -139,7 +146,12 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
 def _through(
     table: Waypoints, name: str, spec: str, blend: float
 ) -> Callable[[Task, ArrayLike], TaskPath]:
-    """Return the function ``(task, q0) → path`` of the waypoints of one frame."""
+    """Return the function ``(task, q0) → path`` of the waypoints of one frame.
+
+    The path depends on the task only if the file has no orientations: the frame then keeps that at
+    q0. ``name`` and ``spec`` are its display name and its text on the command line, ``blend`` the
+    radius of rounded corners, m.
+    """
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
     def through(rotation: ArrayLike) -> TaskPath:
@@ -155,9 +167,11 @@ def _through(
 
 
 def _by_frame(file: Path, rows: list[_Line]) -> dict[str, list[_Line]]:
-    """Split lines into those of each frame, by the text before the dot of its columns.
+    """Split the lines of a file into those of each frame, by the text before a column's dot.
 
-    Columns without a dot are of the first frame, and a time is of all.
+    ``left.x`` is a column of the frame ``left``; a column of times is of all frames. Without dots,
+    all lines stand under an empty text, which is the first frame. InputError is raised if only some
+    columns name a frame.
     """
     header = rows[0][1] if rows else []
     cells = [_cell(cell).rpartition(".")[::2] for cell in header]
@@ -185,7 +199,10 @@ def _by_frame(file: Path, rows: list[_Line]) -> dict[str, list[_Line]]:
 
 
 def _frame_of(text: str, task: Task, file: Path) -> str:
-    """Find the frame of a task that the columns ``text.x`` are of; the first one for no text."""
+    """Find the frame of a task that the columns ``text.x`` are of; the first one for an empty text.
+
+    ``text`` is its name, or a beginning or part of only one frame's name; InputError otherwise.
+    """
     frames = task.frames
     if text in frames or not text:
         return text or frames[0]
@@ -201,7 +218,7 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
 
 
 def _cell(text: str) -> str:
-    """Strip a cell of the header of blanks and quotes."""
+    """Strip a cell of a CSV file's header of blanks, quotes and the ``#`` of a comment."""
     return text.strip("#\"' \t")
 
 
@@ -213,7 +230,10 @@ def _is_header(row: list[str]) -> bool:
 
 
 def _columns(row: list[str], file: Path) -> tuple[str, ...]:
-    """Read the column names, in the order of the header, and check that the set is known."""
+    """Read the column names, in the order of the header, and check that the set is known.
+
+    Known are x, y, z, with or without qx, qy, qz, qw, and with or without time, in any order.
+    """
     names = tuple(
         _TIMES.get(name, name) for name in (_cell(cell).lower() for cell in row)
     )

@@ -1,4 +1,8 @@
-"""Number of turns of a path around the first joint of an arm."""
+"""Number of turns of a path around the first joint of an arm.
+
+Repeatability holds for paths that can be shrunk to a point; one that goes around the base cannot,
+so studies count the turns and warn of them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ def winding(task: Task, path: TaskPath) -> int:
 
     The joints of an arm that follows such a path can end a full turn from their start, so that not
     even a repeatable controller closes it: repeatability is a property of loops that can be shrunk
-    to a point inside Ω.
+    to a point inside Ω, the region of joint space of the design.
 
     Parameters
     ----------
@@ -46,7 +50,7 @@ def winding(task: Task, path: TaskPath) -> int:
 
 
 def winding_words(turns: int, joint: str) -> str:
-    """Write that a path winds around the axis of a joint, and what follows."""
+    """Write the warning that a path winds around the axis of a joint, and may not close."""
     times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
     winds = f"the path winds {times} around the axis of {joint}"
     return f"{winds}, so it need not close under any control"

@@ -1,4 +1,9 @@
-"""File content of a design: conversion to plain data, and back; JSON files with a checksum."""
+"""Write and read design files: a design as plain data in JSON, sealed by a checksum.
+
+The content of a file is an object of :mod:`.schema`, which holds texts, numbers and lists only. A
+kind of file (:class:`FileKind`) says how a design becomes such content and back; its name is the
+key ``format`` of the file.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +37,11 @@ _LARGEST = 64_000_000
 
 
 def write(content: Sealed, path: str | Path) -> Path:
-    """Write the content of a design, with its checksum, to a JSON file atomically."""
+    """Write the content of a design, with its checksum, to a JSON file atomically.
+
+    ``content`` is an object of :mod:`.schema`, such as a ``DesignFile``; its own checksum is
+    replaced. Returns the path. A file that exists stays as it is if the writing fails.
+    """
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
         plain | {"checksum": _checksum_of(plain)},
@@ -44,7 +53,7 @@ def write(content: Sealed, path: str | Path) -> Path:
 
 
 class FileKind(NamedTuple):
-    """One kind of design file.
+    """One kind of design file: that of a design, or of the function of a cell.
 
     Attributes
     ----------
@@ -53,8 +62,9 @@ class FileKind(NamedTuple):
     to_content, to_result : function
         Conversions: design → content, and (content, task) → design.
     check : function
-        (content, task) → names of what an older file does not hold, so that it is not checked. It
-        raises InputError if anything has changed that numbers of the file depend on.
+        (content, task) → names of the quantities that the file, written by an older version, lacks,
+        such as "the masses": they are not compared, and the user is warned. Raises InputError if
+        a quantity that the design depends on is not as it was when the file was written.
     """
 
     content: type[Sealed]
@@ -67,7 +77,9 @@ class FileKind(NamedTuple):
 def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
     """Read the content of a design file, and check format, schema version and checksum.
 
-    ``kinds`` are functions that return the kind of file, by the file's ``format``.
+    ``kinds`` maps the key ``format`` of a file to a function that returns its :class:`FileKind`, so
+    that an extension is imported only for its own files. The result is an object of the kind's
+    class ``content``, not yet compared with a robot.
 
     Raises
     ------
@@ -121,7 +133,10 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
 
 
 def head(kind: str, task: Task) -> dict[str, Any]:
-    """Create the fields that every file has (:class:`Sealed`), with an empty checksum."""
+    """Create the fields that every file begins with (:class:`Sealed`), with an empty checksum.
+
+    ``kind`` is the text of ``format``, such as "repctl design". :func:`write` puts in the checksum.
+    """
     return {
         "format": kind,
         "schema": VERSION,
@@ -132,7 +147,7 @@ def head(kind: str, task: Task) -> dict[str, Any]:
 
 
 def _design_file(design: Design) -> DesignFile:
-    """Convert a design to the content of a file.
+    """Convert a design of a repeatable inverse to the content of a file.
 
     Raises
     ------
@@ -161,7 +176,7 @@ def _design_file(design: Design) -> DesignFile:
 
 
 def _design_of(content: DesignFile, task: Task) -> Design:
-    """Create a design from the content of a file, for the task it was made for.
+    """Create a design from the content of a file, for the task (robot, frame, joints) of the file.
 
     Raises
     ------
@@ -198,7 +213,7 @@ def _design_of(content: DesignFile, task: Task) -> Design:
 
 
 class _Head(msgspec.Struct):
-    """Fields that a file has in every schema version."""
+    """Fields that a file has in every schema version, so that an error can name the version."""
 
     format: str
     schema: int
@@ -206,7 +221,10 @@ class _Head(msgspec.Struct):
 
 
 def _printable(value: Any) -> Any:
-    """Escape unprintable characters in all texts of plain data."""
+    """Escape unprintable characters in all texts of plain data (nested dicts, lists and tuples).
+
+    Texts of a file are printed, and could contain control sequences of a terminal.
+    """
     if isinstance(value, dict):
         return {key: _printable(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -215,14 +233,22 @@ def _printable(value: Any) -> Any:
 
 
 def _checksum_of(content: dict[str, Any]) -> str:
-    """Hash the content without its checksum; the layout of the file has no effect."""
+    """Hash the content without its checksum: ``sha256:`` and 64 hex digits.
+
+    Keys are sorted and blanks left out first, so that a file that was indented anew is still
+    accepted.
+    """
     rest = {key: value for key, value in content.items() if key != "checksum"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return "sha256:" + hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _unchecked(content: DesignFile, task: Task) -> list[str]:
-    """Refuse a changed robot; see :class:`FileKind`."""
+    """Check that a robot is as it was when a file was written; the ``check`` of :class:`FileKind`.
+
+    Returns the names of what the file lacks. Raises InputError if joint limits, frames of an arm
+    angle or masses differ, and speed limits if the design has a cycle with a period.
+    """
     timed = content.cycle is not None
     return [
         *require_ranges(content.task, task, speeds=timed),

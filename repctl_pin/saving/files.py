@@ -1,4 +1,8 @@
-"""Save and load designs of both kinds as JSON files, each bound to its robot and task."""
+"""Save and load designs of both kinds as JSON files, each bound to its robot and task.
+
+The kinds are a design of a repeatable inverse over a region of joint space, and a function over a
+cell, a box of poses; the second is an extension's.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +25,16 @@ from .task_identity import carrying_tool, compare, task_of, written_task
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
-    """Import a kind of file from an extension."""
+    """Import a kind of file from an extension: the constant ``KIND`` of its module of this name."""
     kind: FileKind = extension.module(module).KIND
     return kind
 
 
 def _kinds() -> dict[str, Callable[[], FileKind]]:
-    """Find the kinds of design files, by ``format``; those of extensions are imported if called."""
+    """List the kinds of design files, by ``format``, as functions that return the kind.
+
+    A kind of an extension is imported only if its function is called.
+    """
     return {FORMAT: lambda: KIND} | {
         name: partial(_extended, extension, module)
         for extension in all_extensions()
@@ -164,7 +171,11 @@ def load_design(
 
 
 def _on_frame(design: Design, frame: str) -> Design:
-    """Convert a design to another link on the same body."""
+    """Convert a design to another link on the same body, such as from a flange to a gripper's tip.
+
+    ``frame`` is the name of the link. InputError is raised if it is on another body, or the design
+    is not of a pose task.
+    """
     from ..design.with_tool import for_task  # few designs change their frame
 
     task = require_pose(design.task)
@@ -180,12 +191,19 @@ def _on_frame(design: Design, frame: str) -> Design:
 
 
 def read_design(path: str | Path) -> Any:
-    """Read the content of a design file of any kind, and check that it was not changed."""
+    """Read the content of a design file of any kind, and check that it was not changed.
+
+    The result is the part of :mod:`.schema` for its kind, such as a ``DesignFile``: it has not been
+    compared with a robot, which :func:`made_of` does.
+    """
     return read(path, _kinds())
 
 
 def made_of(content: Sealed, task: Task, where: str) -> Any:
     """Create a design from the content of a file, for the task it was made for.
+
+    The result is a Design or a CellDesign. A UserWarning says what could not be compared, because
+    the file is from an older version.
 
     Raises
     ------

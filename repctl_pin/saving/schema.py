@@ -1,6 +1,9 @@
 """Schema of design files: a msgspec class for each part of a file.
 
-The decoder uses these classes, and ``docs/design.schema.json`` is made from them.
+The decoder uses these classes, and ``docs/design.schema.json`` is made from them. For each object
+that a design contains there is a pair of functions: ``…_file`` converts it to its part of a file,
+and ``…_of`` creates it again. A part that an older file lacks is UNSET, msgspec's mark of a missing
+key.
 """
 
 from __future__ import annotations
@@ -55,7 +58,12 @@ class Part(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class PolynomialFile(Part, tag_field="kind", tag="polynomial"):
-    """Products of Legendre polynomials in ``(q − center) / scale``, by degree, then lexically."""
+    """Potentials that are products of Legendre polynomials in ``(q − center) / scale``.
+
+    A potential is a function of the configuration q that the controller holds constant. They are in
+    the order of their degree, then lexically. Only the joints ``variables`` occur, from 0; with
+    ``cross`` false, each product has one of them.
+    """
 
     center: Row
     degree: int
@@ -65,7 +73,11 @@ class PolynomialFile(Part, tag_field="kind", tag="polynomial"):
 
 
 class FourierFile(Part, tag_field="kind", tag="fourier"):
-    """Basis of sines and cosines of integer combinations of ``variables``, up to ``order``."""
+    """Potentials that are sines and cosines of integer combinations of the joints ``variables``.
+
+    The combinations go up to ``order``, in units of 2π / ``period``; with ``cross`` false, each has
+    one joint.
+    """
 
     n: int
     order: int
@@ -75,10 +87,12 @@ class FourierFile(Part, tag_field="kind", tag="fourier"):
 
 
 class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
-    """Arm angle of the task's frames shoulder, elbow and wrist; stereographic with ``singular``.
+    """Potential that is the arm angle: the turn of the elbow about the line from shoulder to wrist.
 
-    ``points`` are the origins of the frames, m, at each of the task's check configurations: by
-    them, a frame that was moved is detected. They are not in older files.
+    ``frames`` are shoulder, elbow and wrist, and the angle counts from the plane of the direction
+    ``reference``; with a direction ``singular`` it is the stereographic angle, else the
+    conventional one. ``points`` are the origins of the frames, m, at each check configuration of
+    the task: a frame that was moved since is detected by them. Older files lack them.
     """
 
     frames: tuple[str, str, str]
@@ -88,27 +102,31 @@ class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
 
 
 class JoinedFile(Part, tag_field="kind", tag="joined"):
-    """Several bases of potentials, concatenated in this order."""
+    """Several bases of potentials, which are functions of q, concatenated in this order."""
 
     parts: list[BasisFile]
 
 
 class BoxFile(Part, tag_field="kind", tag="box"):
-    """Box of joint space: ``|q_i − center_i| ≤ half_width_i``."""
+    """Region Ω of a design, a box of joint space: ``|q_i − center_i| ≤ half_width_i``."""
 
     center: Row
     half_width: Row
 
 
 class TubeFile(Part, tag_field="kind", tag="tube"):
-    """Tube in joint space: all q within ``radius`` of one of the samples."""
+    """Region Ω of a design, a tube in joint space: all q within ``radius`` of a sample."""
 
     samples: Rows
     radius: Row
 
 
 class WorkspaceFile(Part, tag_field="kind", tag="workspace"):
-    """All q in the box ``within`` whose frame position is in ``position ± half_width``, m."""
+    """Region Ω of a design: all q of a box of joint space at which the frame is in a box of space.
+
+    The box of joint space is ``within``, and the frame's position is in ``position ± half_width``,
+    m.
+    """
 
     position: Row
     half_width: Row
@@ -116,14 +134,14 @@ class WorkspaceFile(Part, tag_field="kind", tag="workspace"):
 
 
 class PseudoinverseFile(Part, tag_field="kind", tag="pseudoinverse"):
-    """Desired inverse J⁺, the pseudoinverse."""
+    """Desired inverse J⁺, the pseudoinverse: the design is the repeatable inverse closest to it."""
 
 
 class WeightedFile(Part, tag_field="kind", tag="weighted"):
-    """Desired inverse J⁺_M, weighted by M: ``inertia``, a diagonal, or a matrix.
+    """Desired inverse J⁺_M, which minimises q̇ᵀ M q̇: M is ``inertia``, a diagonal, or a matrix.
 
-    ``inertia`` is M at each of the task's check configurations, kg m² and kg, if M is the inertia:
-    by it, changed masses are detected. It is not in older files.
+    ``inertia`` is M at each check configuration of the task, kg m² and kg, if M is the robot's
+    inertia: masses that were changed since are detected by it. Older files lack it.
     """
 
     weight: str | list[float | Row]
@@ -131,7 +149,10 @@ class WeightedFile(Part, tag_field="kind", tag="weighted"):
 
 
 class LimitsFile(Part, tag_field="kind", tag="limits"):
-    """Desired inverse: J⁺ weighted by the distance from the joint limits."""
+    """Desired inverse: J⁺ weighted so that joints slow down near their limits.
+
+    ``gain`` and ``onset`` are those of :class:`repctl_pin.LimitWeight`.
+    """
 
     gain: float
     onset: float
@@ -143,9 +164,10 @@ Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
 class Check(Part):
-    """Placement ``[R p]`` (3, 4) of the frame at ``q``, by which a changed robot is detected.
+    """Placement ``[R p]`` (3, 4) of the frame at the configuration ``q``, m.
 
-    Placements of several frames stand one below the other: (3 F, 4).
+    It is computed again when the file is loaded, and a robot that was changed since differs.
+    Placements of F frames stand one below the other: (3 F, 4).
     """
 
     q: Row
@@ -153,7 +175,7 @@ class Check(Part):
 
 
 class JointRange(Part):
-    """Limits of a joint, rad or m, and per s; null where there is none."""
+    """Limits of one joint: position, rad or m, and speed, rad/s or m/s; null for no limit."""
 
     lower: float | None
     upper: float | None
@@ -161,7 +183,10 @@ class JointRange(Part):
 
 
 class FrameFile(Part):
-    """One of several frames: its link, its kind of task, and the link it is relative to."""
+    """One frame of a task of several: its link, its kind of task, and the link it is relative to.
+
+    ``base`` is null for the robot's base. A kind is such as ``pose`` or ``position``.
+    """
 
     frame: str
     task: str
@@ -169,11 +194,13 @@ class FrameFile(Part):
 
 
 class TaskFile(Part):
-    """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ.
+    """Robot and task of a design, by which a file is refused for another robot.
 
-    ``limits`` are those of ``joints``; they are not in older files. ``frames`` are there only if
-    the task has several; ``frame`` and ``task`` then join their names. ``tool`` is the placement of
-    a tool in ``frame``, if the task is that of the tool.
+    ``fingerprint`` holds placements of the frame at several check configurations, and ``limits``
+    those of ``joints``, which older files lack. ``coordinates`` is T (n, n) of other joint
+    coordinates ψ, q = T ψ; null for the robot's own. ``frames`` is there only for a task of several
+    frames; ``frame`` and ``task`` then join their names. ``tool`` is the placement (4, 4) of a tool
+    in the link ``frame``, if the task is that of the tool.
     """
 
     robot: str
@@ -192,7 +219,10 @@ class TaskFile(Part):
 
 
 class PieceFile(Part):
-    """Polynomial path from s = ``begin`` to ``end``, see :class:`repctl_pin.paths.pieces.Piece`."""
+    """Polynomial piece of a path from s = ``begin`` to ``end``; s runs from 0 to 1 along a cycle.
+
+    ``coefficients`` are those of :class:`repctl_pin.paths.pieces.Piece`.
+    """
 
     begin: float
     end: float
@@ -200,7 +230,12 @@ class PieceFile(Part):
 
 
 class PathFile(Part):
-    """Closed path of a frame: its name, its command-line text and plane, and its pieces."""
+    """Closed path of a frame, as polynomial pieces that lead from s = 0 to 1, once along the cycle.
+
+    ``path`` is its name to show, ``spec`` and ``plane`` the options ``--path`` and ``--plane`` that
+    make it again, empty if there are none. ``rotation`` (3, 3) is the orientation at s = 0, which
+    the frame keeps if the pieces have positions only.
+    """
 
     path: str
     spec: str
@@ -212,7 +247,8 @@ class PathFile(Part):
 class CycleFile(Part):
     """Cycle that a design was made for: start configuration, closed path, and period, s.
 
-    ``others`` are the paths of the second and further frames, if the task has several.
+    Its path is stored as in :class:`PathFile`. ``others`` are the paths of the second and further
+    frames, if the task has several.
     """
 
     start: Row
@@ -226,7 +262,10 @@ class CycleFile(Part):
 
 
 class Figures(Part):
-    """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`."""
+    """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`.
+
+    They are computed when the design is made, not when it is loaded.
+    """
 
     cost: float
     cost_error: float
@@ -247,9 +286,10 @@ class Figures(Part):
 
 
 class ClosingRadiusFile(Part):
-    """Closing radius, see :class:`repctl_pin.certificate.ClosingRadius`.
+    """Closing radius: distance from a start or a path within which every closed path closes.
 
-    ``radians`` is null if the task commands no orientation.
+    It is a distance, m, and an angle, rad, which is null if the task commands no orientation. The
+    attributes are those of :class:`repctl_pin.certificate.ClosingRadius`.
     """
 
     metres: float
@@ -265,10 +305,11 @@ class ClosingRadiusFile(Part):
 
 
 class ProofFile(Part):
-    """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no bound required.
+    """Bounds that are proved over a whole region or cell, see :class:`repctl_pin.Proof`.
 
-    ``seconds`` stands in older files only: equal proofs are written alike. ``subject`` and ``seal``
-    do not, and the proof of such a file is dropped.
+    Null stands for a robot without limits, or for a bound that was not required. ``subject`` and
+    ``seal`` say what was proved: older files lack them, and their proof is dropped. ``seconds``
+    stands in older files only, so that equal proofs are written alike.
     """
 
     what: str
@@ -291,7 +332,10 @@ class ProofFile(Part):
 
 
 class Sealed(Part):
-    """Fields of every file: format, schema version, checksum and task."""
+    """Fields that every design file begins with: format, schema version, checksum and task.
+
+    ``written_by`` is the version of repctl_pin. The checksum detects files that were edited.
+    """
 
     format: str
     schema: int
@@ -301,7 +345,12 @@ class Sealed(Part):
 
 
 class DesignFile(Sealed):
-    """Repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i from ``potentials``."""
+    """Repeatable inverse, by its potentials: h_j(q) = Σ_i φ_i(q) coefficients[i][j].
+
+    The φ_i are the functions of ``potentials``, in their order. ``desired`` is the inverse that the
+    design comes closest to, ``region`` the part of joint space for which it was made, and ``cycle``
+    the motion it was made for, or null.
+    """
 
     cycle: CycleFile | None
     desired: Desired
@@ -317,9 +366,10 @@ R = TypeVar("R", bound="DataclassInstance")
 
 
 def described(kind: type[P], thing: object, **others: Any) -> P:
-    """Create a part of a file, of class ``kind``, from the attributes of an object.
+    """Create a part of a file, of class ``kind``, from an object with attributes of the same names.
 
-    Arrays become lists, and the values of :data:`_NULLS` null. ``others`` replace attributes.
+    Arrays become lists, and an infinity or NaN of :data:`_NULLS` becomes null, because JSON has
+    neither. ``others`` are values to use instead of the object's attributes.
     """
     own = {}
     for name in kind.__struct_fields__:
@@ -335,10 +385,10 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 
 
 def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
-    """Create a result of class ``kind`` from a part of a file; the inverse of :func:`described`.
+    """Create an object of the dataclass ``kind`` from a part of a file; reverses :func:`described`.
 
-    Lists become arrays, and nulls the values of :data:`_NULLS`. ``others`` are values that replace
-    those of the file, or that it does not hold.
+    Lists become arrays, and nulls the infinity or NaN of :data:`_NULLS`. ``others`` are values to
+    use instead of the file's, or for attributes that the file lacks.
     """
     own = {}
     for name in kind.__dataclass_fields__:
@@ -354,7 +404,10 @@ def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
 
 
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
-    """Convert a proof to its part of a file; UNSET if there is none, or nothing is proved."""
+    """Convert a proof to its part of a file.
+
+    It is UNSET, which leaves the key out, if there is no proof or nothing is proved.
+    """
     if not proof:
         return msgspec.UNSET
     closes: ClosingRadiusFile | msgspec.UnsetType = msgspec.UNSET
@@ -364,7 +417,7 @@ def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
 
 
 def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
-    """Create a proof from its part of a file; None if there is none."""
+    """Create a proof from its part of a file; None if the file has none."""
     if isinstance(data, msgspec.UnsetType):
         return None
     part, closes = data.closes, None
@@ -374,7 +427,7 @@ def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
 
 
 def basis_file(potentials: PotentialBasis) -> BasisFile:
-    """Convert a basis of potentials to its part of a file.
+    """Convert a basis of potentials, the functions φ_i(q) that h is made of, to its part of a file.
 
     Raises
     ------
@@ -398,7 +451,7 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
 
 
 def basis_of(data: BasisFile, task: Task) -> PotentialBasis:
-    """Create a basis of potentials from its part of a file."""
+    """Create a basis of potentials, the functions φ_i(q) that h is made of, from its file part."""
     if isinstance(data, JoinedFile):
         return Joined(*(basis_of(part, task) for part in data.parts))
     if isinstance(data, ArmAngleFile):
@@ -408,7 +461,7 @@ def basis_of(data: BasisFile, task: Task) -> PotentialBasis:
 
 
 def region_file(region: Region) -> RegionFile:
-    """Convert a region to its part of a file.
+    """Convert a region Ω, the part of joint space of a design, to its part of a file.
 
     Raises
     ------
@@ -433,7 +486,7 @@ def region_file(region: Region) -> RegionFile:
 
 
 def region_of(data: RegionFile, task: Task) -> Region:
-    """Create a region from its part of a file."""
+    """Create a region Ω, the part of joint space of a design, from its part of a file."""
     if isinstance(data, WorkspaceFile):
         return WorkspaceBox(
             task,
@@ -447,6 +500,8 @@ def region_of(data: RegionFile, task: Task) -> Region:
 
 def desired_file(desired: Inverse) -> Desired:
     """Convert a desired inverse to its part of a file.
+
+    A desired inverse G_d, with q̇ = G_d ẋ, is the one that a design comes closest to.
 
     Raises
     ------
@@ -476,7 +531,10 @@ def desired_file(desired: Inverse) -> Desired:
 
 
 def desired_of(data: Desired, task: Task) -> Inverse:
-    """Create a desired inverse from its part of a file."""
+    """Create a desired inverse, which a design comes closest to, from its part of a file.
+
+    It is a matrix function of q with q̇ = G_d ẋ, such as the pseudoinverse J⁺.
+    """
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
     weight = (
@@ -488,7 +546,7 @@ def desired_of(data: Desired, task: Task) -> Inverse:
 
 
 def cycle_file(cycle: Cycle) -> CycleFile:
-    """Convert the cycle of a design to its part of a file."""
+    """Convert the cycle of a design (start, closed path, period) to its part of a file."""
     path = cycle.path
     first, *others = paths_of(path)
     return described(
@@ -500,7 +558,10 @@ def cycle_file(cycle: Cycle) -> CycleFile:
 
 
 def _path_file(path: TaskPath) -> PathFile:
-    """Convert the path of a frame to its part of a file."""
+    """Convert the path of one frame to its part of a file, as polynomial pieces.
+
+    Its name and command-line options are kept as well, so that the path can be made again.
+    """
     return PathFile(
         path.name,
         path.spec,
@@ -511,7 +572,7 @@ def _path_file(path: TaskPath) -> PathFile:
 
 
 def cycle_of(data: CycleFile, task: Task) -> Cycle:
-    """Create a cycle from its part of a file.
+    """Create a cycle (start, closed path, period) from its part of a file.
 
     Raises
     ------
@@ -530,7 +591,10 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
 
 
 def _path_of(data: CycleFile | PathFile) -> TaskPath:
-    """Create the path of a frame from its part of a file."""
+    """Create the path of one frame from its part of a file; that of the first frame is the cycle.
+
+    Raises InputError unless the pieces are in order and lead from s = 0 to 1.
+    """
     ends = [0.0, *(piece.end for piece in data.pieces)]
     sizes = {np.shape(piece.coefficients)[1:] for piece in data.pieces}
     starts = [piece.begin for piece in data.pieces]

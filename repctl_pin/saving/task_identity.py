@@ -2,7 +2,8 @@
 
 Everything that a number of the file depends on is compared: robot, frame, joints, placements of the
 frame, joint limits, the speed limits that the period of a cycle keeps, the frames of arm angles,
-masses, and collision bodies.
+masses, and collision bodies. Geometry and masses are compared at the check configurations, a few
+configurations that the file contains.
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ _TOLERANCE = 1e-9
 def identity(task: Task) -> TaskFile:
     """Convert a task to its part of a file: names, and placements at several configurations.
 
-    The placements are the fingerprint: they depend on each link and joint axis of the chain and on
-    the locked joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
+    By it, a file is refused for another robot, or for one that was changed since. The placements
+    are the fingerprint: they depend on each link and joint axis of the chain and on the locked
+    joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
     """
     robot = task.robot
     checks = [
@@ -67,7 +69,7 @@ def identity(task: Task) -> TaskFile:
 
 
 def _placements(task: Task, q: Array) -> Array:
-    """Evaluate the placements [R p] of the task's frames, one below the other: (3 F, 4)."""
+    """Evaluate the placements [R p] of the task's frames, one below the other: (3 F, 4), m."""
     places = (
         task.placements(q) if isinstance(task, SeveralFrames) else [task.placement(q)]
     )
@@ -75,16 +77,17 @@ def _placements(task: Task, q: Array) -> Array:
 
 
 def _frames(task: Task) -> list[FrameFile] | msgspec.UnsetType:
-    """List the frames of a task of several; UNSET for one frame."""
+    """List the frames of a task of several, as they stand in a file; UNSET for one frame."""
     if not isinstance(task, SeveralFrames):
         return msgspec.UNSET
     return [FrameFile(spec.frame, str(spec.kind), spec.base) for spec in task.specs]
 
 
 def task_of(made_for: TaskFile, robot: Robot) -> Task:
-    """Create the task that a design was made for, on a robot.
+    """Create the task (frame, kind, joints, tool) that a design was made for, on a robot.
 
-    The robot is loaded again if its base or its locked joints are other ones.
+    The robot is loaded again if its base or its locked joints are other ones than those of the
+    file.
     """
     if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
         name = robot.entry.name if robot.entry is not None else robot.description.path
@@ -115,13 +118,17 @@ def written_task(made_for: TaskFile) -> str:
 
 
 def _frame_asked_for(one: FrameFile) -> tuple[str, ...]:
-    """Return one of several frames as :meth:`Robot.task` takes it."""
+    """Return one of several frames as ``Robot.task`` takes it: (link, kind) or with the base."""
     given = (one.frame, one.task)
     return given if one.base is None else (*given, one.base)
 
 
 def carrying_tool(made_for: TaskFile, task: Task) -> Task:
-    """Return the task of the tool of a file, if the task is that of the link that carries it."""
+    """Return the task of the tool of a file, if the task is that of the link that carries the tool.
+
+    A file can be of a tool, a fixed placement in a link, which the URDF does not contain. Any other
+    task is returned as it is.
+    """
     if isinstance(made_for.tool, msgspec.UnsetType) or isinstance(task, ToolTask):
         return task
     return task if task.frame != made_for.frame else with_tool(task, made_for.tool)
@@ -176,7 +183,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
 
 
 def _ranges_of(task: Task) -> list[JointRange]:
-    """Convert the limits of a task's joints to their part of a file."""
+    """List the limits of a task's joints as they stand in a file; None where there is no limit."""
     rows = np.transpose(task.joint_limits).tolist()
     return [JointRange(*(v if np.isfinite(v) else None for v in row)) for row in rows]
 
@@ -184,8 +191,9 @@ def _ranges_of(task: Task) -> list[JointRange]:
 def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]:
     """Check that the joint limits are those of the file, with ``speeds`` the speed limits too.
 
-    Returns what is not checked, because an older file does not hold it: a list of names, which is
-    empty otherwise. Raises an InputError that names the joint if a limit differs.
+    Returns ["the joint limits"] if the file, from an older version, does not contain them, so that
+    they could not be checked; otherwise an empty list. Raises an InputError that names the joint if
+    a limit differs.
     """
     ranges = made_for.limits
     if isinstance(ranges, msgspec.UnsetType):
@@ -213,7 +221,10 @@ def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]
 def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list[str]:
     """Check that the frames of arm angles are where they were when the design was saved.
 
-    Returns the names of what an older file does not hold.
+    An arm angle is a potential made of shoulder, elbow and wrist frames; ``basis`` can join it with
+    other potentials, which need no check. Returns ["the frames of the arm angle"] if the file, from
+    an older version, does not contain them; otherwise an empty list. Raises an InputError that
+    names the frame if one lies elsewhere.
     """
     if isinstance(basis, JoinedFile):
         parts = [require_arm_angles(part, made_for, task) for part in basis.parts]
@@ -234,7 +245,11 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
 
 
 def require_masses(desired: Desired, made_for: TaskFile, task: Task) -> list[str]:
-    """Check that the inertia, if it is a weight, is what it was; as :func:`require_ranges`."""
+    """Check that the robot's inertia is what it was, if the desired inverse is weighted by it.
+
+    Returns ["the masses"] if the file, from an older version, does not contain the inertia;
+    otherwise an empty list. Raises an InputError if it differs by more than 1e-9 of its size.
+    """
     if not isinstance(desired, WeightedFile) or desired.weight != "inertia":
         return []
     if isinstance(desired.inertia, msgspec.UnsetType):
@@ -250,12 +265,15 @@ def require_masses(desired: Desired, made_for: TaskFile, task: Task) -> list[str
 
 
 def configurations(made_for: TaskFile) -> Array:
-    """Return the check configurations of a file: (K, n)."""
+    """Return the check configurations of a file (K, n), at which geometry is compared."""
     return np.array([check.q for check in made_for.fingerprint])
 
 
 def _like(rows: list[list[list[float]]], now: Array, what: str) -> Array:
-    """Convert numbers of a file to an array of the same shape as ``now``."""
+    """Convert numbers of a file to an array, and check that it has the shape of ``now``.
+
+    ``what`` names the quantity in the InputError, which says that the file is damaged.
+    """
     try:
         before = np.array(rows, float)
     except ValueError:

@@ -1,4 +1,10 @@
-r"""Inverse kinematic function of a cell as pure JAX functions; requires the extra ``jax``."""
+r"""Inverse kinematic function of a cell as pure JAX functions; requires the extra ``jax``.
+
+A cell is a box of poses over which a function F gives one configuration per pose. Its chart are
+polynomials of the cell's coordinates u: q_ref, a configuration near the solution, and n_ref, the
+directions along the self-motion in which the level c is measured. JAX compiles these functions,
+maps them over many poses, and differentiates them, as learning requires.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +46,10 @@ _ROUNDINGS = 64
 def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     r"""Convert ``q = F(x; c)`` to a pure, jitted JAX function.
 
-    It can be vmapped and differentiated. Newton's method finds q. The derivative is that of the
-    implicit function theorem, not taken through the iterations:
+    It can be vmapped and differentiated. Newton's method finds q from q_ref, the configuration of
+    F's polynomials; n_ref (n, r) are the directions in which the level c, the position along the
+    self-motion, is measured. The derivative is that of the implicit function theorem, not taken
+    through the iterations:
 
     .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
               dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}
@@ -75,7 +83,11 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     def system(
         x: Numbers, c: Numbers, q: Numbers, chart: tuple[Numbers, Numbers]
     ) -> tuple[Numbers, Numbers]:
-        """Evaluate ``J_V = [J; n_refᵀ]`` and ``g = [x − f(q); c − n_refᵀ (q − q_ref)]``."""
+        """Evaluate the linear system of Newton's method: ``J_V = [J; n_refᵀ]`` (n, n) and g (n,).
+
+        ``g = [x − f(q); c − n_refᵀ (q − q_ref)]`` is the error of the pose x and of the level c at
+        q; ``chart`` are q_ref (n,) and n_ref (n, r), the polynomials of F at x.
+        """
         p, R, J = frame(q)
         q_ref, n_ref = chart
         g = jnp.concatenate([_error(F.cell, x, p, R), c - n_ref.T @ (q - q_ref)])
@@ -138,7 +150,9 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
 def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
     """Convert the inverse of F, from a configuration to its pose and level, to a pure JAX function.
 
-    ``x = f(q)`` and ``c = n_ref(x)ᵀ (q − q_ref(x))``, so that ``F(x; c) = q`` if q is near F(x; 0).
+    The level c says where along the self-motion the configuration is. ``x = f(q)`` and ``c =
+    n_ref(x)ᵀ (q − q_ref(x))``, with q_ref and n_ref the polynomials of F, so that ``F(x; c) = q``
+    if q is near F(x; 0).
 
     Parameters
     ----------
@@ -173,6 +187,7 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
 
 
 def _pose(x: Numbers) -> Numbers:
+    """Check that a pose is a matrix (4, 4), and convert integers to floating-point numbers."""
     x = jnp.asarray(x)
     if x.shape != (4, 4):
         raise InputError(
@@ -184,7 +199,10 @@ def _pose(x: Numbers) -> Numbers:
 def _kinematics(
     F: InverseFunction,
 ) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
-    """Create the function from q (n,) to p (3,) and R (3, 3) of the frame, and J (m, n)."""
+    """Create the function from q (n,) to p (3,), m, and R (3, 3) of the frame, and J (m, n).
+
+    It is the forward kinematics in JAX, along the chain of joints.
+    """
     chain, task = chain_of(F.task), F.task
     S, turns = chain.S[:, : task.n], chain.revolute[:, None]
     links = (chain.R, chain.p, chain.a, skew(chain.a), chain.revolute)
@@ -213,9 +231,11 @@ def _kinematics(
 
 
 def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Create the function from a pose x (4, 4) to q_ref (n,) and n_ref (n, r).
+    """Create the function from a pose x (4, 4) to F's polynomials q_ref (n,) and n_ref (n, r).
 
-    q_ref includes the joint angles that symmetries of the arm add to the polynomials.
+    q_ref is a configuration near F(x), from which Newton's method starts, and n_ref the directions
+    in which the level c is measured. q_ref includes the joint angles that symmetries of the arm,
+    such as a turn about its base, add to the polynomials.
     """
     monomials, C = F.chart.monomials, np.asarray(F.chart.coefficients)
     blocks = [
@@ -237,7 +257,10 @@ def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers
 
 
 def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
-    """Evaluate the task error (m,) from the frame's placement (p, R) to a pose x (4, 4)."""
+    """Evaluate the task error (m,) from the frame's placement (p, R) to a pose x (4, 4), m and rad.
+
+    It has the components that the kind of task commands only.
+    """
     away = x[:3, 3] - p
     kind = cell.task.kind
     if not kind.turns:
@@ -250,15 +273,19 @@ def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
 
 
 def _coordinates(cell: Cell, x: Numbers) -> Numbers:
-    """Convert a pose to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell."""
+    """Convert a pose x (4, 4) to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell.
+
+    They are the variables of the polynomials of F, the function of the cell.
+    """
     y = _measured(cell, x) - jnp.asarray(cell._offset, x.dtype)
     return y[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
 
 
 def _rigid(task: Task, x: Numbers) -> Numbers:
-    """Test whether a matrix (4, 4) is a rigid transform, as :func:`is_rotation` and ``F.batch`` do.
+    """Test whether a matrix (4, 4) is a rigid transform, as ``F.batch`` does, to about 1e-6.
 
-    The rotation is tested only if the task commands one.
+    The rotation is tested only if the task commands one. The result is a JAX boolean: a compiled
+    function cannot raise an error.
     """
     R = x[:3, :3]
     off = [x[3] - jnp.asarray([0.0, 0.0, 0.0, 1.0], x.dtype)]
@@ -269,7 +296,11 @@ def _rigid(task: Task, x: Numbers) -> Numbers:
 
 
 def _inside(cell: Cell, x: Numbers) -> Numbers:
-    """Test whether a pose lies in a cell, which must have all its coordinates (``cell.whole``)."""
+    """Test whether a pose x (4, 4) lies in a cell with all its coordinates (``cell.whole``).
+
+    Coordinates without width, which are constant in the cell, are tested too. The tolerance depends
+    on the precision of x.
+    """
     y = _measured(cell, x)
     held = np.flatnonzero(cell.widths == 0)
     most = cell._bounds
@@ -282,7 +313,8 @@ def _inside(cell: Cell, x: Numbers) -> Numbers:
 def _shift(cell: Cell, x: Numbers) -> Numbers:
     """Evaluate the joint angles (n,) to add to q_ref for the coordinates that u leaves out.
 
-    Along these, by a symmetry of the arm, F changes by these angles only.
+    Along these, by a symmetry of the arm, F changes by these angles only: turning a pose around the
+    base turns the first joint. They are left out of the polynomials' coordinates u.
     """
     return (
         jnp.asarray(cell.along, x.dtype)
@@ -296,7 +328,11 @@ def _eps(x: Numbers) -> float:
 
 
 def _measured(cell: Cell, x: Numbers) -> Numbers:
-    """Compute the coordinates (m,) of a pose from the cell's middle, m and rad, not scaled."""
+    """Compute the coordinates (m,) of a pose (4, 4) from the cell's middle, m and rad, not scaled.
+
+    They are the components of position, and a rotation vector or tilts of the tool, that the task
+    commands; for a sector, a cell around the base, cylindrical ones.
+    """
     if isinstance(cell, Sector):
         return _cylindrical(cell, x)
     placement, kind = cell.placement, cell.task.kind
@@ -312,8 +348,8 @@ def _measured(cell: Cell, x: Numbers) -> Numbers:
 def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
     """Compute the coordinates (m,) of a pose in a sector, m and rad, not scaled.
 
-    They are radius, angle and height about the sector's axis, from its middle, and the tilts and
-    the spin of the tool.
+    A sector is a cell around the base. They are radius, angle and height about the sector's axis,
+    from its middle, and the tilts and the spin of the tool: the turn of its axis, and about it.
     """
     (rho, z), B = sector.middle, jnp.asarray(sector.directions, x.dtype)
     a, b, height = B @ (x[:3, 3] - jnp.asarray(sector.axis[0], x.dtype))
@@ -342,7 +378,7 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
 def _tilted_back(t: Numbers, v: Numbers) -> Numbers:
     """Rotate a vector v (3,) by ``exp(-t)``, where t (2,) is a rotation vector in the x-y plane.
 
-    It is differentiable at t = 0, too.
+    It undoes a tilt of the tool, so that only its spin is left. It is differentiable at t = 0, too.
     """
     square = t @ t
     small = square < 1e-6
@@ -355,20 +391,30 @@ def _tilted_back(t: Numbers, v: Numbers) -> Numbers:
 
 
 def _log3(R: Numbers) -> Numbers:
-    """Evaluate the rotation vector ω (3,), exp(ω̂) = R, for angles below π; differentiable at 0."""
+    """Evaluate the rotation vector ω (3,), exp(ω̂) = R, for angles below π; differentiable at 0.
+
+    The usual formula divides by 0 at R = I, which makes its derivative NaN.
+    """
     w = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     return w * _angle_over_sine(w @ w, (jnp.trace(R) - 1) / 2)
 
 
 def _tilts(R: Numbers, goal: Numbers) -> Numbers:
-    """Compute the rotation (2,), rad, about a tool's x and y that aligns its z with a goal's z."""
+    """Compute the rotation (2,), rad, about a tool's x and y that aligns its z with a goal's z.
+
+    R and ``goal`` (3, 3) are the rotations of the tool and the goal. It is the error of a task that
+    leaves the turn about the tool's axis free.
+    """
     aim = R.T @ goal[:, 2]
     turn = jnp.stack([-aim[1], aim[0]])
     return turn * _angle_over_sine(turn @ turn, aim[2])
 
 
 def _angle_over_sine(square: Numbers, cosine: Numbers) -> Numbers:
-    """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0."""
+    """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0.
+
+    It scales the sine of a rotation's angle to the angle, and is differentiable at 0.
+    """
     small = (square < 1e-6) & (cosine > 0)
     sine = jnp.sqrt(jnp.where(small, 1.0, square))
     series = 1 + square / 6 + 3 * square**2 / 40

@@ -13,8 +13,9 @@ from ..cells.function import InverseFunction
 class FunctionKinematics:
     """Forward and inverse kinematics for LeRobot's processors, by a cell's function.
 
-    Each pose of the frame has one configuration, whatever the current one is. Revolute joints are
-    in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
+    A cell is a box of poses over which a function F gives one configuration per pose, whatever the
+    current one is, so that a policy's poses always lead to the same joints. Revolute joints are in
+    degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
 
     Parameters
     ----------
@@ -49,7 +50,10 @@ class FunctionKinematics:
         self._units = np.where(F.task.revolute, np.pi / 180, 1.0)
 
     def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Array:
-        """Compute the pose (4, 4) of the frame; joints after the first n are ignored."""
+        """Compute the pose (4, 4) of the frame at joint positions, degrees and m.
+
+        Positions after the first n, such as a gripper's, are ignored.
+        """
         return self.function.task.placement(
             self._arm(joint_pos_deg) * self._units
         ).homogeneous
@@ -63,8 +67,8 @@ class FunctionKinematics:
     ) -> Array:
         """Compute the joint positions of a pose by F, which needs no initial guess.
 
-        The weights have no effect, because F is exact. Positions after the first n, such as a
-        gripper's, are returned unchanged.
+        The weights, part of LeRobot's interface, have no effect, because F is exact. Positions
+        after the first n, such as a gripper's, are returned unchanged.
         """
         joints = np.array(current_joint_pos, float)
         joints[: len(self._arm(joints))] = (
@@ -74,6 +78,7 @@ class FunctionKinematics:
         return joints
 
     def _arm(self, joints: ArrayLike) -> Array:
+        """Return the first n of the joints, in degrees and m; InputError if there are fewer."""
         n = len(self.joint_names)
         given = np.atleast_1d(np.asarray(joints, float))
         if len(given) < n:

@@ -1,4 +1,8 @@
-"""Inputs of a :class:`Servo` from messages: time, measured joint positions by name, and targets."""
+"""Inputs of a :class:`Servo` from messages: time, measured joint positions by name, and targets.
+
+Messages can be late, incomplete or stamped by another clock; a stamp is the time that a message
+says it is from.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +31,9 @@ _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 class SteadyTime:
     """Time that never goes back, and goes on at every tick, whatever the clock does.
 
+    Clocks are set, and those of simulations stand still or restart; time-outs must still end. A
+    tick is one period of the control loop.
+
     Parameters
     ----------
     dt
@@ -46,7 +53,10 @@ class SteadyTime:
         return self._time
 
     def tick(self, now: float) -> float:
-        """Compute the time, s, of a tick at which the clock reads ``now``, s."""
+        """Compute the time, s, of a tick at which the clock reads ``now``, s.
+
+        It is at least half a period after the last tick's; otherwise a whole period is added.
+        """
         if self.at(now) - self._last_tick < self._dt / 2:
             self._time = self._last_tick + self._dt
         self._last_tick = self._time
@@ -91,7 +101,7 @@ class JointReadings:
         return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
-        """Describe which joints have no measurement yet, or how old the measurements are."""
+        """Describe why measurements cannot be used: joints without one, or their age."""
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"
@@ -108,8 +118,8 @@ class JointReadings:
     def rest(self, now: float, duration: float) -> bool:
         """Test whether the measured joints have not changed for a duration, s.
 
-        Each call compares them with those of earlier calls. False if a joint has not been measured
-        yet.
+        An arm that moves must not be given commands from where it was. Each call compares them with
+        those of earlier calls. False if a joint has not been measured yet.
         """
         q, _ = self.measured(now)
         if q is None:
@@ -119,12 +129,15 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Restart the time for which :meth:`rest` requires constant joints."""
+        """Restart the time for which :meth:`rest` requires constant joints; readings were late."""
         self._still = None
 
 
 def clock_difference(age: float) -> str:
-    """Write a message's age by its stamp, s, as a difference from this clock."""
+    """Write a message's age by its stamp, s, in words, such as "3 s before this clock".
+
+    A negative age is a stamp ahead of the clock.
+    """
     size = f"{abs(age):.0f}" if abs(age) >= 1000 else f"{abs(age):.3g}"
     return f"{size} s {'ahead of' if age < 0 else 'before'} this clock"
 
@@ -138,7 +151,8 @@ def target_of(
 ) -> pin.SE3:
     """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement of the frame.
 
-    They are those of the tool, if its placement in the frame is given.
+    They are the pose of the tool, if ``tool``, its placement in the frame, is given. ``cell`` is
+    the box of poses in which the target must lie, or None.
 
     Raises
     ------
@@ -155,7 +169,7 @@ def target_of(
 
 
 def placement_of(numbers: Any, name: str) -> pin.SE3:
-    """Convert the parameter ``name``, x y z qx qy qz qw, to a placement.
+    """Convert the parameter ``name``, x y z and optionally qx qy qz qw, m, to a placement.
 
     Raises
     ------
@@ -172,7 +186,11 @@ def placement_of(numbers: Any, name: str) -> pin.SE3:
 
 
 def _placed(position: ArrayLike, quaternion: ArrayLike) -> pin.SE3:
-    """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement."""
+    """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement.
+
+    Raises InputError if a number is not finite, or the quaternion's norm is off 1 by more than
+    0.001.
+    """
     p, x = np.array(position, float), np.array(quaternion, float)
     if not np.isfinite([*p, *x]).all():
         raise InputError("it must be finite numbers")

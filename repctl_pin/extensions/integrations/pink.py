@@ -25,8 +25,9 @@ except ImportError as error:
 class RepeatableTask(PinkTask):
     """pink task that holds h(q) = c: together with a frame task, it makes pink repeatable.
 
-    ``e(q) = h(q) − c``, with the Jacobian ``∂h/∂q``. The joints are found in pink's model by name;
-    other joints are not affected.
+    pink solves for joint velocities that serve several tasks. The potentials h of a design, held at
+    the level c, determine the joints that a frame task leaves free. ``e(q) = h(q) − c``, with the
+    Jacobian ``∂h/∂q``. The joints are found in pink's model by name; other joints are not affected.
 
     Parameters
     ----------
@@ -70,17 +71,20 @@ class RepeatableTask(PinkTask):
         self._circular = np.zeros(0, bool)
 
     def set_target(self, leaf: ArrayLike) -> None:
-        """Set the level c (r,) to hold, such as ``inverse.leaf(q)``."""
+        """Set the level c (r,) of the potentials h to hold, such as ``inverse.leaf(q)``."""
         self.leaf = vector(
             leaf, self.inverse.task.r, "the level c", "one per potential"
         )
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
-        """Set the level c to the value of h at a configuration."""
+        """Set the level c to hold to the value of the potentials h at a configuration of pink's."""
         self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
-        """Evaluate h(q) − c: (r,). InputError if no level c is set."""
+        """Evaluate the error h(q) − c (r,) of the potentials h from the level c that is to be held.
+
+        InputError if no level is set.
+        """
         if self.leaf is None:
             raise InputError(
                 "no level c is set; call set_target_from_configuration(configuration) first"
@@ -88,14 +92,20 @@ class RepeatableTask(PinkTask):
         return self.inverse.potentials.value(self._joints(configuration)) - self.leaf
 
     def compute_jacobian(self, configuration: Configuration) -> Array:
-        """Evaluate ∂h/∂q for pink's nv joint velocities: (r, nv), 0 in columns of other joints."""
+        """Evaluate ∂h/∂q of the potentials for pink's nv joint velocities: (r, nv).
+
+        Columns of joints that the design does not have are 0.
+        """
         V = self.inverse.potentials.gradient(self._joints(configuration))
         J = np.zeros((V.shape[1], configuration.model.nv))
         J[:, self._columns] = V.T
         return J
 
     def _joints(self, configuration: Configuration) -> Array:
-        """Extract the design's joints (n,) from pink's configuration, one number each."""
+        """Extract the design's joints (n,) from pink's configuration, one number each, rad or m.
+
+        Pinocchio stores a continuous joint as (cos, sin), which becomes an angle.
+        """
         if configuration.model is not self._model:
             self._find(configuration.model)
         q = configuration.q[self._at]
@@ -109,7 +119,7 @@ class RepeatableTask(PinkTask):
         return q
 
     def _find(self, model: pin.Model) -> None:
-        """Find the design's joints in pink's model.
+        """Find the design's joints in pink's model, by name; InputError if one is missing.
 
         Stores their indices in q and v, and which of them are (cos, sin) pairs.
         """

@@ -29,8 +29,9 @@ def answer(
 ) -> Any:
     """Fill in and return the response to a request: the joints F(pose), or an error code.
 
-    The seed, the group and the constraints of the request are not used: the pose alone determines
-    the joints. With ``avoid_collisions`` the robot's own bodies are checked.
+    F is the function of a cell, a box of poses: it gives one configuration per pose. The seed, the
+    group and the constraints of the request are not used: the pose alone determines the joints.
+    With ``avoid_collisions`` the robot's own bodies are checked.
 
     Parameters
     ----------
@@ -61,6 +62,7 @@ def _solved(
     leaf: Array | None,
     tool: pin.SE3 | None,
 ) -> tuple[Array | None, int]:
+    """Evaluate F at a request's pose: the joints (n,) and SUCCESS, or None and an error code."""
     if request.ik_link_name not in ("", F.task.frame):
         return None, WRONG_LINK
     if request.pose_stamped.header.frame_id not in ("", base):

@@ -1,6 +1,7 @@
 """ROS 2 node of an arm: target poses or twists in, joint commands out.
 
-The commands stay on one leaf and within the limits.
+The commands stay on one leaf, the set h(q) = c that the design holds, and within the limits. What
+is done with the messages is in :mod:`.servo`; this module converts them.
 """
 
 from __future__ import annotations
@@ -123,7 +124,7 @@ class _ArmNode(Node):
         self.add_on_set_parameters_callback(self._on_set)
 
     def _connect(self) -> None:
-        """Create publishers, subscriptions, services and timers."""
+        """Create publishers, subscriptions, services and timers, as the parameters ask."""
         newest = QoSProfile(depth=1)
         if self._output == "trajectory":
             self._commands = self.create_publisher(
@@ -148,9 +149,9 @@ class _ArmNode(Node):
         self._said = ""
 
     def _offer_ik(self, F: InverseFunction) -> None:
-        """Create the service ``compute_ik``, MoveIt's GetPositionIK, answered by F.
+        """Create the service ``compute_ik``, MoveIt's GetPositionIK, answered by the function F.
 
-        Without moveit_msgs, there is no such service.
+        MoveIt then gets one configuration per pose. Without moveit_msgs, there is no such service.
         """
         try:
             from moveit_msgs.srv import GetPositionIK
@@ -177,7 +178,7 @@ class _ArmNode(Node):
     def _declared(self) -> dict[str, Any]:
         """Declare all parameters and return their values by name; arrays become lists.
 
-        Raises InputError if a parameter is given that the node does not have.
+        Raises InputError if a parameter is given that the node does not have, such as one misspelt.
         """
         every = [(name, value, _ANY) for name, value in _DEFAULTS.items()]
         values = {p.name: p.value for p in self.declare_parameters("", every)}
@@ -192,7 +193,11 @@ class _ArmNode(Node):
         }
 
     def _joint_names(self, given: list[str] | None) -> dict[str, str]:
-        """Map joint names in messages to those of the design, in the design's order."""
+        """Map the joint names that messages use to those of the design, in the design's order.
+
+        ``given`` is the parameter ``joints``, or None for the same names. InputError unless it has
+        a name for each joint.
+        """
         own = self.servo.task.joint_names
         given = list(own) if given is None else given
         if len(given) != len(own) or len(set(given)) != len(own):
@@ -202,7 +207,7 @@ class _ArmNode(Node):
         return dict(zip(given, own, strict=True))
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Set the parameter ``leaf``; refuse other parameters, which are read once."""
+        """Set the parameter ``leaf``, the level c; refuse other parameters, which are read once."""
         for parameter in parameters:
             what = f"{parameter.name} is read at the start; restart the node"
             if parameter.name == "leaf":
@@ -212,7 +217,11 @@ class _ArmNode(Node):
         return SetParametersResult(successful=True)
 
     def _set_leaf(self, value: Any) -> str:
-        """Pass a level c to the servo; return why it is refused, or an empty text."""
+        """Pass a level c, which moves the elbow along the self-motion, to the servo.
+
+        ``value`` is a number, a list of r numbers, or None to leave it. Returns why it is refused,
+        or an empty text.
+        """
         if value is None:
             return ""
         try:
@@ -223,7 +232,7 @@ class _ArmNode(Node):
     # ---- messages ------------------------------------------------------------------------------
 
     def _now(self) -> float:
-        """Time of the ticks and time-outs, s."""
+        """Time of the ticks and time-outs, s, by a clock that is never set, or the simulation's."""
         return float(self._tick_clock.now().nanoseconds * 1e-9)
 
     def _age(self, stamp: Any) -> float:
@@ -266,7 +275,7 @@ class _ArmNode(Node):
         return self._answered(response)
 
     def _answered(self, response: Any) -> Any:
-        """Fill in a service's response with the state of the servo."""
+        """Fill in a service's response: success, and the state of the servo in one line."""
         response.success = True
         response.message = self.servo.said
         return response
@@ -326,7 +335,11 @@ def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]
 
 
 def _acceleration(given: dict[str, Any]) -> ArrayLike | str:
-    """Read the acceleration limits, a required parameter because a URDF has none."""
+    """Read the acceleration limits, a required parameter because a URDF has none.
+
+    They are one number, one per joint, rad/s² or m/s², or the name of a robot whose limits are
+    published.
+    """
     value: ArrayLike | str | None = given["acceleration"]
     if value is None:
         raise InputError(
@@ -338,7 +351,10 @@ def _acceleration(given: dict[str, Any]) -> ArrayLike | str:
 
 
 def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:
-    """Read the bodies whose distance is kept, if a parameter asks for them."""
+    """Read the bodies whose distance is kept, as arguments of :class:`Servo`; empty if none are.
+
+    The parameters ``surroundings``, a URDF, and ``body_distance``, m, ask for them.
+    """
     around, distance = given["surroundings"], given["body_distance"]
     if around is None and distance is None:
         return {}
@@ -348,7 +364,10 @@ def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any
 
 
 def _hand_axes(given: dict[str, Any]) -> Array | None:
-    """Read the rotation from the axes of the hand's tracker to those of the base."""
+    """Read the rotation (3, 3) from the axes of the hand's tracker to those of the base.
+
+    None without the parameter ``hand_axes``, a quaternion x, y, z, w: the axes are then parallel.
+    """
     if given["hand_axes"] is None:
         return None
     return placement_of([0.0, 0.0, 0.0, *given["hand_axes"]], "hand_axes").rotation

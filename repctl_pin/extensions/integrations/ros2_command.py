@@ -35,7 +35,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Run the node until Ctrl-C."""
+    """Run the node until Ctrl-C, then brake the arm to rest; return the exit code."""
     design = options.load_saved()
     try:
         from .ros2 import spin

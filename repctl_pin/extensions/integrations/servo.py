@@ -1,4 +1,8 @@
-"""Servo: joint commands per tick from target poses or twists and measured joints; without ROS."""
+"""Servo: joint commands per tick from target poses or twists and measured joints; without ROS.
+
+A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
+keeps the arm; its level c says where along the self-motion the elbow is.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +52,7 @@ _BEYOND = "beyond the proved radius"
 
 
 class State(Enum):
-    """State of a :class:`Servo`.
+    """State of a :class:`Servo`: what its ticks do with the arm.
 
     WAITING: no command is sent until joints at rest have been measured. RUNNING: the targets are
     followed. HOLDING: the arm stops and stays at rest until it is resumed.
@@ -62,10 +66,10 @@ class State(Enum):
 class Servo:
     """Joint commands of an arm, per tick, from target poses or twists and measured joints.
 
-    The commands stay on one leaf and within the limits. All times are of one clock, in s, passed as
-    ``now``. Where the clock steps back or stands still, each tick counts as one period, so
-    time-outs still end. A target or twist that cannot be used raises no error: it stops the arm,
-    and :attr:`reason` describes it.
+    The commands stay on one leaf, the set h(q) = c that the design's potentials h hold, and within
+    the limits. All times are of one clock, in s, passed as ``now``. Where the clock steps back or
+    stands still, each tick counts as one period, so time-outs still end. A target or twist that
+    cannot be used raises no error: it stops the arm, and :attr:`reason` describes it.
 
     Parameters
     ----------
@@ -189,7 +193,10 @@ class Servo:
             self._heard = self._time.at(now)
 
     def couple(self, coupled: bool) -> None:
-        """Engage the clutch with the next hand pose, or release it: then the arm stops."""
+        """Engage the clutch with the next hand pose, or release it: then the arm stops.
+
+        While engaged, the arm's target moves as the operator's hand does.
+        """
         self._forget()
         self._coupled = coupled and self.state is State.RUNNING
         if self._coupled:
@@ -224,7 +231,8 @@ class Servo:
     def leaf(self, leaf: ArrayLike) -> str:
         """Set the level c (r,) to which the arm moves before it follows the next target.
 
-        Returns why the level is refused, or an empty text.
+        The level, the value of the design's potentials, says where along the self-motion the elbow
+        is. Returns why the level is refused, or an empty text.
         """
         c = np.atleast_1d(np.asarray(leaf, float))
         if c.shape != (self.task.r,) or not np.isfinite(c).all():
@@ -251,7 +259,11 @@ class Servo:
     # ---- ticks ---------------------------------------------------------------------------------
 
     def tick(self, now: float) -> Array | None:
-        """Compute the next command (n,); None if no command may be sent."""
+        """Compute the next command (n,); None if no command may be sent.
+
+        None is returned while the arm waits: for joints that are measured, recent and at rest, or
+        because it does not follow and has stopped. :attr:`reason` says why.
+        """
         now = self._time.tick(now)
         q, age = self._readings.measured(now)
         late = q is None or not age <= self.timeout
@@ -280,7 +292,10 @@ class Servo:
         return self._command()
 
     def brake(self) -> Array | None:
-        """Compute the next command (n,) of a stop; None if the arm is at rest, or waits."""
+        """Compute the next command (n,) of a stop; None if the arm is at rest, or waits.
+
+        It is called in a row when the program ends, with no measured joints.
+        """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
 
@@ -296,13 +311,17 @@ class Servo:
 
     @property
     def stopped_early(self) -> bool:
-        """True if the governor stops before the target: at a limit, singularity or edge of Ω."""
+        """True if the governor stops the arm before its target.
+
+        A joint limit, a near body, a singularity or the edge of Ω, the region of the design, is
+        ahead.
+        """
         asked = self._target is not None or self._twist is not None
         return self.state is State.RUNNING and asked and self.status in _AHEAD
 
     @property
     def said(self) -> str:
-        """State, and what stops the arm, in one line."""
+        """State of the servo, and what stops the arm, in one line to show."""
         reason = self.reason
         if self.stopped_early and not reason:
             does = "stopped" if self.at_rest else "slowing down"
@@ -312,13 +331,16 @@ class Servo:
 
     @property
     def beyond_closing_radius(self) -> bool:
-        """True if the command is beyond the closing radius of the design's certificate."""
+        """True if the command is beyond the closing radius of the design's certificate.
+
+        Within this distance of a start or a path, closed paths are proved to close.
+        """
         if not self._closes or self.command is None:
             return False
         return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
-        """Describe what stops the arm before the target."""
+        """Describe what stops the arm early: a joint limit, bodies, a singularity, Ω's edge."""
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)
             return (
@@ -336,11 +358,15 @@ class Servo:
 
     @property
     def current_leaf(self) -> Array | None:
-        """Level c (r,) of the last command; None before the first."""
+        """Level c (r,) of the design's potentials at the last command; None before the first."""
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next command: of a self-motion to another leaf, or of the governor."""
+        """Compute the next command (n,): of a self-motion to another leaf, or of the governor.
+
+        A change of the level c comes first: the arm stops, moves its elbow in parts, and then
+        follows the target.
+        """
         if not self._piece and self._leaf is not None and self._moving_asked():
             self._to_leaf(self._leaf)
         if self._piece:
@@ -362,15 +388,20 @@ class Servo:
         return self.task.placement(self._governor.q)
 
     def _moving_asked(self) -> bool:
-        """Test whether the arm is running and has a target or a twist to follow."""
+        """Test whether the arm is running and has a target or a twist to follow.
+
+        Only then is the level c changed that the user has set: an arm at rest does not move by
+        itself.
+        """
         return self.state is State.RUNNING and (
             self._target is not None or self._twist is not None
         )
 
     def _to_leaf(self, leaf: Array) -> None:
-        """Plan the next part of the self-motion to the level c, once the arm is at rest.
+        """Plan the next part of the self-motion to the level c (r,), once the arm is at rest.
 
-        If there is no such motion, the arm holds.
+        If there is no such motion, or bodies would come too near, the arm holds and gives the
+        reason.
         """
         if not self.at_rest:
             return
@@ -388,7 +419,11 @@ class Servo:
             self._stop(f"leaf refused: {error}")
 
     def _start(self, q: Array) -> bool:
-        """Start at rest at the measured joints q (n,); False if that is not possible."""
+        """Start at rest at the measured joints q (n,); False if that is not possible.
+
+        A start at the last command goes on from it, so that the level c does not change by the
+        error of the measurement.
+        """
         command = self.command
         if self._fault or command is None or np.abs(q - command).max() > SAME:
             try:
@@ -405,8 +440,9 @@ class Servo:
     def _compare(self, q: Array, age: float) -> bool:
         """Compare measured joints q (n,), ``age`` s old, with the last command; hold if too far.
 
-        Returns True if no command may be sent: the arm did not follow, and the commands are at
-        rest.
+        A collision or a lost controller shows like this. The joints may have moved since, at their
+        speed limits. Returns True if no command may be sent: the arm did not follow, and the
+        commands are at rest.
         """
         off = (
             np.abs(q - self._commands[-1]) - age * self._limits.velocity
@@ -431,7 +467,8 @@ class Servo:
     def _usable(self, what: str, frame: str, age: float) -> bool:
         """Test whether a message can be used: in the base frame, not late, and while the arm runs.
 
-        A message in another frame or late also stops the arm.
+        ``what`` names it, such as "target"; ``frame`` is its frame, empty for the base; ``age`` is
+        by its stamp, s. A message in another frame or late also stops the arm.
         """
         if frame not in ("", self.base):
             self._refuse(
@@ -445,20 +482,23 @@ class Servo:
         return False
 
     def _refuse(self, reason: str) -> None:
-        """Drop the target, so that the arm stops until the next usable one, and give the reason."""
+        """Drop the target, so that the arm stops until the next usable one, and give the reason.
+
+        A running arm goes on with the next usable message; a hold, see :meth:`_stop`, does not.
+        """
         self._forget()
         if self.state is State.RUNNING:
             self.reason = reason
 
     def _stop(self, reason: str) -> None:
-        """Hold, for the given reason, until :meth:`resume`."""
+        """Hold, for the given reason, until :meth:`resume` is called: the arm brakes to rest."""
         self._forget()
         self._held = reason
         if self.state is not State.WAITING:
             self.state, self.reason = State.HOLDING, reason
 
     def _forget(self) -> None:
-        """Drop the target and the twist, and release the clutch."""
+        """Drop the target and the twist, and release the clutch, so that the arm stops."""
         self._target, self._twist, self._heard = None, None, 0.0
         self._coupled = False
         self._clutch.release()

@@ -1,4 +1,8 @@
-"""Timed motions through poses of a cell, from rest to rest."""
+"""Timed motions through poses of a cell, from rest to rest.
+
+A cell is a box of poses over which a function F gives one configuration per pose, so that the arm
+is in the same configuration whenever it comes back to a pose.
+"""
 
 from ...plugins import Extension
 

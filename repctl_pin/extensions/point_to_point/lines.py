@@ -1,7 +1,9 @@
 """Lines between two poses of a cell: straight for the tool, or straight in the cell's coordinates.
 
-A line is a curve of poses x(a), a from 0 to 1. Two lines that meet at a pose are blended by a
-curve of continuous curvature."""
+A cell is a box of poses; its coordinates u are from −1 to 1. A line is a curve of poses x(a), a
+from 0 to 1. Two lines that meet at a pose are blended by a curve of continuous curvature, so that
+the arm need not stop there.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,7 @@ _STRAIGHT = 1e-9
 @dataclass(frozen=True, eq=False)
 @read_only
 class Line:
-    """Line between two poses.
+    """Line between two poses, along which the tool moves.
 
     Attributes
     ----------
@@ -78,7 +80,7 @@ class Line:
     def of(
         cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None
     ) -> Line:
-        """Create a line, and measure its length."""
+        """Create a line of poses x(a), and measure its length; ``ends`` as the attribute."""
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
         steps = np.linalg.norm(np.diff(X[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2)
@@ -87,7 +89,11 @@ class Line:
         return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
-        """Evaluate v and ω (3,) at an end, m and rad per metre; exact on a line of the tool."""
+        """Evaluate v and ω (3,), m and rad per metre of the line, at an end, a = 0 or 1.
+
+        A blend needs both directions. They are differences over a step of 1e-4, exact on a line of
+        the tool.
+        """
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]
         omega = rotation_vectors(X[1:, :3, :3] @ X[0, :3, :3].T)[0]
@@ -95,10 +101,11 @@ class Line:
 
 
 def tool_line(cell: Cell, start: Array, end: Array) -> Line:
-    """Create the straight line of the tool between two poses (4, 4).
+    """Create the straight line of the tool between two poses (4, 4), p₀, R₀ and p₁, R₁.
 
-    The position moves straight, ``p₀ + a (p₁ − p₀)``, in the components that the task commands, and
-    the frame turns about one axis, ``exp(a ω̂) R₀``.
+    With a from 0 to 1, the position moves straight, ``p₀ + a (p₁ − p₀)``, in the components that
+    the task commands, and the frame turns about one axis, ``exp(a ω̂) R₀``. The line may leave the
+    cell.
     """
     p, R = start[:3, 3], start[:3, :3]
     e = cell.errors(end[None, :3, 3], end[None, :3, :3], p[None], R[None])[0]
@@ -119,7 +126,8 @@ def tool_line(cell: Cell, start: Array, end: Array) -> Line:
 def cell_line(F: Function, start: Array, end: Array) -> Line:
     """Create the line between two poses (4, 4) that is straight in the cell's coordinates u.
 
-    A cell is a box in u, hence convex: the whole line lies in it.
+    A cell is a box in u, hence convex: the whole line lies in it, where the function F exists. It
+    is used where the straight line of the tool leaves the cell.
     """
     X = np.stack([start, end]) @ np.linalg.inv(tool_of(F))
     U, _ = F.cell.coordinates(X[:, :3, 3], X[:, :3, :3])
@@ -127,17 +135,17 @@ def cell_line(F: Function, start: Array, end: Array) -> Line:
 
 
 def _between(U: Array, a: Array) -> Array:
-    """Interpolate between two coordinates U (2, k): (K, k) for a (K,)."""
+    """Interpolate between two coordinates U (2, k) of a cell, at fractions a (K,): (K, k)."""
     return np.asarray((1 - a)[:, None] * U[0] + a[:, None] * U[1])
 
 
 def _placed(F: Function, U: Array) -> Array:
-    """Convert coordinates U (K, k) of the cell to poses (K, 4, 4) of the tool."""
+    """Convert coordinates U (K, k) in the cell, from −1 to 1, to poses (K, 4, 4) of the tool."""
     return homogeneous(*F.cell.placements(U)) @ tool_of(F)
 
 
 def tool_of(F: Function) -> Array:
-    """Return the placement (4, 4) of the tool in the frame that the cell is of."""
+    """Return the placement (4, 4) of the tool in the frame that the cell is of; I without one."""
     return F.tool.homogeneous if isinstance(F, ToolFunction) else np.eye(4)
 
 
@@ -146,11 +154,10 @@ def tool_of(F: Function) -> Array:
 class Blend:
     """Curve that leaves one line before a pose and joins the next line after it.
 
-    With the shares α and β of a bend, see :meth:`.Bend.shares`, and the pose x₁ in between,
-
-    ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``;
-
-    between two lines in the cell's coordinates, ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
+    With the shares α and β of a bend along its two edges, see :meth:`.Bend.shares`, the two lines
+    p_in and p_out, and the pose x₁ between them, ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``,
+    ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``; between two lines in the cell's coordinates, ``u =
+    u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
 
     Attributes
     ----------
@@ -171,8 +178,9 @@ class Blend:
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
-    The blend begins and ends where an arc of the radius would, m, on at most half of each line. If
-    the two lines are one, its length is 0.
+    The blend begins and ends where an arc of the radius, m, would, on at most half of each line. If
+    the two lines are one, its length is 0. The arm must rest at a rotation in place, at a reversal,
+    where half of a line is too short, or with the radius 0.
     """
     if into.turns or out.turns or not radius:
         return None

@@ -116,10 +116,11 @@ def motion_between(
 ) -> MotionBetween:
     """Time a motion through poses of a cell, as quickly as the limits allow.
 
-    The joints are ``q(t) = F(x(t))``: at every pose, the configuration is that of F, whatever the
-    order of the poses. Between two poses, the tool moves on a straight line and turns about one
-    axis. Where that line leaves the cell, it moves on a straight line in the cell's coordinates,
-    which always lies inside.
+    A cell is a box of poses, or a sector around the base, whose function F gives one configuration
+    per pose. The joints are ``q(t) = F(x(t))``: at every pose, the configuration is that of F,
+    whatever the order of the poses. Between two poses, the tool moves on a straight line and turns
+    about one axis. Where that line leaves the cell, it moves on a straight line in the cell's
+    coordinates, which always lies inside.
 
     Parameters
     ----------
@@ -180,7 +181,11 @@ def between(
     rate: float,
     progress: bool | Callable[[str, float], None],
 ) -> MotionBetween:
-    """Time a motion through poses X (P, 4, 4) that have names; see :func:`motion_between`."""
+    """Time a motion through poses X (P, 4, 4) that have names; see :func:`motion_between`.
+
+    The names, such as "pose 3" or "line 7" of a file, are those of error messages. Each part
+    between two rests is timed on its own, and takes a whole number of samples.
+    """
     kept = joint_limits(F.task, limits)
     blend = positive(blend, "blend", "m", zero=True)
     rate = positive(rate, "rate", "samples per second")
@@ -229,7 +234,7 @@ def between(
 
 
 def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
-    """Convert poses to positions (P, 3), m, and rotations (P, 3, 3)."""
+    """Convert a list of placements or an array to positions (P, 3), m, and rotations (P, 3, 3)."""
     if isinstance(poses, np.ndarray) and poses.shape[1:] in ((4, 4), (7,)):
         return as_poses(task, poses)
     what = "a list of placements, or a (P, 4, 4) or (P, 7) array"
@@ -237,7 +242,10 @@ def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
 
 
 def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
-    """Evaluate F at poses X (P, 4, 4), each as a call of F does: (P, n)."""
+    """Evaluate F at poses X (P, 4, 4), each as a call of F does, to the last bit: (P, n).
+
+    InputError names the pose that is not finite or has no configuration.
+    """
     if len(X) < 2:
         count = "only one" if len(X) else "none"
         raise InputError(f"a motion requires at least two poses; got {count}")
@@ -253,9 +261,9 @@ def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
 
 
 def _looked_at(task: Task, course: Course, times: Array) -> JointMotion:
-    """Evaluate the motion at the points at which limits and bodies are checked.
+    """Evaluate the motion at 50 points per line, at which limit margins and collisions are checked.
 
-    ``times`` are those of the poses.
+    ``times`` (P,) are those of the poses, s.
     """
     share = np.arange(_LOOKED_AT) / _LOOKED_AT
     t = times[:-1, None] + np.diff(times)[:, None] * share

@@ -61,7 +61,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Time the motion, evaluate it, and write it."""
+    """Time the motion through the poses of a file, and write it; return the exit code."""
     from ...motion.csv_file import csv_text
     from ...motion.joint_motion import refuse_violations
     from ...motion.write_motion import yaml_text
@@ -106,7 +106,11 @@ def run(options: Options) -> int:
 
 
 def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
-    """Read the poses (P, 4, 4) of a CSV file, and the names of their lines."""
+    """Read the poses (P, 4, 4) of a CSV file, and the names of their lines for error messages.
+
+    Without quaternions, they have the orientation of the cell's middle. InputError if the file has
+    times, because the limits determine them.
+    """
     import numpy as np
 
     from ...paths.waypoint_file import read_waypoints

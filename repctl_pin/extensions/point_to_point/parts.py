@@ -1,4 +1,8 @@
-"""Parts of a motion between two rests: lines and blends, the joints along them, and their times."""
+"""Parts of a motion between two rests: lines and blends, the joints along them, and their times.
+
+Joints along a line of poses are q = F(x(a)), with F the function of a cell; they are fitted by
+polynomials, because timing needs three derivatives.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +54,9 @@ _INSIDE = np.linspace(0.0, 1.0, 2001)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Part:
-    """Part of a motion between two rests, through one line or several.
+    """Part of a motion between two rests, through one line or several that are blended.
+
+    s is about the length of the joint path.
 
     Attributes
     ----------
@@ -70,9 +76,10 @@ class Part:
     passed: Array
 
     def timed(self, limits: JointLimits) -> tuple[Segment, float]:
-        """Compute the time-optimal profile, and its duration, s.
+        """Compute the time-optimal profile of the part, and its duration, s.
 
-        The duration is longer than the profile's where that exceeds a limit between its stages.
+        The profile keeps the limits at its stages. Where it exceeds one between them, the duration
+        is longer than the profile's.
         """
         found = fastest_along(self.curve, self.grid, limits)
         if limits.jerk is not None:
@@ -90,7 +97,8 @@ def parts_of(
 ) -> tuple[list[Line], list[Part]]:
     """Choose the lines between poses X (P, 4, 4), and join those that blend to parts.
 
-    ``radius`` is that of the blends, m.
+    ``names`` of the poses are for error messages, ``radius`` is that of the blends, m. A part ends
+    wherever the arm must rest. Returns the P − 1 lines and the parts.
     """
     found = [
         _line_between(F, *ends, *called)
@@ -123,7 +131,10 @@ def parts_of(
 def _part(
     last: int, curves: list[PPoly], lengths: list[float], passed: list[float]
 ) -> Part:
-    """Join curves of given lengths, m, to a part; ``passed`` are lengths from its start, m."""
+    """Join curves q(a) of given lengths, m, to the part that ends at the pose ``last``, an index.
+
+    ``passed`` are the lengths from its start, m, at which poses are passed without a rest.
+    """
     curve, s = _joined(curves, lengths)
     grid = [np.linspace(*ends, _STAGES + 1)[:-1] for ends in pairwise(s)]
     marks = np.append(passed, sum(lengths)) * (s[-1] / sum(lengths))
@@ -133,7 +144,11 @@ def _part(
 def _line_between(
     F: Function, start: Array, end: Array, first: str, second: str
 ) -> tuple[Line, PPoly]:
-    """Choose the line between two poses (4, 4), which have names, and fit the joints along it."""
+    """Choose the line between two poses (4, 4), and fit the joints along it: the line and q(a).
+
+    The straight line of the tool comes first, then that in the cell's coordinates, which stays
+    inside. ``first`` and ``second`` name the poses in the InputError if neither can be used.
+    """
     ends = (
         end[None, :3, 3],
         end[None, :3, :3],
@@ -159,7 +174,10 @@ def _line_between(
 def _blend(
     F: Function, into: Line, out: Line, radius: float
 ) -> tuple[Blend, PPoly | None] | None:
-    """Blend two lines, and fit the joints along the blend; None where the arm must rest."""
+    """Blend two lines, and fit the joints along the blend; None where the arm must rest.
+
+    The curve of the joints is None for two lines that are one, whose blend has the length 0.
+    """
     blend = blend_of(F, into, out, radius)
     if blend is None or not blend.length:
         return None if blend is None else (blend, None)
@@ -168,10 +186,10 @@ def _blend(
 
 
 def _joints_along(F: Function, at: Curve) -> PPoly | None:
-    """Fit ``q(a) = F(x(a))``, a from 0 to 1, to 2e-13.
+    """Fit ``q(a) = F(x(a))``, a from 0 to 1, by piecewise polynomials to 2e-13 rad or m.
 
-    Returns None if the curve of poses leaves the cell, or F does not exist or is not smooth along
-    it.
+    ``at`` is the curve of poses x(a). Returns None if it leaves the cell, or F does not exist or is
+    not smooth along it: another line must then be tried.
     """
     from scipy.interpolate import PPoly  # slow to import
 
@@ -198,7 +216,7 @@ def _joints_along(F: Function, at: Curve) -> PPoly | None:
 
 
 def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
-    """Return the part of a curve between two points."""
+    """Return the part of a curve between two points of its variable, which keeps its values."""
     from scipy.interpolate import PPoly
 
     x = curve.x[(curve.x > begin) & (curve.x < end)]
@@ -208,9 +226,10 @@ def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
 
 
 def _joined(curves: Sequence[PPoly], lengths: Sequence[float]) -> tuple[PPoly, Array]:
-    """Join curves q(a) to one, q(s), on which each has a length, m; return also s at their ends.
+    """Join C curves q(a) to one, q(s), on which each has a length, m, and return both.
 
-    s is scaled such that it grows as the joints move, on average.
+    The second result is s (C + 1,) at their ends. s is scaled such that it grows as the joints
+    move, on average.
     """
     from scipy.interpolate import PPoly
 

@@ -1,4 +1,9 @@
-"""Ambiguity of recorded configurations: misfit of a smooth function of the pose."""
+"""Ambiguity of recorded configurations: how badly a smooth function of the pose explains them.
+
+If demonstrations reach one pose with different elbows, no function of the pose fits their joints. A
+labelling is one choice of a configuration for every frame (row of the recording): the recorded
+joints, or the new ones.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +29,9 @@ _FRAMES_PER_TERM = 3
 @read_only
 class Ambiguity:
     """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
+
+    A labelling is one choice of a configuration for every frame, such as the recorded joints or the
+    new ones. The misfit is large if equal poses have different configurations.
 
     Attributes
     ----------
@@ -51,6 +59,9 @@ class Ambiguity:
 
 def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
     r"""Fit configurations as a polynomial of the pose, and measure the misfit on held-out frames.
+
+    A labelling is a choice of configurations for the frames, such as the recorded ones; the
+    comparison of its misfit before and after relabelling shows whether equal poses had several.
 
     .. math:: \hat q(u) = \sum_{|α| ≤ 3} a_α u^α, \qquad
               \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2
@@ -91,7 +102,11 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
 
 
 def _folds(session: Column) -> tuple[Column, str]:
-    """Assign frames to cross-validation folds; return each frame's fold, and the kind of fold."""
+    """Assign frames to cross-validation folds: the fold of each frame (K,), and its kind in words.
+
+    A fold is a group of frames left out of one fit and predicted by it. Folds are sessions, in up
+    to six groups, or six blocks of time of a single session, because neighbouring frames are alike.
+    """
     sessions = np.unique(session)
     if len(sessions) > 1:
         return np.searchsorted(sessions, session) % min(
@@ -102,7 +117,10 @@ def _folds(session: Column) -> tuple[Column, str]:
 
 
 def _scaled(U: Array) -> Array:
-    """Scale coordinates U (K, k) to [−1, 1], and leave out the columns that do not vary."""
+    """Scale coordinates U (K, k) of the poses to [−1, 1]; leave out columns that do not vary.
+
+    The fit is of polynomials in them, with a ridge parameter that presumes this range.
+    """
     if not len(U):
         return U
     low = U.min(axis=0)
@@ -116,8 +134,10 @@ def _misfit(
 ) -> Array:
     """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
 
-    ``parts`` are the columns of each labelling. One pass over the frames sums up the normal
-    equations, another evaluates the misfit.
+    The labellings stand side by side in the columns of Q; ``parts`` are the columns of each,
+    ``fold`` the number of each frame's fold, and ``terms`` the monomials of the polynomial q̂. One
+    pass over the frames sums up the normal equations of the fits, another evaluates the misfit, so
+    that memory does not grow with the recording.
     """
     folds, N = int(fold.max()) + 1, terms.size
     gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))
@@ -138,10 +158,11 @@ def _misfit(
 
 
 def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:
-    """Solve the ridge regressions that each leave out one fold: coefficients (folds, N, ·).
+    """Solve the ridge regressions that each leave out one fold: coefficients W (folds, N, ·).
 
-    G = TᵀT (``gram``) and B = TᵀQ (``right``) of each fold hold its terms T (K, N) and
-    configurations Q. Each labelling has the λ with the smallest misfit on the left-out folds. The
+    ``gram`` has G = TᵀT and ``right`` B = TᵀQ of each fold, which hold its N terms T (K, N) and
+    configurations Q; ``counts`` are the frames per fold, ``parts`` the columns of each labelling.
+    Each labelling has the ridge parameter λ with the smallest misfit on the left-out folds. The
     part of the squared misfit on a fold that depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)``.
     """
     K = counts.sum()

@@ -1,7 +1,8 @@
 """Audit of a recorded joint motion: how the configurations at the visits of one hand pose differ.
 
-Creep is a steady drift: the configuration at the pose changes from visit to visit. The hand is the
-frame that the task controls; of several frames, all must be back.
+Creep is a steady drift: the configuration at the pose changes from visit to visit. A visit is a
+time at which the hand is back at the pose; the first is no return. The hand is the frame that the
+task controls; of several frames, all must be back.
 """
 
 from __future__ import annotations
@@ -116,17 +117,17 @@ class Audit:
 
     @property
     def joints(self) -> Trend | None:
-        """Creep of every joint, rad/s or m/s; None with fewer than two returns."""
+        """Creep of each joint, its steady change, rad/s or m/s; None below two returns."""
         return None if self.found is None else self.found.trend
 
     @property
     def differences(self) -> Array:
-        """Largest difference of each joint between two visits: (n,), rad or m."""
+        """Largest difference of each joint between two visits of the hand pose: (n,), rad or m."""
         return np.ptp(self.visits.q, axis=0)
 
     @property
     def returns(self) -> int:
-        """Number of times that the hand came back to the pose."""
+        """Number of times that the hand came back to the pose; the first visit is no return."""
         return len(self.visits.t) - 1
 
     @property
@@ -138,14 +139,15 @@ class Audit:
 
     @property
     def elbow(self) -> int:
-        """Index of the elbow joint, found at the first visit."""
+        """Index of the elbow joint, found at the first visit of the hand pose."""
         return elbow(self.task, self.visits.q[0])
 
     @property
     def along(self) -> Array:
-        """Displacement of the point of link ``part`` since the first visit: (N,), m.
+        """Displacement of the most displaced link's point since the first visit: (N,), m.
 
-        It is measured along the straight line to the point's position at the last visit.
+        The link is ``part``. It is measured along the straight line to the point's position at the
+        last visit.
         """
         place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]
@@ -249,11 +251,12 @@ def audit(
 ) -> Audit:
     """Measure how far an arm creeps between returns to one end-effector pose, from a joint log.
 
-    The end-effector poses of the log, f(q) of (1), are searched for the one that is visited most
-    often. The arm repeats if the largest difference of its configurations there is within the
-    noise. A joint's creep is the median of the slopes between all pairs of visits (Theil and Sen),
-    so an outlier, a gap or a pause does not change it. Its confidence interval is that of a
-    straight line with the robust scatter of the visits, at least the noise of the log.
+    Creep is a steady change of the joints at that pose, as under J⁺. The end-effector poses of the
+    log, f(q) of (1), are searched for the one that is visited most often. The arm repeats if the
+    largest difference of its configurations there is within the noise. A joint's creep is the
+    median of the slopes between all pairs of visits (Theil and Sen), so an outlier, a gap or a
+    pause does not change it. Its confidence interval is that of a straight line with the robust
+    scatter of the visits, at least the noise of the log.
 
     Parameters
     ----------
@@ -320,7 +323,11 @@ def audit(
 
 
 def _task(robot: Any, frame: Any, kind: str | None) -> Task:
-    """Make the task from a robot, its frame and a kind; return a given task as it is."""
+    """Make the task of an audit from a robot, its frame and a kind; return a given task as it is.
+
+    ``robot`` is a name, a URDF, a Robot or a Task. InputError is raised if a task is given with a
+    frame or kind of another, or is in other coordinates than the robot's joints, which a log has.
+    """
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
             name = "frame" if frame is not None else "kind"
@@ -340,10 +347,11 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
 
 
 def _units(task: Task, log: JointLog) -> list[str]:
-    """Check units, times and the order of the joints; return notes.
+    """Check units, times and the order of the joints of a log; return notes, a list of sentences.
 
-    Values that look like degrees, or that are not those of this arm, raise an error. Slight
-    violations of joint limits, and speeds far beyond the limits, are noted.
+    Values that look like degrees, or that are not those of this arm, raise an InputError, because a
+    verdict on them would be wrong. Slight violations of joint limits, and speeds far above the
+    limits, are noted only.
     """
     (lower, upper, _), q = task.joint_limits, log.q
     beyond = _beyond(task, q)
@@ -384,7 +392,10 @@ def _units(task: Task, log: JointLog) -> list[str]:
 
 
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
-    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint."""
+    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint.
+
+    Times in a wrong unit make it far too large; a few outliers of the log do not.
+    """
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
 
@@ -397,7 +408,11 @@ def _beyond(task: Task, q: Array) -> Array:
 def _measured(
     task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]
 ) -> Audit:
-    """Judge the configurations at the visits, and measure the links; return the audit."""
+    """Judge the configurations at the visits, and measure the links; return the audit.
+
+    The verdict is on the joints. To say it in metres, the point of each link that is displaced most
+    is found, and its speed and its largest distance between two visits are measured.
+    """
     scale = joint_scale(task, visits.q[0])
     found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)
     bodies = LinkPoints.of(task, visits.q)
@@ -426,7 +441,9 @@ def _measured(
 def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
     """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
 
-    The scatter of the point counts as at least what the joints' ``floor`` causes.
+    ``part`` is the index of the link. The scatter of the point counts as at least what ``floor``, a
+    scatter of each joint (n,), rad or m, causes, so that a few equal visits do not pretend
+    certainty.
     """
     q, step = visits.q[0], 1e-6
     around = np.vstack([q, q + step * np.eye(len(q))])

@@ -1,4 +1,8 @@
-"""Report of an audit: a sentence and a table for a terminal of 24 rows, a page and a figure."""
+"""Report of an audit: a sentence and a table for a terminal of 24 rows, a page and a figure.
+
+A Span is a piece of text with a style, such as "bad" for red. Creep is a steady drift of the joints
+at one hand pose.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +74,10 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 
 
 def _audit_sentence(audit: Audit) -> list[Span]:
-    """Write the verdict, its statistic, and how often the hand came back."""
+    """Write the verdict, its statistic, and how often the hand came back, in pieces of styled text.
+
+    A log in which no pose is visited often enough gets a sentence that says so.
+    """
     if audit.found is None:
         return [
             Span(
@@ -83,7 +90,11 @@ def _audit_sentence(audit: Audit) -> list[Span]:
 
 
 def _verdict(audit: Audit) -> list[Span]:
-    """Write the verdict and its statistic, as a sentence."""
+    """Write the verdict and its statistic as one sentence in pieces, with the key number marked.
+
+    An arm that creeps gets its rate and interval, one that jumps or scatters the largest
+    difference, and an inconclusive log the reason.
+    """
     assert audit.found is not None
     seconds, unit = audit.clock
     name, off = _farthest(audit)
@@ -132,9 +143,9 @@ def _verdict(audit: Audit) -> list[Span]:
 
 
 def _farthest(audit: Audit) -> tuple[str, str]:
-    """Name what differs most between two visits: a joint's origin or, if none moves, a joint.
+    """Name what differs most between two visits: a point of a link or, if none moves, a joint.
 
-    Return the name and the difference, as text.
+    Returns the name, such as "the elbow", and the largest difference with its unit, as texts.
     """
     joint = int(np.argmax(audit.differences))
     value = float(audit.differences[joint])
@@ -148,7 +159,7 @@ def _farthest(audit: Audit) -> tuple[str, str]:
 
 
 def _headline(audit: Audit) -> Headline:
-    """Write the headline of the page: the sentence of the audit, and its consequences."""
+    """Write the headline of the page: the sentence of the audit, and its consequences below it."""
     notes = [note.removeprefix("! ") for note in _leads(audit)]
     return Headline(
         tuple(_audit_sentence(audit)),
@@ -157,7 +168,10 @@ def _headline(audit: Audit) -> Headline:
 
 
 def _distance(audit: Audit) -> str:
-    """Write how near the hand came to an earlier pose again, as the end of a sentence."""
+    """Write how near the hand came to an earlier pose again, as the end of a sentence.
+
+    It explains a log for which there is no verdict, because no pose was visited often enough.
+    """
     if audit.returns > 0:
         back = hands_are(len(audit.task.frames))
         return f" often enough: {back} back at a pose once"
@@ -171,7 +185,7 @@ def _distance(audit: Audit) -> str:
 def _fastest(audit: Audit) -> tuple[str, str, str]:
     """Name the creep of the part that is off most or, if it does not creep, of the fastest joint.
 
-    Return the name, the rate and the confidence interval, as text.
+    Returns three texts: the name, the rate per hour, minute or second, and the 95 % interval.
     """
     assert audit.joints is not None
     seconds, unit = audit.clock
@@ -198,7 +212,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def _part_of(audit: Audit) -> str:
-    """Name the part that is off most."""
+    """Name the part of the arm that is off most between two visits of one pose, such as "elbow"."""
     return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
 
@@ -221,7 +235,11 @@ def _number(value: float) -> str:
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of creep: the part that is off most, then the joints, the largest first."""
+    """Format the table of creep: the part that is off most, then the joints, the largest first.
+
+    Its columns are the largest difference, the creep per return and per unit of time, and the
+    half-width of the 95 % interval.
+    """
     joints, visits = audit.joints, audit.visits
     assert joints is not None
     seconds, unit = audit.clock
@@ -239,8 +257,11 @@ def _table(audit: Audit) -> str:
 
 
 def _leads(audit: Audit) -> list[str]:
-    """Write which visits are alike, when a joint will leave its range, and what counts as the same
-    pose, one line each."""
+    """Write lines that follow the table of an audit.
+
+    They say which visits are alike, for an arm that jumps or scatters; when a joint will leave its
+    range at the measured rate; and what counted as the same pose.
+    """
     said = []
     if audit.verdict in (JUMPS, SCATTERS) and audit.found is not None:
         said.append(_order(audit.found.groups))
@@ -257,7 +278,11 @@ def _leads(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write which visits have one configuration: A B A B …, and how many each."""
+    """Write which visits have the same configuration, as letters A B A B …, and how many are alike.
+
+    ``groups`` (N,) has the number of each visit's configuration, from 0. Letters show at a glance
+    whether an arm alternates.
+    """
     names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
     more = "…" if len(names) > _SHOWN else ""
     sizes = np.bincount(groups)
@@ -288,10 +313,10 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
 
 
 def _audit_page(audit: Audit) -> str:
-    """Write the HTML page of the recorded motion, with the first visit as the ghost.
+    """Write the HTML page of the recorded motion, with the arm of the first visit as a ghost.
 
-    Each cycle is the part of the log between two consecutive visits. If there are too many, evenly
-    spaced ones are shown.
+    Each cycle is the part of the log between two consecutive visits of the pose. If there are too
+    many, evenly spaced ones are shown.
     """
     task, visits = audit.task, audit.visits
     ends = np.unique(
@@ -329,8 +354,11 @@ def _audit_page(audit: Audit) -> str:
 
 
 def _between(audit: Audit, end: int, steps: int) -> Array:
-    """Interpolate the log between visits ``end`` − 1 and ``end``: (steps + 1, n), at equal
-    times."""
+    """Interpolate the log between visits ``end`` − 1 and ``end``: (steps + 1, n), at equal times.
+
+    The page shows each return as one cycle of as many steps. The ends are the configurations at the
+    visits, which are more exact than the log's rows.
+    """
     visits, log = audit.visits, audit.log
     t = np.linspace(visits.t[end - 1], visits.t[end], steps + 1)
     q = np.stack([np.interp(t, log.t, column) for column in log.q.T], axis=1)
@@ -339,7 +367,10 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def _audit_figure(audit: Audit) -> Figure:
-    """Draw ``audit.png``: creep of the part that is off most, and of the joints, over time."""
+    """Draw ``audit.png``: creep over time, of the link that is off most, and of the joints.
+
+    Dots are the visits of the hand pose, lines the measured rates.
+    """
     task = audit.task
     visits = audit.visits
     joints = audit.joints
@@ -377,7 +408,10 @@ def _line(
     marker: str,
     label: str | None = None,
 ) -> None:
-    """Draw the values at the visits as dots, and their trend as a line."""
+    """Draw the values at the visits as dots, and their trend as a line of the given slope.
+
+    ``slope`` is per unit of ``time``; the line passes through the median.
+    """
     level = float(np.median(values - slope * time))
     ends = time[[0, -1]]
     ax.plot(time, values, marker, ms=3.5, color=colour, label=label)

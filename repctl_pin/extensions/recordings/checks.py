@@ -1,4 +1,8 @@
-"""Plausibility checks of recorded frames: units, order of the joints, frame of the poses, times."""
+"""Plausibility checks of recorded frames: units, order of the joints, frame of the poses, times.
+
+A frame is a row of a recording. A mistake here, such as degrees or another tool frame, would give
+wrong joints without an error later, so each check raises an InputError that names the mistake.
+"""
 
 from __future__ import annotations
 
@@ -127,6 +131,11 @@ def require_agreement(
 def _explanation(
     task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool
 ) -> tuple[str, str]:
+    """Find the mistake in recorded numbers that explains why joints and poses disagree.
+
+    Other orders of the joints and quaternions that begin with qw are tried. Returns the
+    explanation, empty if none is found, and the remedy, as texts for the error message.
+    """
     few = slice(None, None, max(1, len(Q) // 16))
     for order in _orders(task.n):
         if _alike(_distance(task, Q[few][:, order], p[few], R[few])):
@@ -142,10 +151,11 @@ def _explanation(
 
 
 def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
-    """Find a constant offset of the tool or of the base, and describe it with its remedy.
+    """Find a constant offset of the tool or of the base: texts that describe it and the remedy.
 
-    None if there is none that stands out from the noise. Another frame of the tool, a shift of the
-    base, and a shift with a rotation are tried; the first of equally good ones is taken.
+    Q are the recorded joints, p and R the recorded poses. Another frame of the tool, a shift of the
+    base, and a shift with a rotation are tried; the first of equally good ones is taken. Returns
+    None if no offset stands out from the noise, or if there are fewer than four frames.
     """
     if len(Q) < _FEWEST:
         return None
@@ -184,7 +194,10 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 
 
 def _size(miss: tuple[float, float]) -> float:
-    """Add misses in m and rad, in units of the calibration of an arm."""
+    """Add the misses in m and in rad to one number, to compare two explanations.
+
+    Each is counted in units of what the calibration of an arm usually corrects, 3 mm and 0.01 rad.
+    """
     return miss[0] / _CALIBRATED_M + miss[1] / _CALIBRATED_RAD
 
 
@@ -194,14 +207,18 @@ def _turned(R: Array) -> str:
 
 
 def mean_rotation(R: Array) -> Array:
-    """Average rotations (K, 3, 3): the rotation nearest to their mean."""
+    """Average rotations (K, 3, 3): the rotation (3, 3) nearest to their mean."""
     return Rotation.from_matrix(R).mean().as_matrix()
 
 
 def _base_rotation(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> Array:
-    """Find the rotation B of the base: R ≈ B R_own for a pose task, else from the positions."""
+    """Find the rotation B (3, 3) from the arm's base to the one of recorded poses p, R.
+
+    p_own and R_own are the poses by forward kinematics. For a pose task ``R ≈ B R_own``; otherwise
+    B is found from the positions alone, in the coordinates ``rows`` that the task commands.
+    """
     if task.m == 6:
         return mean_rotation(R @ np.swapaxes(R_own, 1, 2))
     a, b = (x[:, rows] - x[:, rows].mean(axis=0) for x in (p_own, p))
@@ -215,7 +232,10 @@ def _base_rotation(
 
 
 def _orders(n: int) -> list[list[int]]:
-    """List permutations of n joints to try: reversed, rotated, and with two joints exchanged."""
+    """List permutations of n joints to try: reversed, rotated, and with two joints exchanged.
+
+    They are the usual mistakes, found by whether the joints then agree with the recorded poses.
+    """
     plain = list(range(n))
     orders = [plain[::-1]] + [plain[i:] + plain[:i] for i in range(1, n)]
     for i, j in combinations(range(n), 2):
@@ -226,13 +246,16 @@ def _orders(n: int) -> list[list[int]]:
 
 
 def _first_is_w(R: Array) -> Array:
-    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
+    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last.
+
+    If the corrected ones agree with the joints, that was the mistake.
+    """
     x = Rotation.from_matrix(R).as_quat()
     return Rotation.from_quat(x[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
-    """Compute the median differences between forward kinematics and poses, m and rad."""
+    """Compute the median distances, m and rad, of poses p, R from the kinematics of Q."""
     p_own, R_own, _ = placed(task, Q)
     return _miss(task, p, R, p_own, R_own)
 
@@ -240,7 +263,11 @@ def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
 def _miss(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array
 ) -> tuple[float, float]:
-    """Compute the median differences between two series of poses, m and rad."""
+    """Compute the median distances, m and rad, between two series of poses, as the task counts.
+
+    The series are p, R and p_own, R_own, (K, 3) and (K, 3, 3). For a position task the angle is 0,
+    for an axis task it is that between the tool axes.
+    """
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
     if not task.kind.turns:
@@ -253,13 +280,15 @@ def _miss(
 
 
 def _alike(by: tuple[float, float]) -> bool:
+    """Test whether median distances, m and rad, are small: a correction explains the poses."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 
 def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
-    """Raise an error if times (K,) do not increase within each session.
+    """Raise an error if times (K,) do not increase within each session of the recording.
 
-    Its ``at`` is the number of the frame. ``split`` is True if the recording has several sessions.
+    ``sessions`` (K,) numbers the session of each frame; ``split`` is True if there are several. The
+    error's ``at`` is the number of the frame.
     """
     order = np.argsort(sessions, kind="stable")
     late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)

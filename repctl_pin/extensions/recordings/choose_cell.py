@@ -1,4 +1,9 @@
-"""Cell around recorded frames, and a function over it near the recorded configurations."""
+"""Cell around recorded frames, and a function over it near the recorded configurations.
+
+A cell is a box of poses, or a sector around the base, over which one function q = F(x) gives the
+joints. It should hold all frames (rows of the recording) and be no larger than that, because a
+larger one may not have such a function.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +49,8 @@ def design_for(
 ) -> CellDesign:
     """Design a function over a box or a sector, just large enough to hold the recorded frames.
 
-    The cell holds all frames or, if no function covers it, 98 or 90 % of them. If no function
+    A box of poses, or a sector around the base, is a cell; its function gives one configuration per
+    pose. The cell holds all frames or, if no function covers it, 98 or 90 % of them. If no function
     covers those either, the one that covers most frames is returned. In the middle of the cell, the
     function has a recorded configuration, see :func:`_posture`, if a design from it succeeds.
 
@@ -78,7 +84,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of the frames at which the function has a value within the limits."""
+    """Compute the share of the frames at which a cell's function has joints within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -87,7 +93,9 @@ def _held(found: CellDesign, recording: Recording) -> float:
 def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign:
     """Design the function of a cell from a recorded configuration in its middle.
 
-    Without recorded joints, or if that fails, the design searches for the configuration itself.
+    The function gives one configuration per pose of the cell, near the recorded ones. Without
+    recorded joints, or if that fails, the design searches for the configuration itself. A function
+    that covers only part of the cell is returned too, since not all frames need be held.
     """
     control = Pseudoinverse(cell.task)
     if recording.joints is not None:
@@ -105,10 +113,11 @@ def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign
 
 
 def _posture(recording: Recording, cell: Cell) -> Array:
-    """Select a typical recorded configuration near the middle of a cell.
+    """Select a typical recorded configuration (n,) near the middle of a cell.
 
-    Candidates are the configurations of each session nearest to the middle. The one with the
-    smallest sum of distances to the others is returned.
+    The new joints are to be near the recorded ones. Candidates are, of each session, the
+    configuration nearest to the middle; the one with the smallest sum of distances to the others is
+    returned.
     """
     assert recording.joints is not None
     U, _ = cell.coordinates(recording.positions, recording.rotations)
@@ -124,9 +133,9 @@ def _posture(recording: Recording, cell: Cell) -> Array:
 
 
 def _cells(recording: Recording, share: float) -> Iterator[Cell]:
-    """Yield a box and a sector that hold a share of the poses.
+    """Yield a box and a sector, a cell around the base, that hold a share of the recorded poses.
 
-    The sector comes first if the poses extend far around the base.
+    The sector comes first if the poses extend far around the base, where a box would be too large.
     """
     p = recording.positions
     angle = np.arctan2(p[:, 1], p[:, 0])
@@ -142,6 +151,11 @@ def _cells(recording: Recording, share: float) -> Iterator[Cell]:
 
 
 def _box(recording: Recording, share: float) -> Cell:
+    """Make the box of poses that holds a share of the frames, just larger than they need.
+
+    Its middle is found in two steps: the median position and mean rotation first, then the middle
+    of the extent of the share of frames nearest to it.
+    """
     task = recording.task
     p = recording.positions
     R = recording.rotations
@@ -161,6 +175,11 @@ def _box(recording: Recording, share: float) -> Cell:
 
 
 def _sector(recording: Recording, share: float) -> Cell:
+    """Make the sector around the base that holds a share of the frames, just larger than they need.
+
+    Its coordinates are radius, angle and height, and tilts and spin of the tool. Its middle is
+    found in two steps, since they depend on it. InputError is raised if there is no such sector.
+    """
     task = recording.task
     p = recording.positions
     R = recording.rotations
@@ -190,9 +209,10 @@ def _sector(recording: Recording, share: float) -> Cell:
 
 
 def _sector_of(probe: Sector, w: Array) -> Sector:
-    """Make a sector with the middle of ``probe`` and half-widths w (m,).
+    """Make a sector with the middle of ``probe`` and half-widths w (m,), in m and rad.
 
-    A small spin becomes a third half-angle.
+    A spin, the turn about the tool's axis, of less than 0.6 rad becomes a third half-angle of the
+    rotation instead.
     """
     task = probe.task
     spin = float(w[SPIN]) if task.m > SPIN else 0.0
@@ -217,7 +237,10 @@ def _measured(probe: Cell, p: Array, R: Array) -> Array:
 
 
 def _within(Y: Array, share: float) -> Array:
-    """Select the rows of Y (K, m), a share of all poses, that are nearest to their median."""
+    """Select the rows of Y (K, m), a share of all poses, that are nearest to their median.
+
+    Each coordinate is measured by its own spread, so that metres and radians count alike.
+    """
     if share == 1.0:
         return Y
     away = np.abs(Y - np.median(Y, axis=0))
@@ -228,7 +251,8 @@ def _within(Y: Array, share: float) -> Array:
 def _widths(Y: Array, positions: int) -> Array:
     """Compute half-widths (m,) of a cell around 0 that holds poses Y (K, m), with a margin.
 
-    The first ``positions`` coordinates are in m, the others in rad.
+    The first ``positions`` coordinates are in m, the others in rad. A coordinate that is constant
+    gets the half-width 0; if all are, the margin alone is returned.
     """
     reach = np.abs(Y).max(axis=0)
     pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)

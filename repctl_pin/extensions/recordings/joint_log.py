@@ -1,4 +1,8 @@
-"""A log of joint positions: times, and one column per joint."""
+"""Reading of a log of joint positions: times, and one column per joint, found by their names.
+
+Logs come from many recorders, so that names of columns, the unit of time and the order of the
+joints are worked out, or refused if several readings are possible.
+"""
 
 from __future__ import annotations
 
@@ -173,9 +177,11 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
 
 
 def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
-    """Find the unit of the times in the column ``clock``, and whether they count from 1970.
+    """Find the unit of the times in the column ``clock``: "s", "ms", "us" or "ns".
 
-    ``fastest`` are the speed limits of the joints, rad/s or m/s.
+    Also returns whether they count from 1970. ``fastest`` are the speed limits of the joints, rad/s
+    or m/s, by which units that make the arm too fast are excluded. InputError is raised if several
+    units remain.
     """
     steps = np.diff(log.t)
     step = float(np.median(steps))
@@ -220,7 +226,11 @@ def _unit_of(clock: str) -> str:
 
 
 def _clock(header: Sequence[str]) -> str | None:
-    """Find the column of times, in the order of ``_CLOCKS``; None if there is none."""
+    """Find the name of the column of times; None if there is none.
+
+    If there are several, the first in the order of ``_CLOCKS`` is taken; a unit may follow, as in
+    ``time_ms``.
+    """
     bare = {
         name: re.sub(
             r"[ _.(\[]+(s|sec|secs|seconds|ms|us|µs|ns)[)\]]?$", "", name.lower()
@@ -234,7 +244,10 @@ def _clock(header: Sequence[str]) -> str | None:
 
 
 def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> InputError:
-    """Make the error for a file without columns of joint positions."""
+    """Make the error for a file without columns of joint positions.
+
+    Its message names the joint that is missing, or says that the columns are velocities or efforts.
+    """
     held = [j for j in joints if any(_holds(name, j) for name in header)]
     others = [name for name in header if words_of(name, joints) & _NO_POSITION]
     missing = next((joint for joint in joints if joint not in held), None)
@@ -252,7 +265,10 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
 
 
 def joint_log(t: Any, q: Any, units: Array) -> JointLog:
-    """Check times t (T,), s, and joint positions q (T, n) in ``units`` (n,), and make a log."""
+    """Make a log from times t (T,), s, and joint positions q (T, n), after checking them.
+
+    ``units`` (n,) are the values of one unit of q, rad or m: π/180 for degrees.
+    """
     times, values, n = as_numbers(t), as_numbers(q), len(units)
     sizes = None if values is None or times is None else (times.shape, values.shape)
     if sizes is None or sizes[1] != (*sizes[0], n):
@@ -268,7 +284,8 @@ def joint_log(t: Any, q: Any, units: Array) -> JointLog:
 def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], bool]:
     """Find the columns of the joints: by name, by names that contain it, or by number.
 
-    Columns whose names differ in the joint only belong together.
+    ``header`` are the names of the file's columns, ``joints`` those of the arm. Columns whose names
+    differ in the joint only, such as ``j1.pos`` and ``j2.pos``, belong together.
 
     Returns
     -------
@@ -304,7 +321,11 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
 
 def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
-    """Choose the set of columns that is most likely measured; refuse equally likely ones."""
+    """Choose the set of columns that is most likely measured; refuse equally likely ones.
+
+    Each of ``sets`` has the names of a column per joint. Words such as "actual" come first,
+    "desired" or "command" last. InputError lists the sets between which the choice is open.
+    """
 
     def rank(names: Sequence[str]) -> int:
         words = words_of(names[0], joints)
@@ -322,7 +343,10 @@ def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
 
 
 def words_of(name: str, joints: Sequence[str]) -> set[str]:
-    """Split the name of a column, without the name of a joint, into words in lower case."""
+    """Split the name of a column, without the name of a joint, into words in lower case.
+
+    The words, such as "velocity" or "desired", tell what the column holds.
+    """
     for joint in joints:
         if _holds(name, joint):
             name = name.replace(joint, " ")
@@ -338,9 +362,10 @@ def _holds(name: str, joint: str) -> bool:
 
 
 def _whole(columns: Mapping[str, Column], n: int) -> str | None:
-    """Find the array of all joints; its columns after the first n may be those of a gripper.
+    """Find the name of an array (T, ≥ n) with the positions of all n joints; None without one.
 
-    None if there is none.
+    Its columns after the first n may be those of a gripper. InputError is raised if several arrays
+    that differ could be it.
     """
     found = [
         name
@@ -361,9 +386,10 @@ def _whole(columns: Mapping[str, Column], n: int) -> str | None:
 def _checked(
     name: str, t: Array, q: Array, by_name: bool, table: Table | None
 ) -> JointLog:
-    """Make a log without rows that lack a number or repeat a time.
+    """Make a log without rows that lack a number or repeat the time of the row before.
 
-    If time runs backwards, an error is raised.
+    ``table`` is the file that was read, by which the error names the line; None for arrays.
+    InputError is raised if time runs backwards, or fewer than three rows remain.
     """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(q).all(axis=1))
     steps = np.diff(t[rows])

@@ -1,4 +1,8 @@
-"""Recorded frames of an arm, by session and time: joints, poses of the frame, or both."""
+"""Recorded frames of an arm, by session and time: joints, poses of the frame, or both.
+
+A frame is one row of a recording; *the* frame of a task is the link whose poses they are. A session
+is one run of the recorder, such as a demonstration. Large arrays are worked on in blocks of rows.
+"""
 
 from __future__ import annotations
 
@@ -215,7 +219,10 @@ class Recording:
 
 
 def thinned(recording: Recording, most: int) -> Recording:
-    """Select at most ``most`` frames of a recording, evenly spaced in their order."""
+    """Select at most ``most`` frames of a recording, evenly spaced in their order.
+
+    For steps of which the time, but not the result, grows with the number of frames.
+    """
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)
     values = vars(recording)
@@ -227,15 +234,16 @@ def thinned(recording: Recording, most: int) -> Recording:
 
 
 def forward(task: Task, Q: Array) -> tuple[Array, Array]:
-    """Compute positions (K, 3) and rotations (K, 3, 3) of configurations Q (K, n), in blocks."""
+    """Compute positions (K, 3), m, and rotations (K, 3, 3) at configurations Q (K, n)."""
     p, R = in_blocks(lambda part: placed(task, part)[:2], Q)
     return p, R
 
 
 def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
-    """Evaluate a function of the rows of arrays, which returns an array or several, block by block.
+    """Evaluate a function of the rows of arrays block by block, to keep its memory small.
 
-    The results are those for all rows; what the function needs in between fits into memory.
+    The function takes a block of rows of each array, and returns an array or a tuple of arrays with
+    as many rows. The blocks are joined, so the result is that of one call on all rows.
     """
     parts = [
         function(*(values[at] for values in arrays)) for at in blocks(len(arrays[0]))
@@ -246,7 +254,7 @@ def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
 
 
 def blocks(count: int) -> list[slice]:
-    """Split ``count`` rows into blocks that fit into memory; return their slices."""
+    """Split ``count`` rows into blocks of at most 16384; return their slices, in order."""
     return [slice(i, min(i + _CHUNK, count)) for i in range(0, count, _CHUNK)]
 
 
@@ -278,7 +286,10 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
 
 
 def _rotations(R: Array) -> Array:
-    """Project matrices (K, 3, 3) onto the nearest rotations; raise an error if one is far away."""
+    """Project matrices (K, 3, 3) onto the nearest rotations, to remove rounding of a file.
+
+    Raises InputError if a singular value is off 1 by more than 0.01, or a matrix is a reflection.
+    """
     U, s, Vt = np.linalg.svd(R)
     made = U @ Vt
     wrong = (np.abs(s - 1).max(axis=1) > _ROTATION) | (np.linalg.det(made) < 0)
@@ -323,7 +334,11 @@ def _times(given: ArrayLike, size: int) -> Array:
 
 
 def _arguments(table: Table, task: Task) -> dict[str, Any]:
-    """Find the arguments of :class:`Recording` among the columns of a table."""
+    """Find the arguments of :class:`Recording` among the columns of a table, by their names.
+
+    Returns joints, poses, times and sessions by these names, each None if the file has none.
+    InputError is raised if there are neither joints nor poses, or only some of the joints.
+    """
     columns = table.columns
     found: dict[str, Any] = {
         argument: next((columns[name] for name in names if name in columns), None)

@@ -1,4 +1,8 @@
-"""Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function."""
+"""Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function.
+
+A cell is a box of poses, or a sector around the base, over which a function q = F(x; c) gives the
+joints. The level c chooses the leaf, that is, where along the self-motion the elbow is.
+"""
 
 from __future__ import annotations
 
@@ -105,7 +109,7 @@ class Relabeled:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """True for frames that were relabelled: (K,)."""
+        """True for frames (rows of the recording) that were relabelled: (K,)."""
         return np.isfinite(self.joints[:, 0])
 
     @property
@@ -124,13 +128,16 @@ class Relabeled:
 
     @property
     def residual_before(self) -> float:
-        """Ambiguity of the recorded configurations, rad or m; NaN if none were recorded."""
+        """Ambiguity of the recorded configurations, rad or m; NaN if none were recorded.
+
+        It is the rms misfit of a smooth function of the pose, large if equal poses have several.
+        """
         residuals = self.ambiguity.residuals
         return residuals[0] if len(residuals) > 1 else float("nan")
 
     @property
     def residual_after(self) -> float:
-        """Ambiguity of the new configurations, rad or m."""
+        """Ambiguity of the new configurations: rms misfit of a smooth function of the pose."""
         return self.ambiguity.residuals[-1]
 
     @property
@@ -197,7 +204,10 @@ class Relabeled:
 
     @property
     def recomputed(self) -> tuple[str, ...]:
-        """Names of the columns of the pose that are computed from the new joints."""
+        """Names of the columns of the pose that are computed from the new joints.
+
+        A task that commands only a part of the pose leaves the rest to change with the joints.
+        """
         return self._columns.recomputed
 
     @property
@@ -229,8 +239,10 @@ class Relabeled:
         return f"c = {text}; recorded: {_row(low)} to {_row(high)}{near}"
 
     def _missing(self) -> str:
-        """Write which frames were not relabelled: the longest gaps in the order of time, and how
-        many frames the other gaps have."""
+        """Write which frames were not relabelled: the three longest gaps in the order of time.
+
+        The frames of the other gaps are counted in a last line.
+        """
         longest = sorted(self.gaps, key=lambda gap: -gap.frames)[:_LISTED]
         lines = [self._gap(gap) for gap in self.gaps if gap in longest]
         rest = sum(gap.frames for gap in self.gaps if gap not in longest)
@@ -270,8 +282,9 @@ def relabel(
 
     Recorded configurations depend on where each session started and on the motion before, so that
     equal poses have different configurations. The new ones depend on the pose alone. The cell is
-    the box, or the sector around the base, that holds the frames. By default the level c is near
-    the median of the recorded ones.
+    the box of poses, or the sector around the base, that holds the frames, and F the function
+    designed for it. The level c says where along the self-motion the elbow is; by default it is
+    near the median of the recorded ones.
 
     Parameters
     ----------
@@ -356,14 +369,20 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
-    """Compute the level c (K, r) of each recorded configuration; None if none were recorded."""
+    """Compute the level c (K, r) of each recorded configuration; None if none were recorded.
+
+    The level says where along the self-motion the elbow was: consistent demonstrations have one.
+    """
     if recording.joints is None:
         return None
     return in_blocks(lambda Q: F.pose_and_leaf(Q)[1], recording.joints)
 
 
 def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
-    """Evaluate F on the leaf c at the poses of all frames: (K, n), NaN where F has no value."""
+    """Evaluate the cell's function F at the poses of all frames, with the level c (r,): (K, n).
+
+    Rows are NaN where F has no value: outside the cell, or beyond a joint limit.
+    """
 
     def label(p: Array, R: Array) -> Array:
         return F.batch(homogeneous(p, R), leaf=c, missing="nan")
@@ -374,10 +393,11 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
 def _nearest_leaf(
     F: InverseFunction, recording: Recording, recorded: Array | None
 ) -> Array:
-    """Find the level c nearest to the recorded median that loses no frame and no limit margin.
+    """Find the level c (r,) nearest to the recorded median that loses no frame and no limit margin.
 
-    Levels between the median and 0 are tried, the nearest to the median first. The function was
-    designed for c = 0, which is returned if all others lose frames or margin.
+    So the new elbow is near the recorded one. Levels between the median of ``recorded`` (K, r) and
+    0 are tried, the nearest to the median first. The function was designed for c = 0, which is
+    returned if all others lose frames or margin.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():
@@ -393,7 +413,7 @@ def _nearest_leaf(
 
 
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
-    """Count the frames that the leaf c relabels, and find their smallest joint-limit margin."""
+    """Count the frames that the level c relabels; find their smallest limit margin, rad or m."""
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]
     return len(Q), float(F.task.limit_margin(Q).min(initial=np.inf))
@@ -402,7 +422,10 @@ def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, floa
 def _result(
     recording: Recording, design: CellDesign, c: Array, recorded: Array | None, Q: Array
 ) -> Relabeled:
-    """Make the result from new configurations Q (K, n), with gaps and ambiguity."""
+    """Make the result from new configurations Q (K, n), with gaps and ambiguity.
+
+    ``c`` is their level (r,), and ``recorded`` the levels (K, r) of the recorded configurations.
+    """
     before, found = recording.joints, np.isfinite(Q[:, 0])
     U, off = in_blocks(
         design.cell.coordinates, recording.positions, recording.rotations
@@ -422,7 +445,11 @@ def _result(
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[_Gap, ...]:
-    """List the ranges of consecutive frames of a session that lack a label for one reason."""
+    """List the ranges of consecutive frames of a session that lack a label for one reason.
+
+    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. A pose
+    that is inside and has none is beyond the joint limits.
+    """
     reason = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
     reason, session = reason[order], recording.session[order]

@@ -57,7 +57,10 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Relabel a recording, print the figures, and write the new file, cell.json and report.html."""
+    """Relabel a recording, print the figures, and write the new file, cell.json and report.html.
+
+    Returns the exit code.
+    """
     file = Path(options.file)
     folder = options.output_folder(file.stem)
     if file.resolve() == (folder / file.name).resolve():

@@ -1,4 +1,8 @@
-"""Page of a relabelled recording, and its figures: joints, misfit and limit margin."""
+"""Page of a relabelled recording, and its figures: joints, misfit and limit margin.
+
+The misfit is the distance of the joints from a smooth function of the pose: it is large if the
+demonstrations reached equal poses with different elbows.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +41,8 @@ _NEAR = 0.1
 def relabel_sentence(relabeled: Relabeled) -> str:
     """Write in one sentence whether the recorded joints were ambiguous, and that they are not now.
 
-    They were if the new joints have less than half their ambiguity.
+    They were, if the ambiguity of the new joints, the misfit of a smooth function of the pose, is
+    less than half of theirs.
     """
     before = relabeled.residual_before
     part = redundant_part(relabeled.recording.task)
@@ -50,7 +55,10 @@ def relabel_sentence(relabeled: Relabeled) -> str:
 
 
 def ambiguity_words(relabeled: Relabeled) -> str:
-    """Write the ambiguity of the joints before and after."""
+    """Write the ambiguity of the joints before and after relabelling, as a sentence.
+
+    It is the rms misfit of a smooth function of the pose, rad or m.
+    """
     unit, after = relabeled.recording.task.unit, f"{relabeled.residual_after:.2g}"
     if np.isnan(relabeled.residual_before):
         return f"Ambiguity of the joints: {after} {unit}."
@@ -114,13 +122,16 @@ _GLOSSARY = {
 
 
 def _arms(relabeled: Relabeled) -> list[tuple[str, dict[str, object]]]:
-    """Make the figure of the arms at one pose; empty with one session, or without joints."""
+    """Make the figure of the arms at one pose, as a list of (title, picture).
+
+    The list is empty if there is one session only, or joints were not recorded.
+    """
     figure = _arms_figure(relabeled)
     return [] if figure is None else [("Arms", picture(figure, _ARMS))]
 
 
 def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
-    """Write the number of frames that were relabelled and that were not, and the limit margins."""
+    """Write the lines below the headline: ambiguity, frames relabelled or not, and margins."""
     found = relabeled.found
     lost = int((~found).sum())
     margin = float(relabeled.margins_after[found].min())
@@ -137,9 +148,10 @@ def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
 
 
 def _arms_figure(relabeled: Relabeled) -> Figure | None:
-    """Draw the arms of several sessions at nearly one pose, before and after.
+    """Draw the arms of several sessions at nearly one pose, before and after relabelling.
 
-    None if the joints were not recorded, or if fewer than two sessions come to one pose.
+    Before, their elbows differ; after, they are one. None if the joints were not recorded, or if
+    fewer than two sessions come to one pose.
     """
     rows = _at_one_pose(relabeled)
     before, task = relabeled.recording.joints, relabeled.recording.task
@@ -165,8 +177,9 @@ def _arms_figure(relabeled: Relabeled) -> Figure | None:
 def _at_one_pose(relabeled: Relabeled) -> list[int]:
     """Choose a frame of each of several sessions, all at nearly one pose, far apart in the joints.
 
-    Some frames of the first session are tried; the one is taken whose neighbours in the other
-    sessions differ most in the joints per distance of their poses.
+    The figure of the arms shows them, as the clearest example of an ambiguous pose. Some frames of
+    the first session are tried; the one is taken whose nearest poses of the other sessions differ
+    most in the joints, per distance of the poses. Returns row numbers, empty without two sessions.
     """
     recording, found = relabeled.recording, relabeled.found
     if recording.joints is None:
@@ -195,7 +208,8 @@ def _at_one_pose(relabeled: Relabeled) -> list[int]:
 def _labels_figure(relabeled: Relabeled) -> Figure:
     """Draw each joint over the frames, recorded and relabelled, and the level c of the leaf.
 
-    Dashed lines are joint limits that lie within a panel, and thin lines separate the sessions.
+    The level says where along the self-motion the elbow is; it becomes one number. Dashed lines are
+    joint limits that lie within a panel, and thin lines separate the sessions.
     """
     recording, task = relabeled.recording, relabeled.recording.task
     order = np.argsort(recording.session, kind="stable")
@@ -247,7 +261,10 @@ def _series(ax: Axes, old: Array | None, new: Array, borders: Array) -> None:
 
 
 def _shares_figure(relabeled: Relabeled) -> Figure:
-    """Draw the cumulative distributions of the misfit of a smooth fit and of the limit margin."""
+    """Draw which share of the frames has a smaller misfit, and a smaller limit margin, than x.
+
+    The misfit is that of a smooth function of the pose, with the recorded and the new joints.
+    """
     unit, found = relabeled.recording.task.unit, relabeled.found
     figure = titled(10.0, 3.4, "")
     left, right = figure.subplots(1, 2)
@@ -265,7 +282,11 @@ def _shares_figure(relabeled: Relabeled) -> Figure:
 
 
 def _shares_below(ax: Axes, old: Array | None, new: Array) -> None:
-    """Draw the shares of the frames with smaller values, before and after; not of infinite ones."""
+    """Draw the share of the frames with a value below x, over x, for recorded and new values.
+
+    ``old`` is None if no joints were recorded. Values of which one is infinite are not drawn: the
+    margin of an arm without limits is.
+    """
     for values, colour, label in ((old, VERMILLION, _BEFORE), (new, BLUE, _AFTER)):
         if values is not None and np.isfinite(values).all():
             share = np.linspace(0.0, 1.0, min(_POINTS, len(values)))

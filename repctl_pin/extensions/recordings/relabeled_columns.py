@@ -1,4 +1,8 @@
-"""Columns of a relabelled recording: those of its file, with new joints and poses."""
+"""Columns of a relabelled recording: those of its file, with new joints and poses.
+
+Columns that depend on the old joints, such as velocities or actions, would contradict the new ones
+and are removed; those of the gripper, of cameras and of times stay.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,7 @@ _OF_HAND = frozenset(
 
 
 class Columns(NamedTuple):
-    """Columns of a relabelled recording.
+    """Columns of a relabelled recording, as they are written to a file.
 
     Attributes
     ----------
@@ -52,7 +56,7 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
     """Make the columns of a recording with new configurations Q (K, n).
 
     Other columns of its file are kept, unless they depend on the recorded joints. Rows of Q that
-    are NaN keep their recorded pose.
+    are NaN, where the cell's function has no value, keep their recorded pose.
     """
     task, old = recording.task, recording.joints
     joints = dict(zip(task.joint_names, Q.T, strict=True))
@@ -88,15 +92,18 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
 
 
 def _begins_with(values: Column, old: Array) -> bool:
-    """Check whether the first columns of an array are the recorded configurations."""
+    """Test whether the first columns of an array of a file are the recorded configurations (K, n).
+
+    Further columns, such as a gripper's, are then kept beside the new ones.
+    """
     return values.ndim == 2 and np.array_equal(values[:, : old.shape[1]], old)
 
 
 def _of_old_joints(name: str, joints: Sequence[str]) -> bool:
-    """Check whether a column depends on the recorded joints, by its name.
+    """Test by its name whether a column depends on the recorded joints, and is to be removed.
 
-    It holds the name of a joint, or a word such as ``action``, ``qvel`` or ``velocity``, and no
-    word of the hand or the gripper.
+    It does if it contains the name of a joint, or a word such as ``action``, ``qvel`` or
+    ``velocity``, and no word of the hand or the gripper.
     """
     rest = words_of(name, joints)
     held = rest != words_of(name, ())
@@ -117,7 +124,10 @@ def _poses(recording: Recording, Q: Array) -> tuple[Array, Array]:
 
 
 def _beside(recording: Recording) -> dict[str, Column]:
-    """Make the columns of time and session of a recording that was not read from a file."""
+    """Make the columns of time and session of a recording that was not read from a file.
+
+    They stand beside the new joints in the file that is written; those that it lacks are left out.
+    """
     columns = dict[str, Column]()
     if recording.times is not None:
         columns["time"] = recording.times

@@ -1,4 +1,8 @@
-"""Verdict on the configurations at the visits of one pose, by the largest of their differences."""
+"""Verdict on the configurations at the visits of one pose, by the largest of their differences.
+
+A visit is a time at which the hand is back at the pose. Differences are compared with the noise:
+the scatter of a reading, and a bias, a bound on its systematic errors. Creep is a steady change.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +52,9 @@ _MOST_VISITS = 400
 @dataclass(frozen=True, eq=False)
 @read_only
 class Trend:
-    """Robust lines through columns of values over time: medians of the slopes between all pairs.
+    """Robust lines through columns of values over time, such as each joint at the visits of a pose.
+
+    A slope is the median of the slopes between all pairs, so an outlier does not change it.
 
     Attributes
     ----------
@@ -91,11 +97,12 @@ class Verdict:
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
     """Compare the configurations q (N, n) of the visits at times t (N,), s, with their noise.
 
-    Each value has an interval: its deviation times a quantile of the normal distribution, plus its
-    bias. The quantile is corrected for the number of pairs (Bonferroni), so that two intervals of
-    equal configurations with equal deviations do not overlap in one log of 10,000. The bias is a
-    wide bound, which must not hide a difference: an arm repeats if the intervals with a quarter of
-    it overlap, too.
+    A visit is a time at which the hand is at the pose; an arm that repeats has the same
+    configuration there. Each value has an interval: its deviation times a quantile of the normal
+    distribution, plus its bias. The quantile is corrected for the number of pairs (Bonferroni), so
+    that two intervals of equal configurations with equal deviations do not overlap in one log of
+    10,000. The bias is a wide bound, which must not hide a difference: an arm repeats if the
+    intervals with a quarter of it overlap, too.
 
     Parameters
     ----------
@@ -150,7 +157,8 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
     """Number the configurations (N,): a visit joins the first whose intervals all overlap its own.
 
-    Intervals q ± r (N, n) of each joint have a common point if and only if each two overlap.
+    Each visit has the interval q ± r (N, n) of every joint, with r its noise; visits of one number
+    are the same within it. Intervals have a common point if and only if each two overlap.
     """
     low, high = np.empty_like(q), np.empty_like(q)  # of each group
     groups, count = np.zeros(len(q), np.intp), 0
@@ -165,9 +173,10 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 
 
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
-    """Check whether there are two configurations, or each is entered twice on average.
+    """Test whether the arm jumps: it has two configurations, or enters each twice on average.
 
-    They must be separate: for some joint, the intervals of their visits do not overlap.
+    ``groups`` (N,) numbers the configuration of each visit, whose values are q ± r (N, n). The
+    configurations must be separate: for some joint, the intervals of their visits do not overlap.
     """
     count = groups.max() + 1
     entered = 1 + np.count_nonzero(np.diff(groups))
@@ -182,11 +191,16 @@ def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
 
 
 def _significant(found: Trend) -> NDArray[np.bool_]:
+    """Test which slopes of a trend are larger than the half-width of their confidence interval."""
     return np.abs(found.rate) > found.error
 
 
 def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
-    """Check which joints (n,) have a significant slope, and a line that explains their values."""
+    """Test which joints (n,) creep: a significant slope, and a line that explains their values.
+
+    It explains them if what is left beside the line is at most half of their range, or within the
+    noise r (N, n). A jump has a slope as well, but no such line.
+    """
     rest = np.ptp(q - t[:, None] * found.rate, axis=0)
     most = np.maximum(_EXPLAINED * np.ptp(q, axis=0), 2 * np.median(r, axis=0))
     return _significant(found) & (rest <= most)

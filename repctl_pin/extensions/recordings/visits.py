@@ -1,4 +1,9 @@
-"""Search for the hand pose to which a recorded joint motion returns most often."""
+"""Search for the hand pose to which a recorded joint motion returns most often.
+
+A visit is a time at which the hand is within a tolerance of the pose. Its configuration is
+estimated from the rows of the log around it, with two errors: a deviation, the scatter that the
+noise causes, and a bias, a bound on systematic errors.
+"""
 
 from __future__ import annotations
 
@@ -154,9 +159,9 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
 class _Pass(NamedTuple):
     """Rows of a log near one pose: a stay of the hand there, or its way past the pose.
 
-    ``run`` are the rows near the pose, and ``rows`` those within the tolerance. ``at`` is the row
-    number, with a fraction, at which the hand is nearest to the pose, and ``distance`` its distance
-    there, m.
+    ``run`` are the rows near the pose, and ``rows`` those within the tolerance, by their numbers.
+    ``at`` is the row number, with a fraction, at which the hand is nearest to the pose, and
+    ``distance`` its distance there, m, with rotations counted as lengths.
     """
 
     run: NDArray[np.intp]
@@ -168,9 +173,10 @@ class _Pass(NamedTuple):
 def _noise_of(Q: Array) -> Array:
     """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
 
-    Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; those of a
-    smooth motion vanish as k grows. The smallest estimate of orders 3 to 6 is taken, each from the
-    median size of the differences, which pauses and gaps of the log hardly change.
+    Nothing else in a log says how exact its readings are. Differences of order k of white noise σ
+    have the variance ``(2k choose k) σ²``; those of a smooth motion vanish as k grows. The smallest
+    estimate of orders 3 to 6 is taken, each from the median size of the differences, which pauses
+    and gaps of the log hardly change.
     """
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
@@ -184,7 +190,10 @@ def _noise_of(Q: Array) -> Array:
 
 
 def _quantum(Q: Array) -> Array:
-    """Find the resolution of every column of Q (T, n): the smallest step between its values."""
+    """Find the resolution of every column of Q (T, n): the smallest step between its values, (n,).
+
+    An encoder or a file with few digits rounds to it; it is at most 0.01 rad or m.
+    """
     steps = np.diff(np.sort(Q, axis=0), axis=0)
     return np.min(np.where(steps > _EXACT, steps, np.inf), axis=0, initial=_COARSE)
 
@@ -192,7 +201,9 @@ def _quantum(Q: Array) -> Array:
 def _features(task: Task, Q: Array, radian: float) -> Array:
     """Convert configurations to points (T, d), m, whose distances are those of the hand poses.
 
-    Several hands are at one pose when all of them are.
+    The rows of the rotation, times the length ``radian`` that counts as much as 1 rad, are appended
+    to the position, so that a k-d tree finds nearby poses. Several hands are at one pose when all
+    of them are.
     """
     placements = zip(*(task.placements(q) for q in Q), strict=True)
     kinds = [one.kind for one in task.single_tasks]
@@ -205,7 +216,11 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 
 
 def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Array:
-    """Convert the placements of one frame to points (T, d), m."""
+    """Convert the placements of one frame to points (T, d), m, as :func:`_features` describes.
+
+    They have what the kind of task commands only: an axis task has the tool's axis for the
+    rotation.
+    """
     p = np.array([M.translation for M in placements])[:, kind.rows[kind.rows < 3]]
     if not kind.turns:
         return p
@@ -225,7 +240,9 @@ def _tolerance(
     """Compute the default tolerance of a hand pose, m, to which ``_FLOOR`` is added.
 
     It is four times the noise of the distance between two poses, plus the sagitta of the path
-    between two rows. ``whole`` is False for the time steps that are gaps.
+    between two rows, by which a quick hand can pass a pose unseen. ``X`` are the points of
+    :func:`_features`, ``noise`` (n,) that of the joints, and ``whole`` is False for the time steps
+    that are gaps.
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
@@ -240,7 +257,11 @@ def _tolerance(
 
 
 def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
-    """Choose the rows of the log whose poses are tried, spread over time and along the path."""
+    """Choose the rows of the log whose poses are tried, spread over time and along the path.
+
+    ``steps`` (T - 1,) are the distances between rows, m. Returns at most 65 row numbers, among them
+    the first row's.
+    """
     way = np.append(0.0, np.cumsum(steps))
     shares = (np.arange(_CANDIDATES) + 0.5) / _CANDIDATES
     by_time = np.searchsorted(t, t[0] + shares * (t[-1] - t[0]))
@@ -249,7 +270,10 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 
 
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split sorted row numbers into runs of consecutive ones; between runs, the hand was away."""
+    """Split sorted row numbers of a log, those near a pose, into runs of consecutive ones.
+
+    Between two runs the hand was away, so each run is one visit or one way past the pose.
+    """
     return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
 
@@ -262,7 +286,9 @@ def _closest(
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
-    Between two rows the motion is taken as straight; across a gap of the log it is unknown.
+    ``X`` (T, d) are the poses of the log and ``pose`` (d,) the one, as points of :func:`_features`.
+    Between two rows the motion is taken as straight; across a gap of the log, where ``whole`` is
+    False, it is unknown.
     """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)
@@ -283,7 +309,8 @@ def _closest(
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
     """Compute how near the hand comes to the pose of a row at other visits, or while away, m.
 
-    It is infinite if the hand never leaves the pose.
+    An audit that finds no return reports it. ``found`` are the passes of that pose. The result is
+    infinite if the hand never leaves the pose.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:
@@ -295,16 +322,17 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
 
 
 def _at(values: Array, at: float) -> Array:
-    """Interpolate values (T, …) at a row number with a fraction."""
+    """Interpolate values (T, …), one per row of the log, at a row number with a fraction."""
     low = min(int(at), len(values) - 2)
     return values[low] + (at - low) * (values[low + 1] - values[low])
 
 
 class _Estimate(NamedTuple):
-    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose.
+    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, and what its errors need.
 
-    ``off`` (m,) is the error of the hand before the correction, ``A`` (n, n) the derivative of q by
-    an error of the rows before it, and ``bend`` (n,) the error of interpolation.
+    ``off`` (m,) is the error of the hand before the correction. ``A`` (n, n) is the derivative of
+    q, before the correction, by an error of the log's rows, and ``bend`` (n,) a bound on the error
+    of interpolating between them.
     """
 
     q: Array
@@ -316,7 +344,10 @@ class _Estimate(NamedTuple):
 def _configuration(
     task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3, noise: Array
 ) -> _Estimate:
-    """Estimate the configuration of a visit: the mean of four rows or more, or interpolated."""
+    """Estimate the configuration of a visit: the mean of four rows or more, or interpolated.
+
+    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) that of the joints.
+    """
     if len(one.rows) >= _AVERAGED:
         q, A, bend = _average(task, Q[one.rows], target, noise)
     else:
@@ -327,10 +358,11 @@ def _configuration(
 def _errors(
     task: Task, made: list[_Estimate], noise: Array, quantum: Array
 ) -> tuple[Array, Array]:
-    """Compute the standard deviations (N, n) and the biases (N, n) of the configurations.
+    """Compute the standard deviations (N, n) and the biases (N, n) of the configurations ``made``.
 
-    The correction by J⁺ leaves the part ``P = I − J⁺ J`` of an error. It does not see a self-motion
-    between the pose and where the hand was.
+    ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes an error that moves
+    the hand, and leaves the part ``P = I − J⁺ J`` of it. It does not see a self-motion between the
+    pose and where the hand was, which the bias must bound.
     """
     off = np.array([one.off for one in made])
     off = off - np.median(off, axis=0)
@@ -350,10 +382,11 @@ def _average(
 ) -> tuple[Array, Array, Array]:
     """Average the configurations (K, n) of a visit.
 
-    Its rows need not lie evenly around the pose. A linear regression of q on the error e of the
-    hand gives the configuration at ``e = 0``, along the directions in which the hand moves most.
-    If the arm moves otherwise during the visit, by more than the noise, the first half of the rows
-    counts: the mean of a motion between two configurations would be alike there and back.
+    Its rows need not lie evenly around the pose ``target``. A linear regression of q on the error e
+    of the hand gives the configuration at ``e = 0``, along the directions in which the hand moves
+    most. If the arm moves otherwise during the visit, by more than the noise, only the first half
+    of the rows counts: the mean of a motion between two configurations would be the same there and
+    back.
 
     Returns
     -------
@@ -385,7 +418,8 @@ def _interpolated(
 ) -> tuple[Array, Array, Array]:
     """Interpolate the rows around a quick visit by a cubic, where the hand is nearest to the pose.
 
-    Across a gap of the log, and at its ends, the interpolation is linear.
+    ``at`` is about the row number, with a fraction. At gaps of the log, and at its ends, fewer rows
+    are used.
 
     Returns
     -------
@@ -421,7 +455,10 @@ def _interpolated(
 
 
 def _onto(task: Task, q: Array, target: pin.SE3) -> Array:
-    """Correct a configuration to reach a pose near it, by two Newton steps ``q + J⁺ e``."""
+    """Correct a configuration to reach a pose near it, by two Newton steps ``q + J⁺ e``.
+
+    Configurations at exactly one pose can be compared joint by joint.
+    """
     for _ in range(2):
         q = q + np.linalg.pinv(task.jacobian(q), rcond=1e-3) @ task.error(q, target)
     return q

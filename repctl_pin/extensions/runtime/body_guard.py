@@ -47,7 +47,11 @@ _MOST = 100
 
 
 class BodyGuard:
-    """Tells whether all pairs of bodies keep a distance along a plan.
+    """Tell a governor whether all pairs of bodies keep a distance along a plan.
+
+    A plan is the motion of the next ticks that ends at rest; the governor follows it only if this
+    allows it. The distances of a few configurations are remembered, with lower bounds that follow
+    from them elsewhere, so that few are measured per tick.
 
     Parameters
     ----------
@@ -71,6 +75,7 @@ class BodyGuard:
         self._connect()
 
     def _connect(self) -> None:
+        """Find the collision model, which a copy of the guard cannot contain."""
         from ...model.collision_model import collision_model
 
         self._model = collision_model(self._bodies.task)
@@ -80,7 +85,7 @@ class BodyGuard:
         self._left = _MOST
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; the collision model is found again."""
+        """Return what a copy needs; the collision model, which cannot be copied, is found again."""
         own = ("_model", "_drive", "_reach", "_kept")
         return {name: value for name, value in vars(self).items() if name not in own}
 
@@ -89,7 +94,7 @@ class BodyGuard:
         self._connect()
 
     def start(self, q: Array) -> None:
-        """Begin at q (n,).
+        """Begin at q (n,), at rest; measure and remember all distances there.
 
         Raises
         ------
@@ -108,7 +113,11 @@ class BodyGuard:
         self.nearest = None
 
     def keeps(self, Q: Array) -> bool:
-        """Tell whether all distances are kept along samples Q (K, n) of another motion."""
+        """Tell whether all distances are kept along samples Q (K, n) of a motion of another origin.
+
+        Between two samples the joints move on a straight line. As many distances are measured as
+        needed.
+        """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
         for k in range(0, max(len(Q) - 1, 1), ROOM - 1):
             self._left = ROOM * len(self._reach)
@@ -117,6 +126,7 @@ class BodyGuard:
         return True
 
     def _refuse_start(self, pair: int, distance: float) -> None:
+        """Raise the InputError for a start at which a pair (its index) is too near, mm."""
         one, other = self._model.names(pair)
         asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
         if self._kept[pair]:
@@ -128,11 +138,14 @@ class BodyGuard:
         )
 
     def begin_tick(self) -> None:
-        """Allow a new number of distances to be measured."""
+        """Begin a tick of the control loop: allow 100 more distances to be measured."""
         self._left = _MOST
 
     def allows(self, Q: Array, S: Array) -> bool:
-        """Tell whether a plan keeps all distances.
+        """Tell whether a plan, the motion of the next ticks to rest, keeps all body distances.
+
+        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if too many
+        distances would have to be measured in this tick.
 
         Parameters
         ----------
@@ -180,7 +193,11 @@ class BodyGuard:
         return False
 
     def _undecided(self, Q: Array, S: Array) -> NDArray[np.intp]:
-        """Find the pairs whose distances no remembered configuration shows to be kept."""
+        """Find the pairs, by index, that no remembered configuration shows to keep their distance.
+
+        Q and S are the samples and ways of a plan, as for :meth:`allows`. Only these pairs need a
+        closer look; usually there are few.
+        """
         low, high = Q.min(axis=0), Q.max(axis=0)
         moved = np.maximum(high - self._anchors, self._anchors - low)
         lower = (self._bounds - moved @ self._reach.T).max(axis=0)
@@ -188,7 +205,10 @@ class BodyGuard:
         return np.flatnonzero(~(lower >= self._kept + np.maximum(way, _STOP)))
 
     def _known(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Bound distances from below at all samples by the remembered ones: (K, P)."""
+        """Bound the distances of pairs from below at all samples, by remembered ones: (K, P), m.
+
+        A distance decreases by at most the reach ρ of each joint times the way to the sample.
+        """
         moved = np.abs(Q[:, None] - self._anchors) @ self._reach[pairs].T
         known: Array = (self._bounds[:, pairs] - moved).max(axis=1)
         return known
@@ -200,7 +220,12 @@ class BodyGuard:
         lower: Array,
         measured: NDArray[np.intp],
     ) -> None:
-        """Remember the bounds at some samples; those of other pairs follow from remembered ones."""
+        """Remember the bounds at some samples of a plan, in place of the oldest remembered ones.
+
+        ``pairs`` have the bounds ``lower`` (K, P), m, at all samples; those of other pairs follow
+        from remembered configurations. ``measured`` are the numbers of samples at which distances
+        were measured.
+        """
         some = measured[:: max(1, len(measured) // _AT_ONCE)][:_AT_ONCE]
         bounds = self._known(Q[some], np.arange(len(self._reach)))
         bounds[:, pairs] = np.maximum(bounds[:, pairs], lower[some])
@@ -210,7 +235,7 @@ class BodyGuard:
 
 
 def _bodies_of(bodies: Bodies, task: Task) -> Bodies:
-    """Check that bodies are those of the task's robot and joints, and that there are some."""
+    """Check that bodies are those of the task's robot and joints, and some; return them."""
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task
     if (

@@ -1,4 +1,8 @@
-r"""Clutch of teleoperation: from the pose of an operator's hand to a target of the arm."""
+r"""Clutch of teleoperation: from the pose of an operator's hand to a target of the arm.
+
+While engaged, the target moves as the hand does; released, the hand can be put elsewhere, like a
+mouse that is lifted.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +93,7 @@ class Clutch:
         self._angle = np.zeros(3)
 
     def release(self) -> None:
-        """End it: there is no target until the clutch is engaged again."""
+        """Release the clutch: there is no target until it is engaged again."""
         self._start = None
 
     def target(self, hand: Placement) -> pin.SE3 | None:
@@ -108,7 +112,11 @@ class Clutch:
         return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
 
     def _rotation(self, hand: pin.SE3, hand_0: pin.SE3) -> Array:
-        """Compute log(R_h R_h0ᵀ) (3,), rad, plus the full turns that continue the last one."""
+        """Compute the hand's rotation since it was engaged, as a rotation vector (3,), rad.
+
+        It is log(R_h R_h0ᵀ) plus the full turns that continue the last one, so that the target does
+        not jump when the hand has turned by half a turn.
+        """
         if (hand.rotation == hand_0.rotation).all():
             angle: Array = np.zeros(3)
         else:
@@ -124,12 +132,13 @@ class Clutch:
 
 
 def _usable(place: pin.SE3) -> bool:
-    """Test whether a placement has finite numbers and a rotation matrix."""
+    """Test whether a placement has finite numbers and a rotation, as a lost tracker's has not."""
     finite = bool(np.isfinite(place.translation).all())
     return finite and is_rotation(place.rotation.ravel().tolist())
 
 
 def _axes(value: ArrayLike) -> Array:
+    """Convert the user's axes to a rotation (3, 3); InputError if they are none."""
     axes = as_numbers(value)
     if axes is None or axes.shape != (3, 3):
         raise InputError(

@@ -37,7 +37,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Write the C code to a folder."""
+    """Write the C code of a saved design or cell to a folder; return the exit code."""
     design = options.load_saved()
     if isinstance(design, rp.CellDesign):
         files = rp.export_c(design.function, options.out, options.name)

@@ -1,4 +1,8 @@
-"""Limits kept at run time: motion on a leaf to any target, with a known stop at every tick."""
+"""Limits kept at run time: motion on a leaf to any target, with a known stop at every tick.
+
+A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. A plan is a short motion
+that ends at rest. The work is done in C; Python is asked for the distances of bodies only.
+"""
 
 from __future__ import annotations
 
@@ -83,12 +87,13 @@ _STATUS = {int(status): status for status in Status}
 class Governor:
     """Online motion generator: moves to any target, or by any twist, within all limits.
 
-    The commanded configuration stays on one leaf, and the first, second and third differences of
-    its samples, divided by dt, dt² and dt³, never exceed the limits of speed, acceleration and
-    jerk. Every few ticks a new plan is made: a short motion towards the target, and a stop after
-    it. All samples of a plan are checked before the first one is sent. If no new plan keeps the
-    limits, the previous plan is followed to its stop. So a stop within the limits is known at
-    every tick, whatever the input is, and also if the robot misses ticks.
+    The commanded configuration stays on one leaf, the set h(q) = c that the inverse holds, and the
+    first, second and third differences of its samples, divided by dt, dt² and dt³, never exceed the
+    limits of speed, acceleration and jerk. Every few ticks a new plan is made: a short motion
+    towards the target, and a stop after it. All samples of a plan are checked before the first one
+    is sent. If no new plan keeps the limits, the previous plan is followed to its stop. So a stop
+    within the limits is known at every tick, whatever the input is, and also if the robot misses
+    ticks.
 
     Parameters
     ----------
@@ -175,7 +180,10 @@ class Governor:
         self._connect()
 
     def _connect(self) -> None:
-        """Let C find the arm, the state, the limits and the memory of a tick."""
+        """Let C find the arm, the state, the limits and the memory of a tick, by their addresses.
+
+        It is done at the start, and anew in a copy, whose memory is elsewhere.
+        """
         task, kept = self._task, self._kept
         jerk = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
         bounds = [kept.velocity, kept.acceleration, jerk, [self._margin]]
@@ -207,7 +215,7 @@ class Governor:
         self._native = required_library("a governor", holds=True)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; its connection to C is made again."""
+        """Return what a copy needs; its connection to C, addresses in memory, is made again."""
         connected = "arm call address target twist begin native ask samples ways error"
         own = {f"_{name}" for name in connected.split()}
         kept = {name: value for name, value in vars(self).items() if name not in own}
@@ -230,7 +238,7 @@ class Governor:
 
     @property
     def leaf(self) -> Array:
-        """Level c (r,) of the leaf on which the commanded configuration stays."""
+        """Level c (r,) of the leaf on which the commanded configuration stays: h(q)."""
         self._check_started()
         return self._leaf.copy()
 
@@ -264,6 +272,8 @@ class Governor:
 
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
+
+        The leaf is the set h(q) = c of the inverse's potentials h through this configuration.
 
         Parameters
         ----------
@@ -351,7 +361,11 @@ class Governor:
         return self._guarded_step(self._guard, given)
 
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
-        """Step with bodies; an error of the guard is raised after its tick."""
+        """Compute the next configuration and its status, with the distances of bodies kept.
+
+        ``given`` tells C whether a target or a twist is given. An error of the guard, which must
+        not pass through C, is raised after its tick.
+        """
         guard.begin_tick()
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)
@@ -361,7 +375,10 @@ class Governor:
         return self._q.copy(), self._said
 
     def _allows(self, count: int) -> int:
-        """Tell C whether the bodies allow the plan of which it wrote the samples."""
+        """Tell C whether the bodies allow the plan whose ``count`` samples it wrote: 1 or 0.
+
+        C calls this in the middle of a tick. An error is kept for :meth:`_guarded_step`.
+        """
         try:
             assert self._guard is not None
             return int(self._guard.allows(self._samples[:count], self._ways[:count]))
@@ -370,6 +387,7 @@ class Governor:
             return 0
 
     def _check_started(self) -> None:
+        """Raise InputError if the governor has not started."""
         if not self._on:
             raise InputError(
                 "the governor has not started; call start(q) with the robot's joints"
@@ -377,7 +395,10 @@ class Governor:
 
 
 def _as_twists(twist: ArrayLike, task: Task) -> Array:
-    """Convert the twists of F frames to an array (6 F,); their numbers need not be finite."""
+    """Convert the twists (v, ω) of F frames, (6 F,) or (F, 6), to an array (6 F,).
+
+    Their numbers need not be finite: C then stops the arm, instead of an error that ends the loop.
+    """
     rates, size = as_numbers(twist), task.twist_size
     if rates is not None and rates.ndim == 2 and rates.shape[1] == 6:
         rates = rates.ravel()
@@ -391,7 +412,10 @@ def _as_twists(twist: ArrayLike, task: Task) -> Array:
 
 
 def _kept_limits(task: Task, limits: Limits) -> JointLimits:
-    """Convert limits to arrays of the joints; refuse those that a governor does not keep."""
+    """Convert limits to arrays of the joints; refuse those that a governor does not keep.
+
+    It keeps no torque limit and no speed limit of the tool, and needs a speed limit of every joint.
+    """
     kept = joint_limits(task, limits)
     for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
         if value is not None:

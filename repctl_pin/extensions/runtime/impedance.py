@@ -164,7 +164,9 @@ class LeafImpedance:
         leaf: ArrayLike,
         observer: Observer | None = None,
     ) -> Array:
-        """Compute the joint torques τ (n,), Nm or N.
+        """Compute the joint torques τ (n,), Nm or N, once per tick of the control loop.
+
+        The end effector is pulled to the target, and the joints to the leaf h(q) = c.
 
         Parameters
         ----------
@@ -210,9 +212,11 @@ class LeafImpedance:
 def _checked(
     values: ArrayLike, n: int, name: str, each: str = "one per joint"
 ) -> Array:
-    """Check n numbers; an array of finite doubles is returned as it is.
+    """Check n numbers and return them as an array; one of finite doubles is returned as it is.
 
-    One whose squares overflow goes through :func:`vector`, which looks at each number.
+    It is called at every tick of a control loop, so the usual case is decided by one product. An
+    array whose squares overflow goes through :func:`vector`, which looks at each number. ``name``
+    and ``each`` are words of the InputError.
     """
     if (
         type(values) is np.ndarray
@@ -225,9 +229,9 @@ def _checked(
 
 
 def _stiffness(given: ArrayLike, kind: Kind) -> Array:
-    """Convert a stiffness to an array (m,), one number per row of J.
+    """Convert a stiffness to an array (m,), one number per row of the Jacobian, N/m or Nm/rad.
 
-    Two numbers are taken for the translations and the rotations.
+    Two numbers are taken for the translations and the rotations. InputError unless all are above 0.
     """
     values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:
@@ -246,7 +250,10 @@ def _stiffness(given: ArrayLike, kind: Kind) -> Array:
 def _torque_law(
     inverse: RepeatableInverse, gains: Gains
 ) -> NumPyTorques | NativeTorques:
-    """Create the torque law of one thread: in C, or in NumPy where C cannot hold the inverse."""
+    """Create the torque law of one thread: in C, or in NumPy where C cannot hold the potentials.
+
+    User-defined potentials are such a case.
+    """
     task = inverse.task
     law = NumPyTorques(task, inverse.potentials, gains)
     arm = library_arm(task, inverse.potentials)
@@ -256,7 +263,8 @@ def _torque_law(
 def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
     """Create the function (q, q̇) → inertia M (n, n) and bias b (n,), for one thread.
 
-    b contains gravity and velocity terms. Mimic joints count for the joints that drive them.
+    b contains gravity and velocity terms. Mimic joints count for the joints that drive them. Each
+    thread has its own, because Pinocchio computes in a buffer.
     """
     model, drive = task.bodies_model()
     data = model.createData()

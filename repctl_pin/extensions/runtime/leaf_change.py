@@ -1,4 +1,8 @@
-"""Self-motion to another leaf: the frame rests, and the joints keep their limits."""
+"""Self-motion to another leaf: the frame rests, and the joints keep their limits.
+
+A leaf is the set h(q) = c on which a repeatable inverse keeps the arm; another level c has the
+elbow elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +38,10 @@ def leaf_change(
 ) -> Array:
     """Sample a self-motion towards another leaf: f(q) constant, h(q) on a straight line to c.
 
-    The motion goes from rest to rest, and the differences of its samples divided by dt, dt² and dt³
-    keep the limits. No joint moves by more than 0.1 rad (m): call it again until the leaf is
-    reached.
+    The frame rests at f(q) while the potentials h move to the level c, so that the elbow goes to
+    another place. The motion goes from rest to rest, and the differences of its samples divided by
+    dt, dt² and dt³ keep the limits. No joint moves by more than 0.1 rad (m): call it again until
+    the leaf is reached.
 
     Parameters
     ----------
@@ -87,7 +92,11 @@ def leaf_change(
 def _refined(
     inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array
 ) -> Array:
-    """Solve for the next sample by Newton's method, from the previous one."""
+    """Solve for the next sample by Newton's method, from the previous one q (n,).
+
+    The sample has the frame at ``place`` and the level ``leaf`` (r,). InputError is raised if six
+    steps do not reach it.
+    """
     for _ in range(_STEPS):
         last, q = q, inverse.step(q, place, 1.0, leaf=leaf)
         if np.abs(q - last).max() <= _EXACT:
@@ -98,7 +107,11 @@ def _refined(
 
 
 def _least_ticks(travel: Array, limits: JointLimits, dt: float) -> int:
-    """Compute the number of time steps in which a quintic over ``travel`` (n,) keeps the limits."""
+    """Compute the number of time steps in which a quintic over ``travel`` (n,) keeps the limits.
+
+    A quintic goes from rest to rest without a jump of acceleration. As the self-motion is no
+    straight line, this number is a first guess, at least 4.
+    """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     times = [
         float(np.max(peak * travel / (_ALLOWED * most)) ** (1 / k))
@@ -109,7 +122,10 @@ def _least_ticks(travel: Array, limits: JointLimits, dt: float) -> int:
 
 
 def _share_used(Q: Array, limits: JointLimits, dt: float) -> float:
-    """Evaluate the largest fraction of a limit that samples use, with rest at both ends."""
+    """Evaluate the largest fraction of a limit that samples Q (T, n) use, with rest at both ends.
+
+    Above 1, the motion needs more time steps.
+    """
     Q = np.concatenate([np.tile(Q[0], (3, 1)), Q, np.tile(Q[-1], (3, 1))])
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     return max(
@@ -120,7 +136,7 @@ def _share_used(Q: Array, limits: JointLimits, dt: float) -> float:
 
 
 def _check(inverse: RepeatableInverse, Q: Array) -> None:
-    """Raise InputError if a sample lies outside a joint limit or Ω."""
+    """Raise InputError if a sample of Q (T, n) is outside a joint limit or Ω, the region."""
     margin = inverse.task.limit_margin(Q)
     if margin.min() < 0:
         joint = inverse.task.joint_names[int(np.argmin(margin.min(axis=0)))]

@@ -68,6 +68,8 @@ _BETWEEN = np.linspace(0.0, 1.0, 9)
 class _JerkSegment(Segment):
     """A smooth part of a joint path, from rest to rest, timed with bounded jerk.
 
+    s is the length of the joint path; stages are the grid points of s at which the limits are kept.
+
     Attributes
     ----------
     x, bend : (K,), (K - 1,) arrays
@@ -79,10 +81,10 @@ class _JerkSegment(Segment):
     bend: Array
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start.
+        """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start, s.
 
-        After a stage s₀, ``s̈ = x′/2 = (x′₀ + x″ u)/2`` is linear in ``u = s − s₀``, hence u(t) is
-        a sum of exponentials.
+        After a stage s₀, ``s̈ = x′/2 = (x′₀ + x″ u)/2`` with x = ṡ² is linear in ``u = s − s₀``,
+        hence u(t) is a sum of exponentials.
         """
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         h = np.diff(self.s)[i]
@@ -118,24 +120,33 @@ class _JerkSegment(Segment):
         return found
 
     def between(self) -> Array:
-        """Times at which limits are checked between the stages, s from the segment's start."""
+        """Times at which limits are checked between stages, s from the start: (9 (K − 1),)."""
         return (
             self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)
         ).ravel()
 
     def used(self, limits: JointLimits) -> Array:
-        """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,)."""
+        """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,).
+
+        Above 1, the linear program is solved again with tighter limits there.
+        """
         _, *rates = used_fractions(limits, self.derivatives(self.between()))
         share = np.maximum(*(used for _, _, used in rates))
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: JointLimits) -> float:
-        """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
+        """Factor by which time must be stretched to keep the limits between stages; 1 if kept.
+
+        The linear program keeps them at the stages, the grid points of the path, only.
+        """
         return most_used(limits, self.derivatives(self.between()))
 
 
 def _exponentials(z: Array) -> tuple[Array, Array]:
-    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z``, analytic in z, whatever its sign."""
+    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z``, analytic in z, whatever its sign.
+
+    They are the parts of a motion whose acceleration is linear in its way; z is an array.
+    """
     root = np.sqrt(np.abs(z))
     small = root < 1e-2
     safe = np.where(small, 1.0, root)
@@ -154,6 +165,9 @@ def with_jerk(
     weight: float = 1.0,
 ) -> _JerkSegment:
     """Find the time-optimal profile with bounded jerk along a curve, from rest to rest.
+
+    The profile is the speed ṡ along the curve. It is found by linear programs, from a profile
+    without a limit of jerk.
 
     Parameters
     ----------
@@ -210,7 +224,13 @@ def _converged(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve linear programs in turn until they save no more time: x and x′ (K,) at the stages."""
+    """Solve linear programs in turn until they save no more time: x and x′ (K,) at the stages.
+
+    Each is linearised at the solution before it, first at ``x`` and ``slope``, with x = ṡ².
+    ``ties`` are the two stages with equal speed, or empty; ``weights`` (K - 1,) say how often the
+    time of an interval counts; limits are divided by ``tight`` (K - 1,). From each step, the
+    fraction is taken that saves most time.
+    """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
         new, new_slope = _solved(path, limits, x, slope, ties, weights, tight)
@@ -233,7 +253,8 @@ def _converged(
 def _passed(knots: Array, s: Array, t: Array) -> Array:
     """Compute the times (T,) at which the points of a path, at s = ``knots`` (T,), are passed.
 
-    The points are stages, or lie in the first or last interval between stages.
+    ``s`` and ``t`` (K,) are the stages and their times. The points are stages, or lie in the first
+    or last interval between stages, in which the motion has constant jerk.
     """
     passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
     early, late = knots < s[1], knots > s[-2]
@@ -245,11 +266,12 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
-    """Adapt the stages next to rest; up to the first one the joints move with constant jerk.
+    """Adapt the stages ``grid`` (K,) next to rest; up to the first the jerk is constant.
 
-    The first stage is half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches
-    the acceleration limit a. If that is more than an interval of the grid, up to ten stages are
-    left out; if it is less, stages are inserted.
+    Next to rest, x″ is not bounded, so the stages there must be denser or left out. The first stage
+    is half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches the
+    acceleration limit a. If that is more than an interval of the grid, up to ten stages are left
+    out; if it is less, stages are inserted.
     """
     assert limits.jerk is not None
 
@@ -280,6 +302,9 @@ def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
 class _Path:
     """A joint path at the stages, with its speed limits; between two stages q‴ is constant.
 
+    It holds what all linear programs of one path have in common. The stages are grid points of s,
+    the length of the joint path; derivatives are by s, and x = ṡ² is the unknown.
+
     Attributes
     ----------
     third : (K - 1, n) array
@@ -300,6 +325,7 @@ class _Path:
 
     @classmethod
     def of(cls, curve: Any, s: Array, limits: JointLimits) -> _Path:
+        """Evaluate a curve q(s) at stages s (K,), and halfway between them."""
         h = np.diff(s)
         points = []
         for share in (0.0, 0.5, 1.0):
@@ -313,9 +339,10 @@ class _Path:
         return cls(s, curve(middle, 3), most, most_between, tuple(points), curve)
 
     def from_rest(self, limits: JointLimits) -> Array:
-        """Evaluate x at the stages for constant jerk J/|q′| from rest at either end: (K,).
+        """Evaluate x = ṡ² at the stages for constant jerk J/|q′| from rest at either end: (K,).
 
-        It is ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|; the smaller value of both ends counts.
+        It bounds the first guess, which has no limit of jerk. It is ``(9/2 j)^⅔ s^4/3`` with j =
+        J/|q′|; the smaller value of both ends counts.
         """
         assert limits.jerk is not None
         both = []
@@ -328,7 +355,11 @@ class _Path:
 def _torques(
     limits: JointLimits, Q: Array, slope: Array, bend: Array
 ) -> tuple[Array, Array, Array] | None:
-    """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited."""
+    """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited.
+
+    With x = ṡ², torques are linear in the unknowns of the program. Q, slope and bend (K, n) are q,
+    q′ and q″ at K points.
+    """
     if limits.torque is None or limits.dynamics is None:
         return None
     rnea, still = limits.dynamics, np.zeros(Q.shape[1])
@@ -341,8 +372,9 @@ def _torques(
 def _times(s: Array, x: Array, slope: Array) -> Array:
     """Compute the time of every interval, (K - 1,), s; exact for a parabola x(s).
 
-    It is ``2h/(v₀+v₁) artanh(y)/y`` with ``y² = x″ h² / 2 (v₀+v₁)²``, where h is the length of the
-    interval and v₀, v₁ are ṡ at its ends.
+    x = ṡ² and ``slope`` = x′ are given at the stages s (K,). The time is ``2h/(v₀+v₁) artanh(y)/y``
+    with ``y² = x″ h² / 2 (v₀+v₁)²``, where h is the length of the interval and v₀, v₁ are ṡ at its
+    ends.
     """
     h = np.diff(s)
     v = np.sqrt(np.maximum(x, 0.0))
@@ -371,8 +403,10 @@ def _solved(
 ) -> tuple[Array, Array]:
     """Solve one linear program, linearised at x̄ = ``near``, for x and x′ (K,) at the stages.
 
-    Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits. Limits of
-    acceleration and jerk are divided by ``tight`` (K - 1,).
+    x = ṡ² is the squared speed along the joint path. It minimises the linearised time within all
+    limits. Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits.
+    ``ties`` are two stages with equal x and x′, or empty; the time of an interval counts
+    ``weights`` (K - 1,) times; limits of acceleration and jerk are divided by ``tight`` (K - 1,).
     """
     h, inner, m = np.diff(path.s), slice(1, -1), len(path.s) - 2
     x0 = near[inner]
@@ -397,9 +431,10 @@ def _solved(
 
 
 class _Rows(NamedTuple):
-    """Rows ``A z ≤ b``, each with four coefficients.
+    """R rows ``A z ≤ b`` of a linear program, each with four coefficients.
 
-    ``coefficients`` and ``columns`` are (R, 4), ``bounds`` b (R,).
+    ``coefficients`` and ``columns`` are (R, 4), ``bounds`` b (R,). Each row is about an interval
+    between two stages, so it concerns x and x′ at these two only.
     """
 
     coefficients: Array
@@ -407,19 +442,20 @@ class _Rows(NamedTuple):
     bounds: Array
 
     def scaled(self, units: Array) -> _Rows:
-        """Convert the rows to unknowns in other units."""
+        """Convert the rows to unknowns z in other ``units``, one per unknown."""
         return self._replace(coefficients=self.coefficients * units[self.columns])
 
     def excess(self, z: Array) -> Array:
-        """Evaluate A z − b: (R,)."""
+        """Evaluate A z − b: (R,); positive where a row is violated."""
         return (self.coefficients * z[self.columns]).sum(axis=1) - self.bounds
 
 
 def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_array:
-    """Create A of the equations ``A z = 0``, for unknowns x in units of x0 and x′ of ``unit``.
+    """Create A (E, 2 m) of the equations ``A z = 0`` that tie x and x′ of successive stages.
 
-    Between stages x is a parabola; next to rest it is ``c s^4/3``, hence ``x′ = 4/3 x / s``; at
-    both ends of a period x and x′ are the same.
+    The unknowns z are x = ṡ² at the m inner stages in units of x0 (m,), and x′ in units of ``unit``
+    (m,). Between stages x is a parabola; next to rest it is ``c s^4/3``, hence ``x′ = 4/3 x / s``;
+    at both stages of ``ties``, the ends of a period, x and x′ are the same.
     """
     h, m = np.diff(s), len(x0)
     i = np.arange(m - 1)
@@ -444,8 +480,9 @@ def _optimum(
 ) -> Array:
     """Solve ``min cost·z`` with the rows ``A z ≤ b``, ``equal z = 0``, and z within its bounds.
 
-    Few rows hold with equality. Those that nearly do at a guess are used first. As long as the
-    solution violates others, these and the rows beside them are added.
+    ``between`` (N, 2) are the bounds. Few of the many rows hold with equality: those that nearly do
+    at ``guess`` (N,) are used first. As long as the solution violates others, these and the rows
+    beside them are added. InputError is raised if there is no solution.
     """
     from scipy.optimize import linprog  # slow to import
 
@@ -470,9 +507,11 @@ def _optimum(
 def _rows(
     path: _Path, limits: JointLimits, near: Array, tight: Array
 ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
-    """Generate the rows ``A z ≤ b`` of speed, acceleration, torque and jerk.
+    """Generate the rows ``A z ≤ b`` of speed, acceleration, torque and jerk of a linear program.
 
-    Each item has the coefficients (R, 4), their columns (R, 4), and b (R,).
+    The unknowns z are x = ṡ² and x′ at the stages, the grid points of the path. Each item has the
+    coefficients (R, 4), their columns (R, 4), and b (R,). ``near`` is x̄ (K,), at which the jerk is
+    linearised; limits are divided by ``tight`` (K - 1,).
     """
     assert limits.jerk is not None
     h, tight = np.diff(path.s)[1:-1, None], tight[1:-1, None]
@@ -482,7 +521,11 @@ def _rows(
     columns = np.repeat(ends, len(limits.acceleration), axis=0)
 
     def rows(share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
-        """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4)."""
+        """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4).
+
+        x = ṡ² is a parabola between stages. ``share`` is the place in the interval, from 0 to 1; x,
+        slope and bend are the weights of x, x′ and x″, per interval and joint.
+        """
         k = bend / h - share * (1 - share) / 2 * h * x
         return np.stack(
             [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k],
@@ -514,8 +557,9 @@ def _rows(
 def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:
     """Compute the largest x₁ = x one stage from rest within the limits, for ``x = c s^4/3``.
 
-    ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at
-    the fraction σ of the interval, whose length is h.
+    x = ṡ² grows so at constant jerk. ``end`` is 0 or -1, the end of the path that is at rest, and
+    ``step`` the signed way to the stage. ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ =
+    x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at the fraction σ of the interval, whose length is h.
     """
     assert limits.jerk is not None
     sigma = np.linspace(0, 1, 4 * _MERGED + 1)
@@ -531,7 +575,10 @@ def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -
 
 
 def _sparse(coefficients: Array, columns: NDArray[np.intp], width: int) -> csr_array:
-    """Create a sparse matrix from rows of four coefficients; those in the same column are added."""
+    """Create a sparse matrix (R, width) from rows of four coefficients in given columns (R, 4).
+
+    Coefficients in the same column of a row are added.
+    """
     from scipy.sparse import csr_array
 
     ends = np.arange(0, coefficients.size + 1, 4)

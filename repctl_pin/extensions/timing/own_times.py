@@ -1,4 +1,8 @@
-"""Timing by a motion's own times, from rest to rest, smoothed just enough for the limits."""
+"""Timing by a motion's own times, from rest to rest, smoothed just enough for the limits.
+
+Own times are those of the waypoints, such as the column ``time`` of a file: a robot that works with
+another machine must keep them. They jump in speed, at least at both ends.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +39,10 @@ _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
 class _OwnTimes(Segment):
     """A smooth part of a joint path, from rest to rest, in the motion's own times.
 
-    ``s(t)`` is the motion's own law, at rest before and after, convolved with a triangle of width
-    r. That smooths the beginning, the end and every jump of speed; it never exceeds the largest
-    speed of the law, and changes a law of constant speed only within r/2 of a jump.
+    Own times are those of the waypoints. ``s(t)``, the length of the joint path over time, is the
+    motion's own law, at rest before and after, convolved with a triangle of width r. That smooths
+    the beginning, the end and every jump of speed; it never exceeds the largest speed of the law,
+    and changes a law of constant speed only within r/2 of a jump.
 
     Attributes
     ----------
@@ -48,12 +53,15 @@ class _OwnTimes(Segment):
     smooth: Any
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
+        """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start."""
         s = np.clip(self.smooth(t), 0.0, self.s[-1])
         return s, self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
     def excess(self, limits: JointLimits) -> float:
-        """Return 1: time is not stretched, because the smoothing makes the limits hold."""
+        """Return 1: time is not stretched, because the smoothing makes the limits hold.
+
+        Other segments return the factor by which time must be stretched.
+        """
         return 1.0
 
 
@@ -133,7 +141,10 @@ def with_own_times(
 def _worst(
     limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]
 ) -> str:
-    """Describe the limit that is exceeded most, and when."""
+    """Describe the limit that is exceeded most, and when, as the end of an error message.
+
+    ``moved`` are q, q̇, q̈ and q⃛, each (T, n), at the times t (T,), s; ``joints`` are names.
+    """
     found = []
     for what, _, used in used_fractions(limits, moved):
         k, j = divmod(int(np.argmax(used)), used.shape[1])
@@ -156,10 +167,12 @@ def _worst(
 
 
 def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTimes:
-    """Convolve the law s(own), at rest before and after, with a triangle of width r.
+    """Convolve the law s(t), at rest before and after, with a triangle of width r, s.
 
-    ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is
-    linear between the shifted points of the law.
+    The law passes s (T,) at the times ``own`` (T,), s; ``added`` of its ends may take r/2 more
+    time, and the rest of the smoothing is made up for by a higher speed. ``s̈ = (s(t + h) − 2 s(t)
+    + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear between the shifted points of
+    the law.
     """
     h, D = r / 2, own[-1]
     T = D + added * h

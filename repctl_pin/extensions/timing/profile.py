@@ -1,4 +1,8 @@
-"""Time-optimal profile ṡ(s) of a joint path, from rest to rest, by TOPP-RA."""
+"""Time-optimal profile ṡ(s) of a joint path, from rest to rest, by TOPP-RA.
+
+s is the length of the joint path. A profile gives the speed along it at its stages, grid points of
+s; a segment is the part between two stops, with its profile.
+"""
 
 from __future__ import annotations
 
@@ -38,8 +42,8 @@ _BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
 class Segment:
     """A smooth part of a joint path between two stops, with its time-optimal profile.
 
-    ``s`` is the length of the joint path. The stages are grid points of s; s̈ is constant between
-    two of them.
+    ``s`` is the length of the joint path, and the profile its rate ṡ. The stages are grid points of
+    s, at which the limits are kept; s̈ is constant between two of them.
 
     Attributes
     ----------
@@ -58,7 +62,7 @@ class Segment:
     passed: Array
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
+        """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (
             2 * (self.s[i + 1] - self.s[i])
@@ -68,7 +72,7 @@ class Segment:
         return s, self.speed[i] + push * tau, push, np.zeros(len(t))
 
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
+        """Evaluate q, q̇, q̈ and q⃛, each (T, n), at times (T,), s, from the segment's start."""
         s, *rates = self.law(t)
         v, a, j = (rate[:, None] for rate in rates)
         q, q1, q2, q3 = (self.curve(s, k) for k in range(4))
@@ -77,8 +81,9 @@ class Segment:
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
 
-        They are checked at both ends of every interval between stages and halfway through its time;
-        that of jerk is not checked.
+        A profile keeps them at its stages, the grid points of the path, only. They are checked at
+        both ends of every interval between stages and halfway through its time; that of jerk is not
+        checked.
         """
         t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
         return most_used(limits, self.derivatives(t)[:3])
@@ -87,10 +92,11 @@ class Segment:
 def used_fractions(
     limits: JointLimits, moved: Sequence[Array]
 ) -> Iterator[tuple[str, int, Array]]:
-    """Yield the used fractions (T, n) of the limits of speed, acceleration and jerk.
+    """Yield the used fractions (T, n) of the limits of speed, acceleration and jerk; 1 is all.
 
-    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each fraction comes
-    with its name and its order k: it goes with the k-th power of the speed along the path.
+    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each fraction
+    comes as (name, k, fraction): it grows with the k-th power of the speed along the path, so that
+    its k-th root is the factor by which time must be stretched.
     """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     named = zip(("speed", "acceleration", "jerk"), bounds, moved[1:], strict=False)
@@ -102,7 +108,9 @@ def used_fractions(
 def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
     """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
 
-    The motion is given as for :func:`used_fractions`.
+    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). The limits of
+    torque and of the tool's speed are checked as well. Limits hold at a profile's stages only, and
+    are exceeded a little between them.
     """
     used = [float(x.max()) ** (1 / k) for _, k, x in used_fractions(limits, moved)]
     factor, (Q, qdot, qddot) = max(1.0, *used), moved[:3]
@@ -124,6 +132,8 @@ def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
 class Course:
     """Segments in order as a function of time, each stretched to its duration, with rests between.
 
+    A segment is a part of the joint path between two stops, with its own timing.
+
     Attributes
     ----------
     segments
@@ -137,11 +147,11 @@ class Course:
     durations: Array
 
     def stretched(self, factor: float) -> Course:
-        """Return the course with all times multiplied by a factor."""
+        """Return the course with all times multiplied by a factor, so that it is slower above 1."""
         return Course(self.segments, self.begins * factor, self.durations * factor)
 
     def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
+        """Evaluate q and its first three derivatives by time (4, T, n) at times (T,), s.
 
         The arm is at rest before the start, between two segments, and after the end.
         """
@@ -159,7 +169,10 @@ class Course:
 
 
 def require_samples(count: float, seconds: float, rate: float) -> None:
-    """Raise InputError if a motion has too many samples."""
+    """Raise InputError if a motion of ``count`` samples is too long for memory.
+
+    ``seconds`` and ``rate`` are its duration, s, and samples per second, for the message.
+    """
     if not count < MOST_SAMPLES:
         raise InputError(
             f"{seconds:.3g} s at {rate:g} samples per second exceed {MOST_SAMPLES:,} samples; "
@@ -169,6 +182,10 @@ def require_samples(count: float, seconds: float, rate: float) -> None:
 
 class Profile:
     """Timing of a few cycles: segments in order, with pauses between them.
+
+    A cycle is one traversal of the closed path; a segment leads from one stop of the arm to the
+    next. The constructor takes the segments ``runs``, the pause ``stays`` before each, s, and the
+    indices of the path's points at which the arm stops and cycles end.
 
     Attributes
     ----------
@@ -214,7 +231,9 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A course of a few cycles as a function of time, with its second cycle repeated.
+    """A timed motion as a function of time: a course of few cycles, its second cycle repeated.
+
+    A motion of many equal cycles is timed for three: one speeds up, one is steady, one slows down.
 
     Attributes
     ----------
@@ -235,7 +254,10 @@ class Trajectory:
     more: int
 
     def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,) of the samples."""
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,), s, of the motion.
+
+        A time in a repeated cycle is that of the second cycle.
+        """
         clock = t - self.lead
         if self.more:
             again = np.floor((clock - self.begin) / self.period)
@@ -246,7 +268,9 @@ class Trajectory:
 def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
     """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
 
-    Cusps are found everywhere, other corners only among the indices ``candidates``.
+    The arm has to stop there. Cusps are found everywhere, other corners only among the indices
+    ``candidates``, the corners of the frame's path; ``bend`` is the angle, rad, from which one
+    counts.
     """
     steps = np.diff(Q, axis=0)
     sizes = np.linalg.norm(steps, axis=1)
@@ -264,7 +288,10 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
 
 
 def _tangent(points: Array) -> Array:
-    """Compute the unit tangent (n,) of a curve at the first of a few points (k, n)."""
+    """Compute the unit tangent (n,) of a curve at the first of a few points (k, n).
+
+    It is the tangent of the polynomial through the points; 0 if they coincide.
+    """
     x = np.concatenate(
         [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
     )
@@ -275,9 +302,10 @@ def _tangent(points: Array) -> Array:
 
 
 def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
-    """Compute the time-optimal profile of a smooth joint path (T, n), from rest to rest.
+    """Compute the time-optimal profile of a smooth joint path Q (T, n), from rest to rest.
 
-    It has at least ``stages`` stages.
+    It has at least ``stages`` stages, grid points at which the limits are kept; ``passed`` are the
+    times of the points Q.
 
     Raises
     ------
@@ -295,9 +323,10 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
 
 
 def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
-    """Compute the time-optimal profile of a curve q(s), from rest to rest.
+    """Compute the time-optimal profile of a curve q(s), from rest to rest, by TOPP-RA.
 
-    The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages.
+    The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages, the values of s
+    at which the limits are kept.
 
     Raises
     ------
@@ -346,7 +375,7 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
 
 
 def _path_of(curve: Any) -> Any:
-    """Make the path of toppra from a curve q(s)."""
+    """Make the path object of toppra from a curve q(s), a spline or piecewise polynomial."""
     from toppra.interpolator import AbstractGeometricPath
 
     class Path(AbstractGeometricPath):
@@ -360,7 +389,11 @@ def _path_of(curve: Any) -> Any:
 
 
 def _speeds_at(limits: JointLimits, curve: Any, s: float) -> Array:
-    """Compute the joint speed bounds (n, 2) at s that keep the tool's speed limit, too."""
+    """Compute the joint speed bounds (n, 2) at s that keep the tool's speed limit, too.
+
+    TOPP-RA takes bounds per joint: each is what the joint has at the highest allowed speed along
+    the curve.
+    """
     slope = curve(np.array([s]), 1)
     rate = limits.most_rate(curve(np.array([s])), slope)
     speeds = np.minimum(

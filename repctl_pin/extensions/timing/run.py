@@ -1,4 +1,8 @@
-"""Feed override of a timed motion: stop, resume and reverse along its path, within its limits."""
+"""Feed override of a timed motion: stop, resume and reverse along its path, within its limits.
+
+The override o is the speed on the motion's clock: 1 as timed, 0 at rest, -1 backwards. A change of
+it is a curve o(t) from one value to another.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +50,9 @@ _NEAR = 1e-3
 class _Change:
     """K alternative changes of the override: polynomials o(t), constant after their duration.
 
-    They begin at one value and rate, and end at their goals with the rate 0; each is a cubic.
+    The override o is the speed on the motion's clock, 1 as timed. The changes begin at one value
+    and rate, and end at their goals with the rate 0; each is a cubic. The one that keeps the limits
+    and takes least time is chosen.
 
     Attributes
     ----------
@@ -65,7 +71,10 @@ class _Change:
     time: Array
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning."""
+        """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning.
+
+        ∫o is the way on the motion's clock, s.
+        """
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
         o = self.override
@@ -153,7 +162,7 @@ class Run:
 
     @property
     def override(self) -> float:
-        """Present value of the override."""
+        """Present value of the override, the speed on the motion's clock: 1 as timed, 0 at rest."""
         return self._override
 
     def step(self, dt: float, override: float = 1.0) -> tuple[Array, Array]:
@@ -196,7 +205,7 @@ class Run:
         return q, slope * o
 
     def _hold(self, t: float, override: float) -> None:
-        """Set the override at a time of the motion's clock, and keep it constant."""
+        """Set the override at a time of the motion's clock, and keep it until it is changed."""
         self._t = t
         self._override = override
         self._rate = 0.0
@@ -205,7 +214,11 @@ class Run:
         self._wish, self._looked = override, 0.0
 
     def _aim(self, wish: float) -> None:
-        """Begin a change to the requested override, if it is needed and the limits allow it."""
+        """Begin a change to the requested override, if it is needed and the limits allow it.
+
+        If they do not allow the whole change, a part of it is begun; attempts are 5 ms apart. Where
+        the motion rests, the override is set at once.
+        """
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (
             (left <= 0 and change.goal[0] == wish)
@@ -229,9 +242,10 @@ class Run:
             self._looked = 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
-        """Find the shortest change to the first of several goals that the limits allow.
+        """Find the shortest change to the first of several goals (G,) that the limits allow.
 
-        Returns None if no goal can be reached.
+        A goal is a value of the override. Longer durations are tried in turn, and the limits
+        checked along the whole change. Returns None if no goal can be reached.
         """
         slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
         far = np.abs(goals - self._override)
@@ -259,7 +273,10 @@ class Run:
         return None
 
     def _kept(self, change: _Change, shares: Array) -> Array:
-        """Test whether each of K changes keeps the limits, at fractions of its duration: (K,)."""
+        """Test whether each of K changes of the override keeps the limits of the joints: (K,).
+
+        They are checked at ``shares`` (S,), fractions of the duration of each change.
+        """
         way, o, rate, push = change.at(shares[:, None] * change.time)
         clock = np.clip(change.begin + way, 0.0, self._end)
         q = self._trajectory.derivatives(clock.ravel()).reshape(4, *clock.shape, -1)
@@ -275,7 +292,7 @@ class Run:
         return np.asarray(used.max(axis=(0, 2)) <= _TOLERANCE)
 
     def _nearest(self, q: Array) -> float:
-        """Find the time at which the first cycle passes q; InputError if it does not."""
+        """Find the time, s, at which the first cycle passes q (n,); InputError if it does not."""
         timed = self._timed
         first = timed.t <= timed.starts[1]
         k = int(np.argmin(np.linalg.norm(timed.q[first] - q, axis=1)))

@@ -1,4 +1,8 @@
-"""Time-optimal timing of a motion, and of the approach to it: rest to rest, within the limits."""
+"""Time-optimal timing of a motion, and of the approach to it: rest to rest, within the limits.
+
+The joint path is cut into segments at the stops, each is timed, and the result is sampled. A cycle
+is one traversal of the closed path.
+"""
 
 from __future__ import annotations
 
@@ -126,6 +130,8 @@ def timed(
 class _Laps:
     """Joint path of a few cycles, without the points that repeat those before them.
 
+    A repeated point is a pause: it has a duration, but no length, so it is left out of the curve.
+
     Attributes
     ----------
     Q : (P, n) array
@@ -146,7 +152,10 @@ class _Laps:
 
     @classmethod
     def of(cls, motion: Motion, Q: Array, cycles: int) -> _Laps:
-        """Take the joint path Q (T, n) of some cycles of a motion."""
+        """Take the joint path Q (T, n) of some cycles of a motion, without repeated points.
+
+        InputError is raised if the joints do not move.
+        """
         steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
         moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
         if not moving.any():
@@ -168,18 +177,25 @@ class _Laps:
         )
 
     def corners(self, bend: float = BEND) -> list[int]:
-        """Find the indices at which the direction changes by more than ``bend``, rad."""
+        """Find the points, by index, at which the direction changes by more than ``bend``, rad.
+
+        The arm has to stop there, or needs an unlimited acceleration.
+        """
         return corners_of(self.Q, self.marks, bend)
 
     def stops(self, corners: list[int]) -> list[int]:
-        """List the indices at which the arm rests: both ends, some corners, and pauses."""
+        """List the indices at which the arm rests: both ends, the given corners, and pauses."""
         pauses = np.flatnonzero(self.stays).tolist()
         return sorted({0, len(self.Q) - 1, *corners, *pauses})
 
     def profile(
         self, runs: list[Segment], stops: list[int], limits: JointLimits
     ) -> tuple[Profile, list[int]]:
-        """Join segments from stop to stop; return also the stops within the first cycle."""
+        """Join the timed segments ``runs`` from stop to stop to a profile of all cycles.
+
+        ``stops`` are the indices of the stops. Returns the profile, and the stops within the first
+        cycle.
+        """
         stays = [float(self.stays[k]) for k in stops[:-1]]
         profile = Profile(runs, stays, stops, list(self.ends), limits)
         return profile, [k for k in stops if 0 < k < self.ends[1]]
@@ -188,10 +204,11 @@ class _Laps:
 def _as_fast_as_possible(
     laps: _Laps, limits: JointLimits, steady: int = -1
 ) -> tuple[Profile, list[int]]:
-    """Time a joint path segment by segment, between corners and pauses; return also the stops.
+    """Time a joint path segment by segment, between corners and pauses, as quickly as possible.
 
-    Jerk is not limited if ``steady`` is negative. If it is positive, the path has three cycles: the
-    second begins and ends at equal ṡ and s̈, and its time counts ``steady`` times.
+    Returns the profile, and the stops within the first cycle. Jerk is not limited if ``steady`` is
+    negative. If it is positive, the path has three cycles: the second begins and ends at equal ṡ
+    and s̈, so that it can be repeated, and its time counts ``steady`` times.
     """
     stops = laps.stops(laps.corners())
     steps = np.linalg.norm(np.diff(laps.Q, axis=0), axis=1)
@@ -216,9 +233,10 @@ def _as_fast_as_possible(
 def _in_own_times(
     laps: _Laps, limits: JointLimits, motion: Motion
 ) -> tuple[Profile, list[int]]:
-    """Time a joint path in its own times, from stop to stop; return also the stops.
+    """Time a joint path in its own times, such as those of a file's waypoints, from stop to stop.
 
-    The arm stops at sharp corners, and at gentler ones where the limits require it.
+    Returns the profile, and the stops within the first cycle. The arm stops at sharp corners, and
+    at gentler ones where the limits require it. InputError is raised if they cannot be kept.
     """
     from .own_times import with_own_times  # only paths with a clock need it
 
@@ -260,7 +278,12 @@ def _sampled(
     limits: JointLimits,
     stops: int,
 ) -> TimedMotion:
-    """Sample a profile at even time steps, with its second cycle repeated ``more`` times."""
+    """Sample a profile at even time steps, with its second cycle repeated ``more`` times.
+
+    ``rate`` are the samples per second, ``stops`` the number of stops in a cycle. Times are
+    stretched a little, so that the limits hold between the stages and a cycle takes a whole number
+    of samples.
+    """
     dt = 1.0 / rate
     marks, factor = profile.marks * profile.stretch, profile.stretch
     period = 0
@@ -412,14 +435,17 @@ def approach(
 
 
 def with_cycle_time(row: Row) -> Row:
-    """Add the minimum time of the motion's first cycle to a row of a study."""
+    """Add the minimum time of a motion's first cycle to its row of a study's table."""
     if row.motion is None:
         return row
     return replace(row, cycle_time=_fastest_cycle(row.motion))
 
 
 def _fastest_cycle(motion: Motion) -> float | None:
-    """Compute the minimum time of the first cycle from rest to rest, s; None without a solution."""
+    """Compute the minimum time of the first cycle from rest to rest, s; None without a solution.
+
+    Its acceleration limits are published ones of the robot, or assumed.
+    """
     end = motion.steps + 1
     once = replace(
         motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end]

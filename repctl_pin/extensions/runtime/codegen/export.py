@@ -1,4 +1,8 @@
-"""Export of a repeatable inverse or a cell function as C files for a robot's control loop."""
+"""Export of a repeatable inverse or a cell function as C files for a robot's control loop.
+
+Test vectors, inputs with the results that Python has for them, are exported as well, so that a
+build on the robot's computer can be checked.
+"""
 
 from __future__ import annotations
 
@@ -157,17 +161,24 @@ def export_c(
 
 
 def _signed(file: str, text: str) -> str:
-    """Put a comment line before a file's text: origin, version and checksum of the text."""
+    """Put a comment line before a file's text: origin, version and checksum of the text.
+
+    By it, a later export does not overwrite a file that was edited.
+    """
     said = f"{_SIGNED} {__version__}; checksum of the lines below: {_checksum(text.encode())}"
     return f"# {said}\n{text}" if file == "CMakeLists.txt" else f"/* {said} */\n{text}"
 
 
 def _checksum(text: bytes) -> str:
+    """Hash the text of a file: 16 hex digits."""
     return hashlib.sha256(text).hexdigest()[:16]
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise InputError for a file that repctl_pin did not write, or that was edited."""
+    """Raise InputError for a file that repctl_pin did not write, or that was edited since.
+
+    The export would overwrite it. The first line of its own files has a checksum of the others.
+    """
     if not path.is_file():
         return
     with path.open("rb") as file:
@@ -181,18 +192,23 @@ def _refuse_foreign(path: Path) -> None:
 
 
 def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
-    """Choose the configuration (n,) at which the example and the test vectors begin."""
+    """Choose the configuration (n,) at which the example and the test vectors begin.
+
+    It is that of the cell's middle, the centre of the region Ω of joint space, or else the task's
+    reference configuration.
+    """
     if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
         return InverseFunction(inverse.potentials.chart)(region.placement)
     return region.center if isinstance(region, Region) else inverse.task.reference
 
 
 def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
-    """Write the closed path of the example ``loop.c``, in the two directions that it moves along.
+    """Write the closed path of the example ``loop.c``: C text of its two directions and radii.
 
-    ``p = p_0 + (r_1 (cos − 1), r_2 sin)`` keeps the orientation. It lies inside a cell. In a sector
-    the orientation turns with the angle, so there the path is in the plane of radius and height,
-    unless the task is in two coordinates, which leave the orientation free.
+    ``p = p_0 + (r_1 (cos − 1), r_2 sin)`` keeps the orientation. It lies inside a cell, a box of
+    poses. In a sector, a cell around the base, the orientation turns with the angle, so there the
+    path is in the plane of radius and height, unless the task is in two coordinates, which leave
+    the orientation free.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)
@@ -213,7 +229,10 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
 def _vector(
     vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str
 ) -> str:
-    """Write a test vector, and Python's results ``said`` for it, as a C initialiser."""
+    """Write a test vector, and Python's results for it, as the C initialiser of a struct.
+
+    ``said`` has the results by name, as :func:`.vectors.answers` returns them, statuses included.
+    """
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
     gain = -1.0 if vector.gain is None else vector.gain
@@ -245,14 +264,14 @@ def _vector(
 
 
 def _optional(given: Array | None, size: int) -> tuple[int, Array]:
-    """Return whether a vector is given, and the vector; 0 if it is not."""
+    """Return an optional vector as C has it: 1 and the vector, or 0 and zeros of this size."""
     return int(given is not None), np.zeros(size) if given is None else given
 
 
 def _function_vectors(function: InverseFunction, name: str) -> str:
-    """Write the C test vectors of a cell function, with Python's results.
+    """Write the C test vectors of a cell's function q = F(x; c), with Python's results.
 
-    Their targets are inside and outside the cell.
+    Their targets are poses inside and outside the cell; outside, the status is OUTSIDE.
     """
     rows = []
     for target, leaf in targets(function):

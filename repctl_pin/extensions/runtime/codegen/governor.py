@@ -1,5 +1,8 @@
-"""C code of the governor and of the torque law: files of the native library, and their structs as
-the header names them."""
+"""C code of the governor and of the torque law, for the exported files.
+
+It consists of files of the native library, which Python itself uses, and of their structs under the
+names of the exported header.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,10 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 
 
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
-    """Write the governor's parts of the C header, the C source and the C++ header.
+    """Write the governor's parts of the C header, the C source and the C++ header: three texts.
 
-    All three are empty for a task in other joint coordinates, which has no governor.
+    The governor keeps the limits at run time; ``name`` is the prefix of the exported names. All
+    three are empty for a task in other joint coordinates, which has no governor.
     """
     if task.coordinates is not None:
         return "", "", ""
@@ -32,7 +36,10 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
 
 
 def torque_code(task: Task, name: str) -> tuple[str, str]:
-    """Write the torque law's parts of the C header and the C source."""
+    """Write the torque law's parts of the C header and the C source: two texts.
+
+    ``name`` is the prefix of the exported names.
+    """
     structs, types = _structs("torque.h", name)
     parts = {
         "structs": structs,
@@ -50,7 +57,8 @@ _ENDINGS = "h", "c", "hpp"
 def _structs(file: str, name: str) -> tuple[str, str]:
     """Write the structs of a header of the library as an exported header names them.
 
-    Returns these, and the C lines by which the library's code finds them.
+    ``State`` becomes ``name_state``, so that two exports can be linked together. Returns these
+    structs, and the C lines (typedefs and macros) by which the library's code finds them.
     """
     text = pasted(file)
     inner = text[text.index("#ifndef EXPORTED\n") : text.index("#endif")]

@@ -1,4 +1,4 @@
-"""C++ header with a repeatable inverse as solvers of Orocos KDL."""
+"""C++ header with a repeatable inverse as solvers of Orocos KDL, for programs built on KDL."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ def kdl_header(
 
 
 def _rates(task: Task) -> str:
-    """Write the C++ lines that compute ẋ of the task from the tip's twist in base axes."""
+    """Write the C++ lines that compute ẋ of the task from the tip's twist in base axes.
+
+    KDL gives six numbers (v, ω); a task commands some of them, or ω along the tool's own x and y.
+    """
     lines = [
         f"        xdot[{i}] = v_in({row});"
         for i, row in enumerate(task.rows)
@@ -62,7 +65,10 @@ def _rates(task: Task) -> str:
 
 
 def quoted(text: str) -> str:
-    """Write a C string literal; bytes other than letters, digits and ``_`` as octal escapes."""
+    """Write a C string literal, as a name of a joint can contain anything.
+
+    Bytes of its UTF-8 text other than letters, digits and ``_`` become octal escapes.
+    """
     return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
 
 

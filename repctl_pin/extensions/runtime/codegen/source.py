@@ -1,4 +1,8 @@
-"""C99 header and source file of a repeatable inverse or a cell function."""
+"""C99 header and source file of a repeatable inverse or a cell function.
+
+The files are templates filled with sizes, numbers and code of the native library. Ω is the region
+of joint space, or the cell of poses, for which the inverse was designed.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +38,11 @@ _MEANING = {
 
 
 class _Source(NamedTuple):
-    """Texts of the C header and the C source file, and parts of the C++ header."""
+    """Texts of the C header and the C source file, and parts of the C++ header.
+
+    ``governor`` and ``closing`` are the C++ parts of the governor and the closing radius; empty if
+    they are left out.
+    """
 
     header: str
     code: str
@@ -51,6 +59,9 @@ def write_source(
     closes: ClosingRadius | None = None,
 ) -> _Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
+
+    Returns the texts of the header and the source file, and parts of the C++ header. A cell
+    function gives one configuration per pose of a cell, a box of poses.
 
     Parameters
     ----------
@@ -135,7 +146,11 @@ def write_source(
 
 
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
-    """Write the sizes of one frame: numbers if there is one, else members of its own struct."""
+    """Write the sizes of one frame for C: rows of the task, its joints, and most joints of any.
+
+    They are numbers if the task has one frame, so that the compiler can unroll loops, and otherwise
+    members of each frame's struct ``arm``.
+    """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}
     most = max(frame.joints for frame in arm.held["frame"])
@@ -143,7 +158,7 @@ def _frame_sizes(arm: Any) -> dict[str, str | int]:
 
 
 def _function_code(function: InverseFunction, name: str) -> str:
-    """Write the C code of an inverse kinematic function F, after that of its inverse."""
+    """Write the C code of a cell's function q = F(x; c), to stand after that of its inverse."""
     parts = {
         "library": pasted("function.h", "function_parts.c", "function.c"),
         "keep": int(function.keep_limits),
@@ -154,7 +169,11 @@ def _function_code(function: InverseFunction, name: str) -> str:
 def _native_files(
     inverse: RepeatableInverse, region: Bounded | None
 ) -> tuple[list[str], list[str]]:
-    """Name the headers and sources of the library for an inverse or a region with a cell."""
+    """Name the headers and sources of the library that a chart requires; none without a cell.
+
+    A chart is the polynomials of a cell's function. An inverse has one if it belongs to a function,
+    or its region Ω is a cell.
+    """
     if isinstance(inverse.potentials, CellPotentials) or isinstance(region, Cell):
         return ["chart.h"], ["chart.c"]
     return [], []
@@ -163,9 +182,11 @@ def _native_files(
 def _closing_source(
     closes: ClosingRadius | None, task: Task, name: str
 ) -> tuple[str, str, str]:
-    """Write the closing radius' parts of the C header, the C source and the C++ header.
+    """Write the closing radius' parts of the C header, C source and C++ header: three texts.
 
-    All three are empty without a closing radius.
+    The closing radius is the distance from a start or a path within which closed paths are proved
+    to close. All three are empty without it. InputError is raised if it is not proved, or for
+    another kind of task.
     """
     if closes is None:
         return "", "", ""
@@ -197,12 +218,15 @@ def _closing_source(
 
 
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
-    """Return the region that ``name_inside`` checks: the given one, else the inverse's own Ω."""
+    """Return the region that ``name_inside`` checks in C: the given one, else the design's."""
     return inverse.region if region is None else region
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
-    """Test whether an inverse is that of a function over this cell."""
+    """Test whether an inverse is that of the function over this cell of poses.
+
+    Only then can the cell be its region in C, because the chart of the function tests the poses.
+    """
     if not isinstance(inverse.potentials, CellPotentials):
         return False
     own = inverse.potentials.chart.cell.whole
@@ -210,7 +234,7 @@ def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
 
 
 def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) -> str:
-    """Write the header comment: robot, frame, task, joints, region, units, version."""
+    """Write the comment that begins the C files: robot, frame, task, joints, region, units."""
     task = control.task
     robot = task.robot
     placed = [
@@ -249,7 +273,7 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
 
 
 def _of(region: Bounded | None) -> str:
-    """Describe a region, for a C comment."""
+    """Describe a region of joint space or a cell in one line, for a C comment."""
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))

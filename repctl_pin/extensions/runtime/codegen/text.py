@@ -1,4 +1,7 @@
-"""Formatting of C code: names, numbers, structs as constants, safe comments, and templates."""
+"""Formatting of C code: names, numbers, structs as constants, safe comments, and templates.
+
+Names of a robot or a file can contain anything, so they are escaped: they must not end a comment.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +76,8 @@ def comment(text: str) -> str:
 def initialiser(value: Any) -> str:
     """Format a value as C: a number, a name, or in braces an array, a tuple or a placement.
 
-    Numbers may be infinite or nan. A placement is its position, and its rotation row by row.
+    A text is taken for the name of a constant. Numbers may be infinite or nan. A placement is its
+    position, and its rotation row by row.
     """
     if isinstance(value, str):
         return value
@@ -112,6 +116,7 @@ def constants(made: Any, kind: str, name: str) -> str:
 
 
 def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
+    """Write the C definitions of a struct and of all that it points to, the struct last."""
     entries = []
     for member, of in made._fields_:
         held = made.held.get(member)
@@ -126,7 +131,10 @@ def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
 
 
 def _array(held: Any, member: str, name: str) -> Iterator[str]:
-    """Write the array of numbers, or of structs, that a member points to."""
+    """Write the array of numbers, or of structs, that a pointer ``member`` of a struct points to.
+
+    ``held`` is a NumPy array, or a list of structs; ``name`` is the name of the array in C.
+    """
     if isinstance(held, np.ndarray):
         kind = "double" if held.dtype.kind == "f" else "int"
         values = initialiser(held.ravel())
@@ -141,15 +149,15 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
 
 
 def _template(file: str) -> str:
-    """Read a template of C code, in which ``@part`` and ``arm`` stand for parts and the name."""
+    """Read a file of templates of C code, in which ``@part`` and ``arm`` are placeholders."""
     return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
 
 
 def pasted(*names: str) -> str:
-    """Read files of the native library, without what is for its build only.
+    """Read files of the native library for pasting into an export, without their build directives.
 
-    Files that they include are left out, but those for one place, without an include guard, are
-    pasted there.
+    The exported source is one file. Lines ``#include`` are dropped; a file without an include
+    guard, which belongs to one place, is pasted there.
     """
     return "\n".join(_pasted(name) for name in names)
 
@@ -166,9 +174,10 @@ def _pasted(name: str) -> str:
 
 
 def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
-    """Fill a template of C code.
+    """Fill a template of C code: the text of ``file`` with its placeholders replaced.
 
-    Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name.
+    Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name, the prefix of all
+    exported names.
     """
     text = re.sub(r"\bARM_", f"{name.upper()}_", _template(file))
     text = re.sub(r"\barm(?=_|\.(?:h|hpp|c)\b)|(?<=namespace )arm\b", name, text)
@@ -176,6 +185,9 @@ def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
 
 
 def _escaped(character: str) -> str:
-    """Escape a character by its UTF-16 code units, lone surrogates included."""
+    """Escape a character by its UTF-16 code units, four hex digits each, lone surrogates included.
+
+    So it can neither end a C comment nor break a line of it.
+    """
     units = character.encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{unit}" for unit in re.findall("....", units))

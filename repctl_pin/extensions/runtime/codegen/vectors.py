@@ -1,4 +1,8 @@
-"""Test vectors for the C code: valid and invalid inputs, and Python's results."""
+"""Test vectors for the C code: valid and invalid inputs, and Python's results for them.
+
+The exported program ``check.c`` compares its own results with these. A status is what a C function
+returns: OK, SINGULAR, BAD_NUMBER or OUTSIDE.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +34,12 @@ _COUNT = 48
 @dataclass(frozen=True, eq=False)
 @read_only
 class Vector:
-    """Test vector: a configuration q, and the other inputs of the C functions."""
+    """Test vector: a configuration q, and the other inputs of the C functions.
+
+    xdot, target, twist, leaf, gain, limit and damping are those of ``RepeatableInverse.step``;
+    joint_speed q̇, M, bias, gains and observer, the state of the observer, those of the torque law.
+    None stands for an input that is left out.
+    """
 
     q: Array
     xdot: Array
@@ -54,9 +63,10 @@ def vectors(
     region: Bounded | None,
     start: Array,
 ) -> list[Vector]:
-    """Sample test vectors at configurations in and near the region, or near the start without one.
+    """Sample test vectors, inputs of the C functions, at configurations in and near the region.
 
-    Optional inputs are given in some vectors and None in others, and a few vectors are invalid.
+    Without a region, they are near ``start`` (n,). Optional inputs are given in some vectors and
+    None in others, and a few vectors are invalid. They are the same at every call.
     """
     task, rng = inverse.task, np.random.default_rng(0)
     near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
@@ -118,7 +128,9 @@ def answers(
 ) -> dict[str, Any]:
     """Compute Python's results for a test vector: statuses and outputs of all functions, by name.
 
-    The output of a velocity, a step or a torque is 0 where its status is not OK.
+    The names of the statuses are usable, inside, velocity, step and torque; of the outputs
+    placement, J, c, qdot, q_next, tau and observer. The output of a velocity, a step or a torque is
+    0 where its status is not OK.
     """
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
@@ -163,7 +175,10 @@ def answers(
 
 
 def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
-    """Evaluate the torque law: its status, τ (n,), and the observer's state (r,) after the call."""
+    """Evaluate the torque law: its status, τ (n,), and the observer's state (r,) after the call.
+
+    The observer estimates a disturbance, such as friction; its state is 0 without one.
+    """
     task, observer = inverse.task, None
     if vector.observer is not None:
         observer = Observer(vector.observer.copy(), vector.dt)
@@ -177,25 +192,28 @@ def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Arr
 
 
 def _turned(placement: pin.SE3, w: Array) -> pin.SE3:
-    """Turn a placement about the base's origin by a rotation vector."""
+    """Turn a placement about the base's origin by a rotation vector w (3,), rad."""
     return pin.SE3(pin.exp3(w), np.zeros(3)) * placement
 
 
 def _inertia(rng: np.random.Generator, n: int) -> Array:
-    """Sample a positive definite inertia matrix (n, n)."""
+    """Sample a positive definite inertia matrix (n, n), of no real arm."""
     A = rng.normal(size=(n, n))
     return np.eye(n) + A @ A.T / n
 
 
 def _gains(rng: np.random.Generator, task: Task) -> Gains:
-    """Sample random gains of the torque law."""
+    """Sample random gains of the torque law: stiffness, damping, frequency and observer."""
     zeta, omega, zeta_h, kappa = rng.uniform(0.5, 20.0, 4).tolist()
     stiffness, limit = rng.uniform(20.0, 2000.0, task.m), rng.uniform(0.5, 5.0, task.n)
     return Gains(stiffness, zeta, omega, zeta_h, kappa, limit)
 
 
 def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, Array]]:
-    """Sample targets inside and outside the cell, each with a level c (r,)."""
+    """Sample target poses inside and outside the cell of F, each with a level c (r,).
+
+    The level says where along the self-motion the elbow is; every second one is 0.
+    """
     rng = np.random.default_rng(0)
     U = (
         rng.uniform(-1.1, 1.1, (count, function.cell.k))
@@ -208,9 +226,10 @@ def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, A
 
 
 def asked(question: Any, n: int) -> tuple[int, Array]:
-    """Call a function without arguments: the status, and its result (n,).
+    """Call a function without arguments: return the status, and its result (n,).
 
-    If it raises, the status is SINGULAR or BAD_NUMBER, and the result is 0.
+    If it raises SingularityError the status is SINGULAR, if InputError BAD_NUMBER, and the result
+    is 0, as in C.
     """
     try:
         with np.errstate(all="ignore"):  # inputs may be infinite or nan
