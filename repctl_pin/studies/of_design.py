@@ -71,6 +71,9 @@ def problem_of(
 
 
 def _begins(cycle: Cycle, task: Task, start: Array) -> bool:
-    """Test whether the path of a cycle begins at the pose of a start, on any leaf."""
+    """Test whether a cycle's path begins at the pose of a start (n,), so that the path can be kept.
+
+    Only the pose of the frame is compared, to 1e-6 m and rad; the joints may differ by self-motion.
+    """
     gap = task.error(start, cycle.path.placement(0.0))
     return bool(np.abs(gap).max() < SAME)

@@ -32,12 +32,15 @@ SHARE = "share"
 
 
 def _never(motion: Motion) -> bool:
+    """Return False: the mark of a quantity that is never bad."""
     return False
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of each strategy in a study.
+    """One number per strategy in a study, such as the drift: how to compute, name and mark it.
+
+    The table of a study, its legend and its JSON are made from the tuple ``QUANTITIES``.
 
     Attributes
     ----------
@@ -71,11 +74,16 @@ class Quantity:
 
 
 def finite(value: float) -> float | None:
-    """Return a number, or None in place of an infinite one."""
+    """Return a number, or None in place of an infinite one or NaN, which JSON lacks."""
     return float(value) if np.isfinite(value) else None
 
 
 def _distance(motion: Motion, cycles: int) -> float:
+    """Evaluate the minimum body distance, m, in the first ``cycles`` cycles.
+
+    It is below 0 in a collision. It is evaluated at no more than 100 points per cycle, and infinite
+    without bodies.
+    """
     coarse = motion.coarse
     return float(coarse.body_distance[: cycles * coarse.steps + 1].min())
 
@@ -183,6 +191,9 @@ _BY_KEY = {quantity.key: quantity for quantity in QUANTITIES}
 
 
 def values_of(motion: Motion, *keys: str) -> dict[str, float | None]:
-    """Collect quantities of a motion, for JSON."""
+    """Collect quantities of a motion by their keys in ``QUANTITIES``, for JSON.
+
+    A quantity without a value, such as a body distance without bodies, is None.
+    """
     values = {key: _BY_KEY[key].of for key in keys}
     return {key: value and value(motion) for key, value in values.items()}

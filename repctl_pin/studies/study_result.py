@@ -87,12 +87,18 @@ class Row:
 
     @property
     def outside(self) -> float:
-        """Share of the motion that lies outside Ω; 0 without a region or a motion."""
+        """Share of the motion that lies outside Ω, the region of the design: 0 to 1.
+
+        Repeatability is not guaranteed there. It is 0 without a region or a motion.
+        """
         return 0.0 if self.motion is None else self.motion.outside or 0.0
 
 
 def evaluated(row: Row) -> Row:
-    """Add the motion's body distance and violations to a row."""
+    """Add the body distance, m, and the violations of its motion to a row; return the new row.
+
+    A study does this when all motions are known. A row without a motion is returned as it is.
+    """
     motion = row.motion
     if motion is None:
         return row
@@ -240,12 +246,15 @@ class Study:
 
 
 def picked(thing: object, *names: str) -> dict[str, Any]:
-    """Collect the named attributes of an object in a dictionary."""
+    """Collect the named attributes of an object in a dictionary, by name."""
     return {name: getattr(thing, name) for name in names}
 
 
 def region_dict(region: Region) -> dict[str, Any]:
-    """Describe a region by a dictionary of plain Python types."""
+    """Describe a region of joint space by its centre, half-width and name in plain types, for JSON.
+
+    ``half_width`` (n,), rad or m, is that of the box around the region.
+    """
     return {
         "center": region.center.tolist(),
         "half_width": region.bounds.half_width.tolist(),
@@ -254,7 +263,12 @@ def region_dict(region: Region) -> dict[str, Any]:
 
 
 def bodies_dict(motion: JointMotion) -> dict[str, Any]:
-    """Collect the minimum body distance and the first collision in plain Python types."""
+    """Collect the minimum body distance and the first collision in plain Python types, for JSON.
+
+    The keys are ``body_distance``, m, ``nearest_bodies`` and ``first_touch``, each of the last two
+    with its cycle (a fraction counts) and its two links. Values are None where no bodies are
+    checked.
+    """
     least = float(motion.body_distance.min())
     if not np.isfinite(least):
         return {"body_distance": None, "nearest_bodies": None, "first_touch": None}
@@ -270,7 +284,11 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
 
 
 def limits_dict(motion: Motion) -> dict[str, Any]:
-    """Collect the minimum limit margin and the first violation in plain Python types."""
+    """Collect the minimum joint-limit margin and the first violation in plain types, for JSON.
+
+    The keys are ``limit_margin``, rad or m, None without limits, and ``first_violation``, None or a
+    cycle (a fraction counts) and a joint.
+    """
     violation = motion.first_violation
     return {
         **values_of(motion, "limit_margin"),
@@ -281,12 +299,20 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
 
 
 def _closes(design: Design) -> dict[str, Any] | None:
-    """Collect the closing radius of a certificate in plain Python types; None without one."""
+    """Collect the proved closing radius of a design in plain Python types, for JSON.
+
+    Every closed path within that distance of the start, or of the path, is proved to close in joint
+    space. None if nothing was proved.
+    """
     closes = design.proof.closes if design.proof else None
     return picked(closes, "metres", "radians", "around", "reason") if closes else None
 
 
 def _row_dict(row: Row) -> dict[str, Any]:
+    """Convert the row of one strategy to plain Python types, for JSON.
+
+    Without a motion, only its label and the reason, ``stopped``, are given.
+    """
     from ..motion.displacement import end_displacements, farthest_link
 
     motion = row.motion
