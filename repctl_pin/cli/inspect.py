@@ -31,7 +31,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Inspect a robot and print the result."""
+    """Load a robot, and print its joints, limits, frames and redundancy as text or JSON."""
     from ..studies.task_choice import redundant_kinds
 
     robot = options.load_robot()
@@ -141,9 +141,10 @@ def _text(found: Mapping[str, Any]) -> str:
 
 
 def _chains(found: Mapping[str, Any]) -> list[str]:
-    """List the joints and task kinds of kinematic chains.
+    """Write lines on kinematic chains, the joints that move a frame, with their task kinds.
 
-    These are the chain of the default frame, and others with as many joints.
+    ``found`` is the result of :func:`_inspection`. Listed are the chain of the default frame, and
+    others with as many joints. If frames have the same chain, only the first is listed.
     """
     frames = found["frames"]
     lines: list[str] = []
@@ -161,7 +162,10 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 
 
 def _frames(found: Mapping[str, Any]) -> list[str]:
-    """Format a table of the frames and their positions, from which the user can choose a path."""
+    """Format a table of the frames and their positions, m, with a legend: a list of two texts.
+
+    From it the user can choose a frame and a path. ``found`` is the result of :func:`_inspection`.
+    """
     from ..show.text.table import table
 
     rows = []
@@ -178,4 +182,5 @@ def _frames(found: Mapping[str, Any]) -> list[str]:
 
 
 def _number(value: float) -> str:
+    """Format a limit with four digits; a dash stands for no limit."""
     return f"{value:.4g}" if math.isfinite(value) else "–"

@@ -49,7 +49,11 @@ class Parser(argparse.ArgumentParser):
             )
 
     def parse_all(self, arguments: list[str]) -> Options:
-        """Parse the arguments; the subcommand that received unknown ones reports them."""
+        """Parse the arguments of the command line; an unknown one is reported by its subcommand.
+
+        That parser knows which options it has, and can suggest the nearest. The process then ends
+        with exit code 2.
+        """
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
         if rest:
@@ -66,7 +70,10 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def _option_of(self) -> dict[str, str]:
-        """Map argument names of the library to the options of this command."""
+        """Map argument names of the library to the options of this command: ``kind`` to ``--task``.
+
+        Errors of the library name an argument, which the user of a command does not know.
+        """
         names = {
             action.dest: option
             for action in self._actions
@@ -79,7 +86,7 @@ class Parser(argparse.ArgumentParser):
         } | names
 
     def add_argument(self, *names: Any, **how: Any) -> argparse.Action:
-        """Add an argument; an option goes into its group."""
+        """Add an argument as argparse does, and put an option into its group of the help."""
         option = str(names[0]).removeprefix("--") if names else ""
         title = next((g for g, own in _GROUPS.items() if option in own.split()), None)
         if title is None or not str(names[0]).startswith("--"):
@@ -89,7 +96,10 @@ class Parser(argparse.ArgumentParser):
         return group.add_argument(*names, **how)
 
     def shorten_usage(self) -> None:
-        """Write only the arguments into the usage, and order the groups of options."""
+        """Write only the positional arguments into the usage line, and order the groups of options.
+
+        All options together would fill half of a terminal; the groups below list them.
+        """
         arguments = [action for action in self._actions if not action.option_strings]
         names = [
             f"[{action.metavar}]" if action.nargs in ("?", "*") else action.metavar
@@ -170,7 +180,10 @@ class Parser(argparse.ArgumentParser):
     def path(
         self, lead: str = "", default: str = " (default: a circle that fits)"
     ) -> None:
-        """Add --path and --plane; ``lead`` and ``default`` enclose the help of --path."""
+        """Add --path and --plane; ``lead`` and ``default`` are texts around the help of --path.
+
+        They tell what this command does with a path, and without one.
+        """
         add = self.add_argument
         where = "below" if self.prog == "repctl study" else "`repctl study --help`"
         shapes = f"closed path, see {where}"
@@ -205,7 +218,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--weight", metavar="M", help=what)
 
     def json(self, instead: str = "text", *, quiet: bool = False) -> None:
-        """Add --json, which replaces ``instead``, and --quiet."""
+        """Add --json, and --quiet if ``quiet``; ``instead`` is what JSON replaces, for the help."""
         add = self.add_argument
         add("--json", action="store_true", help=f"print JSON instead of {instead}")
         if quiet:

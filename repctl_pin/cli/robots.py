@@ -57,7 +57,11 @@ def run(options: Options) -> int:
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
-    """Format one row of the table, as one text per column."""
+    """Format one row of the catalogue's table, as one text per column.
+
+    ``row`` has the keys of :func:`run`: ``robot``, ``frame``, ``chain`` and ``joints`` (numbers of
+    joints), and ``redundancy``, r by task kind.
+    """
     r = row["redundancy"]
     planes = [kind for kind in ("xy", "xz", "yz") if kind in r]
     plane = str(r[planes[0]]) if len({r[kind] for kind in planes}) == 1 else "–"

@@ -19,7 +19,7 @@ from ..show.text.lines import Span, coloured, fitted, on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Make the callback that reports progress.
+    """Make the callback that reports progress: a function of the name of the step that begins.
 
     On a terminal it rewrites one line; elsewhere it prints only notes, and if ``quiet``, nothing.
     """
@@ -40,7 +40,10 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 
 def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Make the callback that reports a step of long work, and the fraction that is done."""
+    """Make the callback that reports a step of long work, and the fraction that is done, 0 to 1.
+
+    The library calls it with both; the text that results goes to ``say``, such as ``fitting 40 %``.
+    """
     return lambda step, fraction: say(
         f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step
     )
@@ -55,7 +58,7 @@ def say_line(text: str) -> None:
 
 
 def clear_line() -> None:
-    """Erase the progress line on the terminal."""
+    """Erase the progress line on the terminal, so that the next output begins on an empty line."""
     if on_terminal(sys.stderr):
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
@@ -101,7 +104,10 @@ def page_lines(files: Sequence[Path]) -> list[str]:
 
 
 def _as_json(value: Any, indent: int | None = None) -> str:
-    """Write JSON with unprintable characters escaped, for any terminal."""
+    """Write a value as JSON, with unprintable characters escaped so that no terminal obeys them.
+
+    Non-ASCII letters stay readable; ``indent`` is that of ``json.dumps``.
+    """
     text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(
         c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text
@@ -109,7 +115,7 @@ def _as_json(value: Any, indent: int | None = None) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Convert arrays to lists, and infinity and NaN to None, because JSON lacks them."""
+    """Convert a value for JSON: arrays to lists, and infinity and NaN to None, which JSON lacks."""
     if isinstance(value, dict):
         return {key: _plain(part) for key, part in value.items()}
     if hasattr(value, "tolist"):
