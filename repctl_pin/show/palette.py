@@ -32,7 +32,7 @@ def luminance(colour: str) -> float:
 
 
 def readable(colour: str) -> str:
-    """Darken a colour until text in it has a contrast of 4.5:1 on white."""
+    """Darken a colour ``#rrggbb`` until text in it has a contrast of 4.5:1 on white."""
     parts = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     for share in range(100, 0, -2):
         darker = "#" + "".join(f"{c * share // 100:02x}" for c in parts)
@@ -42,6 +42,9 @@ def readable(colour: str) -> str:
 
 
 def colours(study: Study) -> dict[str, str]:
-    """Return the colour of every strategy and of every row of a study, by key."""
+    """Return the colour ``#rrggbb`` of every strategy and of every row of a study, by key.
+
+    A user-defined controller gets the next free colour; after four they repeat.
+    """
     own = [row.key for row in study.rows if row.key not in COLOURS]
     return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}

@@ -55,17 +55,21 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
 
 
 def run_name(study: Study, checksum: str) -> str:
-    """Name a run by the checksum of its design file and a digest of its motions.
+    """Name a run of a study by the checksum of its design file and a digest of its motions.
 
-    Runs of one name have the same design and motions. The first part is the checksum in
-    ``control.json``.
+    The name is written into each file, so that the user sees which files belong together. Runs of
+    one name have the same design and motions. The first part is the checksum in ``control.json``,
+    here ``checksum``.
     """
     digest = hashlib.sha256(_motions(study).encode()).hexdigest()
     return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"
 
 
 def with_run(page: str, run: str) -> str:
-    """Insert the name of a run into the head of a page; an empty name changes nothing."""
+    """Insert the name of a run into the head of an HTML page; an empty name changes nothing.
+
+    By this name, files of different studies in one folder can be distinguished.
+    """
     return (
         page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1)
         if run
@@ -74,7 +78,10 @@ def with_run(page: str, run: str) -> str:
 
 
 def _motions(study: Study, run: str = "") -> str:
-    """Write the motions of a study as the text of a CSV file."""
+    """Write the motions of a study as the text of a CSV file, at most 100 rows per cycle.
+
+    ``run`` is the name of the study's run, see :func:`run_name`; empty leaves it out.
+    """
     kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
     return csv_text(kept, most=_CSV_ROWS_PER_CYCLE, run=run)
 

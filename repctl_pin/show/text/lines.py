@@ -20,7 +20,10 @@ _COLOURS = {"bad": "31", "good": "32"}
 
 
 class Span(NamedTuple):
-    """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value."""
+    """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value.
+
+    A terminal shows a tone as colour; a page shows the exact value beside the rounded text.
+    """
 
     text: str
     tone: str = ""
@@ -48,9 +51,10 @@ def coloured(spans: Iterable[Span]) -> str:
 
 
 def wrapped(spans: Sequence[Span]) -> list[Span]:
-    """Wrap a sentence made of pieces to the width of the terminal.
+    """Wrap a sentence made of pieces to the width of the terminal, and return the pieces.
 
-    A no-break space keeps two words on one line.
+    Each piece keeps its tone, although a line break may fall into it. A no-break space keeps two
+    words on one line.
     """
     text = "".join(span.text for span in spans).rstrip(" ")
     letters = list(text)
@@ -77,7 +81,7 @@ def terminal_width() -> int:
 
 
 def on_terminal(stream: TextIO | None) -> bool:
-    """Check whether a stream is a terminal; it may be closed."""
+    """Check whether a stream is a terminal; False for None, or if the stream is closed."""
     return stream is not None and not stream.closed and stream.isatty()
 
 
@@ -93,6 +97,10 @@ def fitted(text: str, width: int | None = None) -> str:
 
 
 def _wrapped(line: str, width: int) -> list[str]:
+    """Wrap one line to a width, as :func:`fitted` does; a line with a longer word stays whole.
+
+    Such a word is usually a path, which the user wants to copy.
+    """
     if (
         len(line) <= width or max(map(len, line.split())) > width
     ):  # a path, to be copied

@@ -1,4 +1,8 @@
-"""Summaries of motions, for headlines and tables: displacement, speed, limits, bodies."""
+"""Summaries of motions, for headlines and tables: displacement, speed, limits, bodies.
+
+A part of the arm is off by its displacement: the distance between where it is at the end of all
+cycles and where it began. The outlook is where the drift leads if it goes on at this rate.
+"""
 
 from __future__ import annotations
 
@@ -106,6 +110,8 @@ def motion_summary(
 ) -> MotionSummary:
     """Extract the quantities of a motion that a headline reports, without its outlook.
 
+    The outlook, in which cycle the drift will lead to a limit, is added by :func:`with_outlook`.
+
     Parameters
     ----------
     label
@@ -156,7 +162,10 @@ def motion_summary(
 def with_outlook(
     summary: MotionSummary, played: Sequence[JointMotion]
 ) -> MotionSummary:
-    """Add to the summary of a motion where it leads, and the two links that come nearest.
+    """Add to the summary of a motion its outlook, and the two links that come nearest.
+
+    The outlook is the cycle in which a joint leaves its range if it drifts on at this rate; it
+    warns of a violation after the last cycle shown.
 
     Parameters
     ----------
@@ -175,7 +184,7 @@ def with_outlook(
 
 
 def row_summary(row: Row) -> MotionSummary | None:
-    """Summarise one row of a study; None if its motion stopped."""
+    """Summarise the motion of one strategy in a study; None if it stopped."""
     motion = row.motion
     if motion is None:
         return None

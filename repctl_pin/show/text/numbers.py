@@ -37,7 +37,10 @@ def metres(value: float) -> str:
 
 
 def displacement(value: float) -> str:
-    """Format how far a part is off: like :func:`metres`, but 0 below a tenth of a millimetre."""
+    """Format how far a part is off, m: like :func:`metres`, but 0 below a tenth of a millimetre.
+
+    So errors of the integrator do not read as drift.
+    """
     return "0" if value < NOTHING else metres(value)
 
 

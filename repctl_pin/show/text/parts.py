@@ -14,7 +14,11 @@ _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripp
 
 
 def redundant_part(task: Task) -> str:
-    """Write what a task leaves free: the elbow position of an arm with one spare joint."""
+    """Write what a task leaves free to drift: the elbow position of an arm with one spare joint.
+
+    It is "configuration" for any other task than a pose with r = 1, since more than the elbow is
+    free.
+    """
     return "elbow position" if (task.m, task.r) == (6, 1) else "configuration"
 
 
@@ -50,7 +54,10 @@ def part_name(task: Task, q: Array, link: str) -> str:
 
 
 def _side(link: str) -> str:
-    """Write on which side a link is, from its name: ``left ``; empty if the name does not say."""
+    """Write on which side a link is, from its name: ``left ``, ``right ``, or an empty text.
+
+    ``l_hand`` counts as left, too. With two arms the word tells equal parts apart.
+    """
     words = set(re.split("[^a-z]+", _words(link).lower()))
     sides = (side for side in ("left", "right") if words & {side, side[0]})
     return next((f"{side} " for side in sides), "")
@@ -63,14 +70,21 @@ def _words(name: str) -> str:
 
 
 def _without_prefix(link: str, links: Sequence[str]) -> str:
-    """Drop the part before the first underscore if most links share it, and a word follows."""
+    """Drop the part of a link's name before the first underscore if most links share it.
+
+    ``panda_link4`` becomes ``link4``, and a robot's name is not repeated. A word must follow.
+    ``links`` are the names of all links.
+    """
     first, _, rest = link.partition("_")
     shared = sum(name.startswith(f"{first}_") for name in links)
     return rest if rest[:1].isalpha() and 2 * shared > len(links) else link
 
 
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
-    """Find the links before and after the elbow joint; empty without one."""
+    """Find the links before and after the elbow joint at q (n,), which are displayed as "elbow".
+
+    They are the parent and child of that joint. Empty if no joint is in the middle of the arm.
+    """
     joint = elbow(task, q)
     if not in_the_middle(task, q)[joint]:
         return ()
