@@ -1,4 +1,8 @@
-"""How far the drawn bodies drift between cycles, and the corners that show it."""
+"""How far the drawn bodies drift between cycles, and the corners that show it.
+
+A corner is a point of a body's surface that a displacement can move most, see
+:func:`.visuals.corners`. The page keeps only a few of them, at which it measures displacement.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +59,10 @@ def body_drift(
 
 
 def _outermost(body: Array, directions: int) -> NDArray[np.intp]:
-    """Find the corners of a body, by index, that lie farthest in some directions.
+    """Find the corners of a body (P, 3), by index, that lie farthest in some directions.
 
-    These are the eight diagonals, or as many points of Fibonacci's spiral on the sphere.
+    The page measures the displacement of other motions at these few points. The directions are the
+    eight diagonals; if more are asked for, as many points of a spiral on the sphere are added.
     """
     ways = np.array(list(product((-1.0, 1.0), repeat=3)))
     if directions > 8:

@@ -87,12 +87,16 @@ def page(
 
 
 def render(template: str, **parts: Any) -> str:
-    """Fill in a template of ``assets``; text is escaped, except :class:`markupsafe.Markup`."""
+    """Fill in a template, a file of the folder ``assets``, with the given parts.
+
+    Text is escaped for HTML, except :class:`markupsafe.Markup`.
+    """
     return _templates().get_template(template).render(parts)
 
 
 @cache
 def _templates() -> Environment:
+    """Load the environment of the templates, once; missing parts of a template raise an error."""
     folder = files(__package__) / "assets"
     made = Environment(
         loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined
@@ -111,7 +115,10 @@ def _script() -> str:
 
 
 def _as_script(value: Any) -> str:
-    """Convert a value to JSON that is safe inside a script element, which it cannot end."""
+    """Convert a value to JSON that is safe inside a script element of a page.
+
+    A text that contains ``</script>`` cannot end the element.
+    """
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return (
         text.replace("<", "\\u003c")
@@ -126,11 +133,12 @@ def pack(data: bytes) -> str:
 
 
 def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
-    """Write series of numbers as bytes that compress well, and return their resolution.
+    """Write series of numbers as bytes that compress well, and return them with their resolution.
 
-    Numbers are rounded to the resolution: 0.1 µm, or more for coordinates beyond 100 m. Along the
-    columns of each (T, W) array their third differences are taken, which are small for smooth
-    motions. Their 32 bits, sign last, are written as four planes: the lowest bytes first.
+    A page is small only if its poses are. Numbers are rounded to the resolution: 0.1 µm, or more
+    for coordinates beyond 100 m. Along the columns of each (T, W) array their third differences are
+    taken, which are small for smooth motions. Their 32 bits, sign last, are written as four planes:
+    the lowest bytes first. The page's script undoes this.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)
@@ -148,7 +156,10 @@ def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
 
 @cache
 def _viewer() -> str:
-    """Compress the script of meshcat's viewer, from the installed package, as base64."""
+    """Compress the script of meshcat's viewer, from the installed package, as base64.
+
+    The page contains it, so that it needs no network. RepctlError is raised if meshcat lacks it.
+    """
     spec = find_spec("meshcat")
     if spec is None or spec.origin is None:
         raise RepctlError("meshcat is not installed; pip install 'meshcat>=0.3.2'")

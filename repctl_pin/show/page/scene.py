@@ -1,4 +1,9 @@
-"""Scene of the animation page: arms side by side, each with traces of its cycles."""
+"""Scene of the animation page: arms side by side, each with traces of its cycles.
+
+A pane is the part of the page that shows one arm. A shape is a body of the arm as it is drawn. A
+sample is a moment of the motion whose configuration the page holds; between samples it
+interpolates. The tip is the frame of the task.
+"""
 
 from __future__ import annotations
 
@@ -122,9 +127,9 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    If there are more than 24 cycles, the first and the last are shown, and every k-th one
-    before the last. Within a cycle, the samples are evenly spaced if its number of steps has a
-    suitable divisor, and nearly so otherwise.
+    A page with all samples would be too large. If there are more than 24 cycles, the first and the
+    last are shown, and every k-th one before the last. Within a cycle, the samples are evenly
+    spaced if its number of steps has a suitable divisor, and nearly so otherwise.
 
     Parameters
     ----------
@@ -157,7 +162,7 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
     Parameters
     ----------
     motions : sequence of (T + 1, nq) arrays
-        Configurations, rad or m.
+        Configurations of the whole robot, rad or m.
     cycles
         Number of cycles of each motion.
     """
@@ -171,7 +176,12 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 
 
 def _missed(Q: Array, frames: Frames) -> float:
-    """Evaluate how far the cubic misses a motion half-way between samples: the largest error."""
+    """Evaluate the largest error, rad or m, of the motion as the page draws it.
+
+    From it follows whether there are enough samples. The page draws a cubic through neighbouring
+    samples; the error is evaluated half-way between them. ``Q`` (T + 1, nq) holds all
+    configurations of the robot.
+    """
     index = frames.index.reshape(-1, frames.per_cycle)
     if index.shape[1] < 4:
         return 0.0
@@ -265,7 +275,12 @@ def animation_page(
 
 
 def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
-    """List, for each shape, the joint on which its link rides; all None without a loop."""
+    """List, for each shape, where its link is mounted: index of the joint and name of the part.
+
+    The index is −1 for a link fixed to the base; None stands for a shape of the surroundings.
+    ``own`` holds the numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; without them
+    all are None.
+    """
     return [None] * len(arm.shapes) if own is None else own["links"]
 
 
@@ -279,7 +294,9 @@ def _describe(
 ) -> dict[str, Any]:
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
-    Shapes that ``rides`` marks (S,) can move, although they may not in this motion.
+    ``library`` holds the number of each body in the viewer's library, ``link`` is the link of the
+    part that the page points at. Shapes that ``rides`` marks (S,) can move, although they may not
+    in this motion.
 
     The arrays are the poses of M moving bodies (T, M, 7), tips and elbows (T, K, 3), the origin of
     a violation (T, 3), if there is one, and the points (P, 3) of each moving body.
@@ -337,7 +354,10 @@ def is_planar(points: Array) -> bool:
 
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:
-    """Find which of S shapes move, from placements (T, S, 4, 4): mask (S,)."""
+    """Find which of S shapes move, from placements (T, S, 4, 4) at T samples: mask (S,).
+
+    Shapes that stand still are written with one pose, which keeps the page small.
+    """
     return (
         np.ptp(placements, axis=0)
         .reshape(placements.shape[1], -1)

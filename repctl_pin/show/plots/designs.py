@@ -1,4 +1,10 @@
-"""Figures of a design: cost against degree, distance from the desired inverse, and leaf margin."""
+"""Figures of a design: cost against degree, distance from the desired inverse, and leaf margin.
+
+The desired inverse G_d, usually J⁺, is the one that the repeatable inverse G_r of the design comes
+near to; the cost is their mean squared distance over Ω, the region of the design. The leaf margin
+is the distance from an algorithmic singularity: 1 is best, 0 is singular. Maps show values over two
+joints, with the others at the centre of Ω.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +79,9 @@ _VARIATION = 0.05
 
 
 def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
-    """Check whether values over two joints vary enough to be drawn as a map.
+    """Check whether values over two joints vary enough to be drawn as a map: by 5 % of its scale.
+
+    A map of one colour would take space and say nothing.
 
     Parameters
     ----------
@@ -194,12 +202,19 @@ _Map = tuple[NDArray[np.float64], str, float | None]
 
 
 def maps_that_vary(*maps: _Map) -> list[_Map]:
-    """Select the maps that vary enough to be drawn; the first one if none does."""
+    """Select the maps that vary enough to be drawn; the first one if none does.
+
+    Each map holds values over two joints, its label, and the best value if large is good, else
+    None.
+    """
     return [one for one in maps if varies(one[0], one[2])] or [maps[0]]
 
 
 def _plain_log_ticks(ax: Axes) -> None:
-    """Label a log axis that may span less than a decade with plain numbers."""
+    """Label a log axis with plain numbers, and extend it upwards to make space for the legend.
+
+    It may span less than a decade, where powers of ten would leave it without labels.
+    """
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend
     span = high / low

@@ -1,4 +1,8 @@
-"""Figures of motions: drift and joint positions over the cycles."""
+"""Figures of motions: drift and joint positions over the cycles.
+
+A figure shows several motions from one start: for each a label, the motion and a colour, listed as
+``motions``. The drift is the distance of the joints from the start after a cycle.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,10 @@ _BEYOND: dict[str, Any] = {
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
-    """List the label, motion and colour of every strategy of a study that has a motion."""
+    """List the label, motion and colour of every strategy of a study that has a motion.
+
+    All figures of a study are drawn from this list.
+    """
     colour = colours(study)
     return [
         (plain(names_of(row.label)["title"]), row.motion, colour[row.key])
@@ -45,7 +52,11 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 class _Curve(NamedTuple):
-    """Line of one motion in a figure: a value (cycles,) after each cycle, and the last in words."""
+    """Line of one motion in a figure, its name and its colour.
+
+    ``values`` (cycles,) holds a value after each cycle, in the unit of the axis, and ``words`` the
+    last value with its unit, for the label at the line's end.
+    """
 
     label: str
     motion: Motion
@@ -55,7 +66,10 @@ class _Curve(NamedTuple):
 
 
 def _drifts(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
-    """Make the curves of the joint drift."""
+    """Make the curves of the joint drift, rad or m, one for each motion.
+
+    A drift of 0 is replaced by 1e-17, because a log scale has no 0.
+    """
     curves = []
     for label, motion, colour in motions:
         last = number(float(motion.drift[-1]))
@@ -68,7 +82,10 @@ def _drifts(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
 
 
 def _displacements(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
-    """Make the curves of the displacement, cm, of the part that is off most."""
+    """Make the curves of the displacement, cm, of the part that is farthest from its start.
+
+    They show the drift in space, which a reader can imagine better than a norm over the joints.
+    """
     curves = []
     for label, motion, colour in motions:
         off = cycle_displacements(motion)
@@ -105,7 +122,10 @@ def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
 
 
 def _drift_lines(ax: Axes, curves: Sequence[_Curve], size: float = 4.0) -> None:
-    """Draw the values after each cycle, and crosses at the first violations."""
+    """Draw the values of curves after each cycle, and crosses at the first violations.
+
+    A violation is a joint limit exceeded, or a collision. ``size`` is that of the markers, points.
+    """
     for curve, marker in zip(curves, "osD^vPX" * len(curves), strict=False):
         motion, values = curve.motion, curve.values
         ax.plot(
@@ -128,7 +148,10 @@ _LEAST = 1e-17
 
 
 def _top(curves: Sequence[_Curve]) -> float | None:
-    """Choose the upper end of a linear axis for the motions of :func:`_near`; None if all are."""
+    """Choose the upper end of a linear axis so that one large drift does not flatten the rest.
+
+    Curves that :func:`_near` leaves out then rise above the axis. None if no curve is left out.
+    """
     kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
     if len(kept) == len(curves):
         return None
@@ -138,7 +161,8 @@ def _top(curves: Sequence[_Curve]) -> float | None:
 def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
     """Leave out motions that would hide the drift of the others on a linear scale.
 
-    These are motions that move far away in cycle 1 and stay there.
+    These motions move far away in cycle 1, to more than four times the others' drift, and stay
+    there, as the posture control does that starts away from its posture.
     """
     rest = max(
         (float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)),
@@ -152,12 +176,18 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
 
 
 def _stays(drift: NDArray[np.float64]) -> bool:
-    """Check whether nearly all of a drift (cycles,) occurs in the first of several cycles."""
+    """Check whether nearly all of a drift (cycles,) occurs in the first of several cycles.
+
+    Such a motion goes to another configuration and closes there, instead of drifting on.
+    """
     return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
 
 def _end_labels(ax: Axes, curves: Sequence[_Curve]) -> None:
-    """Write each motion's name, last value and first violations at the end of its line."""
+    """Write each motion's name, last value and first violations at the end of its line.
+
+    Labels that would overlap are shifted, and joined to their lines.
+    """
     high = ax.get_ylim()[1]
     to_axes = ax.transData + ax.transAxes.inverted()
     order = sorted(curves, key=lambda one: float(one.values[-1]))
@@ -187,8 +217,10 @@ _LINE = 0.058
 
 
 def _end_words(curve: _Curve, high: float) -> str:
-    """Write the label at the end of a line: name, last value and first violations; ``high`` is the
-    upper end of the axis."""
+    """Write the label at the end of a line: name, last value and first violations.
+
+    ``high`` is the upper end of the axis; an arrow says that the line ends above it.
+    """
     above = " ↑" if curve.values[-1] > high else ""
     beyond = "".join(
         f"\n× {'limit' if len(it.names) == 1 else 'collision'} in cycle {it.cycle}"
@@ -198,7 +230,11 @@ def _end_words(curve: _Curve, high: float) -> str:
 
 
 def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
-    """Shift the rising heights of labels so that no label covers another or leaves the axes."""
+    """Shift labels so that none covers another or leaves the axes; return their new positions.
+
+    ``rising`` are the heights at which their lines end, sorted, and ``heights`` those of their
+    texts, all as fractions of the axes.
+    """
     places = []
     floor = -np.inf
     for own, height in zip(rising, heights, strict=True):
@@ -214,9 +250,10 @@ def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
 def _joint_over_cycles(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int
 ) -> Axes:
-    """Draw one joint against time in cycles, with nearby limits as dashed lines.
+    """Draw the position of one joint against time in cycles, with nearby limits as dashed lines.
 
-    A cross marks where a motion first exceeds a joint limit, if it is the limit of this joint.
+    ``joint`` is its index, from 0. A cross marks where a motion first exceeds a joint limit, if it
+    is the limit of this joint.
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
@@ -282,9 +319,10 @@ _INSET = (0.38, 0.3)
 
 
 def _free_corner(ax: Axes, curves: Sequence[_Curve]) -> tuple[float, float] | None:
-    """Find the highest place, on the left or else on the right, where the inset covers no line.
+    """Find a place for the inset in the figure of the drift where it covers no line.
 
-    Return its lower left corner, as fractions of the axes; None if there is no such place.
+    It is the highest such place on the left, or else on the right. Returned is the inset's lower
+    left corner, as fractions of the axes; None if there is no such place, and then no inset.
     """
     to_axes = ax.transData + ax.transAxes.inverted()
     shares = np.linspace(0, 1, 101)
@@ -334,7 +372,8 @@ def liveliest_joints(
 ) -> list[int]:
     """Find the joints that drift most at the ends of cycles; return their indices, sorted.
 
-    Motions that move away in the first cycle and then stay count only if all motions do.
+    A figure has space for ``count`` of them. Motions that move away in the first cycle and then
+    stay count only if all motions do.
     """
     going = [motion for _, motion, _ in motions if not _stays(motion.drift)]
     ends = [
@@ -349,7 +388,10 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def _power_of_ten(value: float, _: object = None) -> str:
-    """Label a tick of a log scale in plain text, without matplotlib's slow parser of formulas."""
+    """Write a power of ten as ``10⁻³``, the label of a tick of a log scale.
+
+    It is plain text, because matplotlib's parser of formulas is slow.
+    """
     return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS)
 
 
@@ -440,7 +482,10 @@ def _arrange(
 
 
 def legend_below(figure: Figure, ax: Axes) -> Figure:
-    """Add a legend of the axes below the figure, in one row."""
+    """Add a legend of the axes below the figure, in one row; return the figure.
+
+    All axes of the figure have the same lines, so one legend serves for all.
+    """
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(
         handles,
