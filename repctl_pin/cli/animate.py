@@ -36,7 +36,7 @@ _Shown = tuple[str, "rp.Task", int, "dict[str, Any]"]
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl animate`` to its parser; :func:`run` reads them."""
     parser.what()
     parser.surroundings()
     add = parser.add_argument
@@ -177,7 +177,11 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
 
 
 def _names(design: rp.Design) -> tuple[str, str]:
-    """Return the labels of a design's two controllers: the desired inverse, the repeatable one."""
+    """Return the labels of a design's two controllers, as the page shows them.
+
+    The first is the desired inverse, to which the design comes near: J⁺, or ``desired`` for another
+    one. The second is the repeatable inverse.
+    """
     from ..studies.quantities import LABELS
 
     plain = type(design.desired) is rp.Pseudoinverse

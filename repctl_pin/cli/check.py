@@ -61,7 +61,7 @@ _SMALL = 4
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl check`` to its parser; :func:`run` reads them."""
     parser.what()
     parser.task()
     parser.weight()

@@ -56,7 +56,7 @@ EXAMPLE = """examples:
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl design`` to its parser; :func:`run` reads them."""
     parser.robot()
     parser.task()
     parser.weight()
@@ -132,7 +132,11 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Design, print the table, write design.json and design.png, and return the exit code."""
+    """Design a repeatable inverse, print its table, and write ``design.json`` and ``design.png``.
+
+    The files are also written if a proof that ``--prove`` asks for is not reached; the exit code is
+    then 3, else 0.
+    """
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     degree = options.asked_degree()

@@ -22,7 +22,11 @@ REFUSED, FAULT, INTERRUPTED, NOT_PROVED = 2, 1, 130, 3
 
 
 class _Stopped(BaseException):
-    """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs."""
+    """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs.
+
+    ``number`` is that of the signal, from which the exit code is made. It derives from
+    BaseException, so that no handler of errors catches it.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -55,7 +59,10 @@ def _stopped_cleanly() -> Iterator[None]:
             raise _Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Send the signal again if it was raised in a finaliser, where Python drops exceptions."""
+        """Send the signal again if its exception was raised in a finaliser, where Python drops it.
+
+        ``what`` is Python's report of the dropped exception. Without this, the stop would be lost.
+        """
         nonlocal coming
         if isinstance(what.exc_value, _Stopped):
             coming = False

@@ -44,7 +44,7 @@ _OWN = ("repeatable", "pseudoinverse", "inertia")
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl follow`` to its parser; :func:`run` reads them."""
     parser.what()
     add = parser.add_argument
     names = f"in place of a design: {', '.join(_OWN)}, or a registered one (default {_OWN[0]})"

@@ -71,7 +71,10 @@ class Options(argparse.Namespace):
         return rp.Robot.load(name, lock=self.lock, base=self.base, **self.beside())
 
     def beside(self) -> dict[str, Any]:
-        """Return the mesh folders and the surroundings, as arguments of ``Robot.load``."""
+        """Return the mesh folders and the surroundings, as keyword arguments of ``Robot.load``.
+
+        They are ``--package-dir`` and, for commands that have it, ``--surroundings``.
+        """
         return {
             "package_dirs": self.package_dir,
             "surroundings": getattr(self, "surroundings", None),
@@ -216,14 +219,21 @@ class Options(argparse.Namespace):
         return [None if one == "hold" else one for one in paths]
 
     def asked_start(self) -> list[float] | None:
-        """Parse ``--start``: joint positions, rad or m; None if it is not given."""
+        """Parse ``--start``: joint positions, rad or m, with commas; None if it is not given.
+
+        InputError is raised for a text that is not a list of numbers; their count is checked later.
+        """
         if self.start is None:
             return None
         what = "is not a list of numbers; separate them by commas"
         return numbers_of(self.start, "--start", what)
 
     def asked_weight(self) -> Any:
-        """Parse ``--weight``: None, a word, or a list of numbers."""
+        """Parse ``--weight``, the joint weights of the desired inverse: None, a word, or numbers.
+
+        The word is ``inertia`` or ``limits``; InputError is raised for any other text without
+        numbers.
+        """
         if self.weight in (None, "inertia", "limits"):
             return self.weight
         return numbers_of(
@@ -233,7 +243,10 @@ class Options(argparse.Namespace):
         )
 
     def asked_degree(self) -> Any:
-        """Parse ``--degree``: ``auto``, or a whole number from 1 up."""
+        """Parse ``--degree``, that of a design's polynomials: ``auto``, or a number from 1 up.
+
+        InputError is raised for any other text.
+        """
         try:
             return "auto" if self.degree == "auto" else integer(self.degree)
         except argparse.ArgumentTypeError:
@@ -277,7 +290,7 @@ def _listed(text: str | None) -> list[str]:
 
 
 def is_saved(name: str) -> bool:
-    """Tell whether a name is that of a saved design: a .json file."""
+    """Tell whether an argument names a saved design, a .json file, and not a robot."""
     return Path(name).suffix.lower() == ".json"
 
 
@@ -327,7 +340,7 @@ def require_proofs(asked: bool) -> None:
 
 
 def proof_code(proof: rp.Proof | None) -> int:
-    """Return the exit code of a command: 0 if a proof was reached, or none was asked for."""
+    """Return the exit code of a command: 3 if a proof was asked for and not reached, else 0."""
     return 0 if proof is None or proof else NOT_PROVED
 
 

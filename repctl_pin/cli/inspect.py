@@ -20,7 +20,7 @@ EXAMPLE = """examples:
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl inspect`` to its parser; :func:`run` reads them."""
     parser.robot()
     parser.add_argument(
         "--all",
@@ -31,7 +31,10 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Load a robot, and print its joints, limits, frames and redundancy as text or JSON."""
+    """Load a robot, and print its joints, limits, frames and redundancy as text or JSON.
+
+    A frame's redundancy is its number of spare joints by kind of task. Returns the exit code 0.
+    """
     from ..studies.task_choice import redundant_kinds
 
     robot = options.load_robot()
@@ -113,7 +116,11 @@ def _inspection(
 
 
 def _text(found: Mapping[str, Any]) -> str:
-    """Format the contents of a robot file, from :func:`_inspection`, for a terminal."""
+    """Format the contents of a robot file for a terminal, as one text of several lines.
+
+    ``found`` is the result of :func:`_inspection`. The text is a table of joints, then locked and
+    mimic joints, chains, frames, and notes.
+    """
     from ..show.text.table import table
 
     rows = []

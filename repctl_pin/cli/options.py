@@ -25,14 +25,21 @@ _GROUPS = {
 
 
 class Parser(argparse.ArgumentParser):
-    """ArgumentParser with one-line errors that suggest the closest valid names and --help."""
+    """Parser of a command: errors are one line that suggests the closest valid names and --help.
+
+    It also groups the options in the help, and has a method for each set of options that several
+    commands share. It derives from argparse's ArgumentParser.
+    """
 
     def format_help(self) -> str:
         """Format the help, and wrap the description and the examples, which argparse does not."""
         return fitted(super().format_help())
 
     def error(self, message: str) -> NoReturn:
-        """Print the error in one line and exit with code 2."""
+        """Print the error in one line on stderr, and exit with code 2.
+
+        argparse would print the usage, too, of many lines.
+        """
         self.exit(
             2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n"
         )
@@ -113,7 +120,10 @@ class Parser(argparse.ArgumentParser):
         )
 
     def robot(self) -> None:
-        """Add the argument ROBOT and the options for loading it."""
+        """Add the argument ROBOT, a catalogue name or URDF, and the options for loading it.
+
+        A command that also takes a saved design calls :meth:`what` instead.
+        """
         self.add_argument(
             "robot",
             metavar="ROBOT",
@@ -128,7 +138,10 @@ class Parser(argparse.ArgumentParser):
             "and task"
         ),
     ) -> None:
-        """Add the argument WHAT, a robot or a saved design, and the options for loading it."""
+        """Add the argument WHAT, a robot or a saved design, and the options for loading it.
+
+        ``what`` is its help. ``--robot`` names the robot of a design that is not in the catalogue.
+        """
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
             "--robot",
@@ -213,7 +226,7 @@ class Parser(argparse.ArgumentParser):
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
 
     def weight(self) -> None:
-        """Add --weight, which selects the inverse to check or to approximate."""
+        """Add --weight, the joint weights that select the inverse to check or to approximate."""
         what = "joint weights: inertia, limits or w1,w2,… (default 1)"
         self.add_argument("--weight", metavar="M", help=what)
 

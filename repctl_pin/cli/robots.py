@@ -16,12 +16,15 @@ EXAMPLE = "example: repctl robots"
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl robots`` to its parser; :func:`run` reads them."""
     parser.json("the table")
 
 
 def run(options: Options) -> int:
-    """Print the catalogue: the joints and the redundancy of every offered frame."""
+    """Print the catalogue: the joints and the redundancy of every offered frame.
+
+    Redundancy is the number of spare joints r = n − m by kind of task. Returns the exit code 0.
+    """
     from ..model.catalogue import entries
     from ..show.text.table import table
     from ..studies.task_choice import redundant_kinds

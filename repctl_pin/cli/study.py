@@ -37,7 +37,7 @@ example: repctl study panda --path circle:0.1 --plane yz --cycles 20"""
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl study`` to its parser; :func:`run` reads them."""
     parser.robot()
     parser.surroundings()
     parser.task()

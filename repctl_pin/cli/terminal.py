@@ -50,7 +50,10 @@ def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
 
 
 def say_line(text: str) -> None:
-    """Print a message on stderr as one line, wrapped only on a terminal."""
+    """Print a message on stderr as one line, with control characters escaped.
+
+    It is wrapped only on a terminal, so that a log has one line per message.
+    """
     line = printable(text)
     if on_terminal(sys.stderr):
         line = fitted(line, shutil.get_terminal_size().columns)
@@ -97,7 +100,10 @@ def report(
 
 
 def page_lines(files: Sequence[Path]) -> list[str]:
-    """Write the lines that name the page to open, and the other files beside it."""
+    """Write the lines that tell which page to open, and which other files lie beside it.
+
+    The page is the first of ``files``; the answer of a study ends with these lines.
+    """
     page, *others = files
     names = ", ".join(file.name for file in others)
     return [f"open   {page}", f"wrote  {names} beside it"]
@@ -127,7 +133,11 @@ def _plain(value: Any) -> Any:
 
 @contextmanager
 def until_stopped() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set; usable only in the main thread."""
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set, for a command that runs until then.
+
+    The earlier handlers are restored at the end of the block. It is usable only in the main thread,
+    because only that one receives signals.
+    """
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]
     if (

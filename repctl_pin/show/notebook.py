@@ -27,7 +27,7 @@ _TABLE = (
 
 @dataclass(frozen=True)
 class _Inline:
-    """Display in a notebook cell, made by :func:`inline`.
+    """Display of a study, a figure or a page in a notebook cell, made by :func:`inline`.
 
     Attributes
     ----------

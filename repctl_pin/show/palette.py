@@ -23,7 +23,10 @@ _OWN = (PURPLE, SKY, YELLOW, INK)
 
 
 def luminance(colour: str) -> float:
-    """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1."""
+    """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1.
+
+    Contrast, by which text is readable, is a ratio of two of them.
+    """
     parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
     linear = [
         c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts

@@ -101,7 +101,10 @@ def report_page(
 
 
 def versions() -> dict[str, str]:
-    """Collect the versions of all packages that a result depends on."""
+    """Collect the versions of all packages that a result depends on, as text by package name.
+
+    A report lists them, with Python and the operating system, so that a study can be repeated.
+    """
     found = {"repctl_pin": __version__, "Python": platform.python_version()}
     for name in _DISTRIBUTIONS:
         try:

@@ -193,7 +193,10 @@ class Problem:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on a start that was chosen, and on differences from what was given."""
+        """Notes on a start that was chosen, and on differences from what was given.
+
+        Commands print them, so that the user knows where a motion begins.
+        """
         if self.start_is == GIVEN:
             return list(self.moved)
         if self.start_is == SAVED:

@@ -56,7 +56,10 @@ def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
 
 
 def unlimited_speeds(task: Task) -> list[str]:
-    """Write a note that names the joints without a speed limit; an empty list if there are none."""
+    """Write a note that names the joints without a speed limit in the URDF.
+
+    Their speeds cannot be checked. The list has one text; it is empty if all joints have a limit.
+    """
     limits = zip(task.robot_joints, task.joint_limits[2], strict=True)
     names = [name for name, limit in limits if not np.isfinite(limit)]
     if not names:
@@ -67,7 +70,10 @@ def unlimited_speeds(task: Task) -> list[str]:
 
 
 def _path_losses(rows: Sequence[Row]) -> list[str]:
-    """Write a note per controller whose frame leaves the path: the cycle and the maximum errors."""
+    """Write a note per controller whose frame leaves the path: the cycle and the maximum errors.
+
+    The drift of such a motion means nothing. ``rows`` are the results of all strategies.
+    """
     notes: list[str] = []
     for row in rows:
         motion = row.motion

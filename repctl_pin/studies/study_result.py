@@ -61,13 +61,20 @@ class Row:
 
     @property
     def failure(self) -> str:
-        """Predicate that says why there is no motion, such as ``stopped: …``; empty with one."""
+        """Predicate that says why there is no motion, to follow the name of the strategy.
+
+        It is ``stopped: …``, or says that the drift depends on the number of steps; empty with a
+        motion.
+        """
         if self.motion is not None or self.stopped.startswith(UNRESOLVED):
             return self.stopped
         return f"stopped: {self.stopped}"
 
     def summary(self) -> str:
-        """Summarise the result in one line."""
+        """Summarise the result in one line: drift, tracking error, joint speed, and margins.
+
+        Violations of limits and collisions follow. Without a motion, it is :attr:`failure`.
+        """
         motion = self.motion
         if motion is None:
             return self.failure
@@ -161,7 +168,7 @@ class Study:
         return f"<Study of {what}, drift at the end: {drifts}>"
 
     def summary(self) -> str:
-        """Summarise each strategy: drift, tracking error, joint speed, and margins."""
+        """Summarise the problem in a line, and each strategy in another: drift, speed, and margins."""
         cycles = next(
             (row.motion.cycles for row in self.rows if row.motion is not None), 0
         )
@@ -182,7 +189,10 @@ class Study:
 
     @property
     def elbow(self) -> int:
-        """Index of the elbow joint, whose trace is drawn."""
+        """Index, from 0, of the elbow joint at the start, whose trace is drawn.
+
+        It is the joint in the middle of the arm whose origin moves most in self-motions.
+        """
         return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:

@@ -25,6 +25,8 @@ def body_drift(
 ) -> tuple[tuple[Array, ...], Array]:
     """Compute how far each body is displaced since the same moment of cycle 1.
 
+    A repeatable motion has no such displacement. The page colours the bodies by it.
+
     Parameters
     ----------
     bodies : sequence of (P, 3) arrays

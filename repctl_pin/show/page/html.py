@@ -54,7 +54,7 @@ def page(
     motion: Sequence[Array],
     headline: Headline,
 ) -> str:
-    """Write the animation page.
+    """Write the animation page, with the viewer, the bodies and the motion inside.
 
     Parameters
     ----------
@@ -107,7 +107,10 @@ def _templates() -> Environment:
 
 @cache
 def _script() -> str:
-    """Join the page's JavaScript modules into one script with one scope, without comments."""
+    """Join the page's JavaScript modules into one script with one scope, without comments.
+
+    So the page needs no other files. They are joined in the order of ``_SCRIPTS``.
+    """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
     left_out = r"(?m)^(import .*\n|export |\s*//.*\n| +)"
@@ -128,7 +131,7 @@ def _as_script(value: Any) -> str:
 
 
 def pack(data: bytes) -> str:
-    """Compress bytes by gzip and encode them as base64."""
+    """Compress bytes by gzip and encode them as base64 text, for a page that contains its data."""
     return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii")
 
 

@@ -186,7 +186,11 @@ def _material(**more: Any) -> _Element:
 
 
 def _triangles(surface: Surface) -> _Element:
-    """Make the three.js geometry of a surface; normals and colours have 8 bits per component."""
+    """Make the three.js geometry of a surface, the triangles of a mesh file.
+
+    Normals and colours are written with 8 bits per component, which the eye does not see and which
+    keeps the page small.
+    """
     s = surface
     attributes = {
         "position": _array("Float32Array", s.points, 3),

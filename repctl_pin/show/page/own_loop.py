@@ -47,7 +47,7 @@ def own_loop(
     Parameters
     ----------
     motion
-        A motion of the study; its start, period, speed and steps are those of the loop.
+        A motion of the study; its start, speed along the path and steps are those of the loop.
     strategies
         Controllers of the panes, in order.
     closes
@@ -162,7 +162,10 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _finite(values: Array) -> list[float | None]:
-    """Convert limits to plain numbers; None stands for no limit."""
+    """Convert joint limits (n,) to a list of plain numbers, in which None stands for no limit.
+
+    JSON has no infinity.
+    """
     return [float(v) if np.isfinite(v) else None for v in values]
 
 

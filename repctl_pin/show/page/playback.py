@@ -40,7 +40,7 @@ _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Playback:
-    """One motion of a whole robot.
+    """One motion of a whole robot, as the animation page plays it in one pane.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Playback:
 
 @dataclass(frozen=True)
 class TracedChain:
-    """A kinematic chain whose frame and elbow are traced.
+    """A kinematic chain, the joints that move a frame, whose frame and elbow leave traces.
 
     Attributes
     ----------
@@ -165,12 +165,14 @@ def playback_page(
     headline: Headline | None = None,
     own: dict[str, Any] | None = None,
 ) -> str:
-    """Write the HTML page of several motions, side by side.
+    """Write the HTML page of several motions, side by side, each in a pane.
+
+    Every animation is made here, whether its motions come from a study, a design or a CSV file.
 
     Parameters
     ----------
     chains
-        Traced chains of the robot.
+        Traced chains of the robot, whose frame and elbow leave traces.
     tracks
         Motions to show, all with the same number of cycles and steps.
     paths : sequence of (P, 3) arrays, optional
@@ -185,7 +187,8 @@ def playback_page(
     headline
         Headline of the page; by default, which part has drifted, and how far.
     own
-        Numbers for a visitor's own loop, see :func:`.own_loop.own_loop`.
+        Numbers with which a visitor's own closed path is followed, see
+        :func:`.own_loop.own_loop`; None leaves that out.
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:

@@ -41,7 +41,7 @@ _CLOSE = 2e-4
 @dataclass(frozen=True, eq=False)
 @read_only
 class Frames:
-    """The samples of a motion that are shown.
+    """The samples of a motion that are shown, moments whose configurations the page holds.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Frames:
 @dataclass(frozen=True, eq=False)
 @read_only
 class FirstViolation:
-    """First violation of a limit, or first collision, of one motion.
+    """First violation of a limit, or first collision, of one motion, which the page marks.
 
     Attributes
     ----------
@@ -85,7 +85,9 @@ class FirstViolation:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Arm:
-    """Arm in one pane of the page, and its motion.
+    """Arm in one pane of the page, and its motion under one controller.
+
+    The arrays hold T samples, the moments of the motion that the page shows.
 
     Attributes
     ----------
@@ -96,7 +98,7 @@ class Arm:
     placements : (T, S, 4, 4) array
         Rigid, unscaled transforms of S shapes at T samples.
     tip, elbow : (T, K, 3) arrays
-        Positions of the frame and of the elbow of K chains, m.
+        Positions, m, of the frame and of the elbow of K chains, one for each frame of the task.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
     points : tuple of (P, 3) arrays
@@ -349,7 +351,10 @@ def _describe(
 
 
 def is_planar(points: Array) -> bool:
-    """Test if points (K, 3) lie in one horizontal plane; such a robot is shown from above."""
+    """Test if points (K, 3), m, lie in one horizontal plane, so that their z values agree.
+
+    The points are of a robot and its path; such a robot is shown from above, as in a drawing.
+    """
     return bool(np.ptp(points[:, 2]) < 1e-9)
 
 

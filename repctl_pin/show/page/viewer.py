@@ -213,7 +213,7 @@ class Viewer:
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
     def open(self) -> bool:
-        """Open the page in the browser; return False without a screen."""
+        """Open the page in the browser; return False if there is no screen to show it."""
         screen = (
             sys.platform in ("darwin", "win32")
             or os.environ.get("DISPLAY")
@@ -389,7 +389,11 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send the newest poses once; a slow browser skips some poses, but always gets the last."""
+        """Send the newest poses to the browser, unless an earlier message is still on its way.
+
+        A slow browser skips some poses, but always gets the last. ``poses`` are the bytes of
+        :meth:`Viewer.show`.
+        """
         if self.busy or poses is self.sent:
             return
         try:

@@ -159,9 +159,10 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 def orbit(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int
 ) -> Axes:
-    """Draw one joint against another over all cycles: a projection along the other joints' axes.
+    """Draw one joint against another over all cycles: a view of the motion in joint space.
 
-    A disc marks the end of each motion, and a cross the start.
+    A motion that repeats is a closed curve. A disc marks the end of each motion, and a cross the
+    start.
 
     Parameters
     ----------

@@ -112,7 +112,10 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
 
 
 def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
-    """Draw curves on a linear scale, with name and last value at the end of each line."""
+    """Draw curves on a linear scale from 0, with name and last value at the end of each line.
+
+    The scale is cut if one large drift would flatten the others, see :func:`_top`.
+    """
     _drift_lines(ax, curves)
     ax.set_ylim(0, _top(curves) or ax.get_ylim()[1])
     ax.set_xlim(0.6, curves[0].motion.cycles + 0.3)
@@ -401,7 +404,10 @@ def plain(text: str) -> str:
 
 
 def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
-    """Draw a figure as the bytes of a PNG file, with options of matplotlib's ``savefig``."""
+    """Draw a figure as the bytes of a PNG file, with options of matplotlib's ``savefig``.
+
+    The layout is computed first, without drawing, so that nothing is drawn twice.
+    """
     layout = figure.get_layout_engine()
     if layout is not None and "bbox_inches" not in options:
         figure.set_dpi(dpi)
@@ -506,7 +512,10 @@ def axis_label(task: Task, joint: int) -> str:
 
 
 def quiet(ax: Axes, *, whole: bool = False) -> Axes:
-    """Style axes with a light grid and no box; ``whole`` puts integer ticks on the x axis."""
+    """Style axes with a light grid and no box at the top and right; return the axes.
+
+    ``whole`` puts ticks of the x axis at integers only, as for a number of cycles.
+    """
     if whole:
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.spines[["top", "right"]].set_visible(False)

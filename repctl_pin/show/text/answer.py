@@ -104,7 +104,10 @@ def _title(row: Row) -> str:
 
 
 def _about(study: Study) -> str:
-    """Write one line that names the arm, its task, its path and the number of cycles."""
+    """Write one line that names the arm, its task, its path and the number of cycles.
+
+    It follows the answer's sentence, which does not name them.
+    """
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
     times = counted(cycles, "cycle")
@@ -305,5 +308,5 @@ def _as_many(notes: Sequence[str], rows: int) -> list[str]:
 
 
 def _height_of(lines: Sequence[str]) -> int:
-    """Count the rows that lines of text take in a terminal of 80 columns."""
+    """Count the rows that lines of text take in a terminal of 80 columns, with those it wraps."""
     return sum(fitted(line, COLUMNS).count("\n") + 1 for line in lines)

@@ -61,7 +61,11 @@ def hands_are(count: int) -> str:
 
 @dataclass(frozen=True)
 class Headline:
-    """Sentence on the drift of the arm, and notes on joint speed, limits and bodies."""
+    """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
+
+    Both are spans, pieces of text with tones, since a page and a terminal colour them. As a text
+    they are joined, without colours.
+    """
 
     sentence: tuple[Span, ...]
     notes: tuple[Span, ...]
@@ -116,7 +120,11 @@ def stopped_cell(row: Row) -> str:
 
 
 def study_headline(study: Study) -> Headline:
-    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse."""
+    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse.
+
+    The report, the page and the terminal begin with it. A strategy that stopped has its own
+    sentence.
+    """
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [
         stopped_words(row.label, row.failure) for row in rows if row.motion is None
@@ -223,7 +231,10 @@ def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
 
 
 def _alone(one: MotionSummary) -> str:
-    """Name a controller without one to compare it with: the repeatable *control*, not *one*."""
+    """Name a controller that a sentence does not compare with another one.
+
+    It is then "the repeatable control", because "the repeatable one" refers to another control.
+    """
     return under(one.label).replace("repeatable one", "repeatable control")
 
 

@@ -96,12 +96,18 @@ class MotionSummary:
 
     @property
     def back(self) -> bool:
-        """True if every part of the arm is back where it began, within a tenth of a millimetre."""
+        """True if every part of the arm is back where it began, within a tenth of a millimetre.
+
+        ``part`` is then not worth a name.
+        """
         return self.off < NOTHING
 
     @property
     def turned(self) -> bool:
-        """True if a joint is displaced although no part is."""
+        """True if a revolute joint is displaced by 0.1 rad or more although no part is by 1 cm.
+
+        A headline then names the joint, since the arm looks as if it had not drifted.
+        """
         return self.off < SMALL and self.joint_displacement[0] >= TURNED
 
 

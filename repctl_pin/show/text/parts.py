@@ -64,7 +64,7 @@ def _side(link: str) -> str:
 
 
 def _words(name: str) -> str:
-    """Split a name into words and numbers: ``panda_link4`` is ``panda link 4``."""
+    """Split a link's name into words and numbers: ``panda_link4`` is ``panda link 4``."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
     return " ".join(re.findall(r"[A-Za-z]+|\d+", parted))
 

@@ -83,7 +83,10 @@ def _blocks(widths: Sequence[int]) -> list[list[int]]:
 
 
 def study_table(study: Study) -> str:
-    """Format a study: warnings, verdict, settings, a table of strategies, legend and notes."""
+    """Format a whole study as text: warnings, headline, settings, a table, legend and notes.
+
+    ``repctl study --full`` prints it. The table has one column per strategy, such as J⁺.
+    """
     setting = study.setting | _two_norms(study)
     width = max(map(len, setting))
     loud = outside_words(max(row.outside for row in study.rows))
