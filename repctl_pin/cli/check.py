@@ -183,9 +183,10 @@ def _against(held: rp.Proof, proof: rp.Proof) -> str:
 
 
 class _Case(NamedTuple):
-    """Strategy to test, its name, and the problem in whose region Ω it is tested.
+    """Controller to test, its name, and the problem in whose region Ω it is tested.
 
-    ``start_is`` says where the start comes from.
+    Ω is a part of joint space. A case is made from a saved design or from a robot, and the test is
+    the same for both. ``start_is`` says where the start comes from, such as ``the reference pose``.
     """
 
     strategy: Inverse

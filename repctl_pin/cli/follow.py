@@ -273,8 +273,10 @@ def _check_control(options: Options) -> None:
 class _Case(NamedTuple):
     """Controller, the problem that it is to solve, and what is known of its design.
 
-    ``region`` is Ω, ``period`` the time of one cycle, s, ``desired`` the desired inverse G_d, and
-    ``closes`` the closing radius of its certificate.
+    It is made from a saved design or from a robot, and followed in the same way. ``region`` is Ω,
+    the region of joint space of the design, ``period`` the time of one cycle, s, and ``desired``
+    the desired inverse, to which the design comes near. ``closes`` is the proved closing radius,
+    within which every closed path closes in joint space. Each is None if it is unknown.
     """
 
     strategy: Strategy
@@ -382,9 +384,10 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
 def _result(
     motion: rp.Motion, asked: float, q0: Any, notes: list[str]
 ) -> dict[str, Any]:
-    """Convert the motion and its figures to plain Python types, for JSON output.
+    """Convert the motion and its figures to plain Python types, for JSON output and for the text.
 
-    ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits.
+    ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits, and
+    ``q0`` (n,) the start.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 

@@ -112,6 +112,9 @@ class Options(argparse.Namespace):
     def load_saved(self) -> rp.Design | rp.CellDesign:
         """Load the design that WHAT names, on the robot of ``--robot`` or of the catalogue.
 
+        It is a design over joint space, or the function of a cell, which gives the joints for each
+        pose in a box of poses. Warnings are printed as notes.
+
         Raises
         ------
         InputError

@@ -48,7 +48,7 @@ def run(options: Options) -> int:
 def _inspection(
     robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]
 ) -> dict[str, Any]:
-    """Collect the contents of a robot file in plain Python types.
+    """Collect the contents of a robot file in plain Python types, for JSON output and for the text.
 
     Parameters
     ----------

@@ -74,12 +74,15 @@ def report(
 ) -> int:
     """Print the result of a command, as JSON or as text and the written files; return exit code 0.
 
+    Every command ends with it. Only the form that is asked for is made.
+
     Parameters
     ----------
     options
         Options with ``json`` and ``quiet``.
     result, text
-        Functions that make the JSON value and the text; the text may be a list of spans.
+        Functions that make the JSON value and the text; the text may be a list of spans, pieces of
+        text that a terminal colours.
     files
         Written files; None for a command that writes none.
     """

@@ -58,13 +58,14 @@ def report_page(
     study
         The study.
     maps
-        Maps over two joints; None leaves those figures out.
+        Maps of the design over two joints: its distance from J⁺, its leaf margin, and the defect of
+        J⁺; None leaves those figures out.
     options
         Every option that was used, by name.
     command
         Command line that made the study.
     animation
-        Page of the animation, if it exists already.
+        HTML of the animation page, if it exists already; None to make it.
 
     Returns
     -------

@@ -21,7 +21,10 @@ _CSV_ROWS_PER_CYCLE = 100
 
 
 def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
-    """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv`` atomically.
+    """Write the page, the figures and the motions of a study to a folder.
+
+    The files are ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``. Each is
+    written whole or not at all.
 
     Parameters
     ----------
@@ -89,12 +92,13 @@ def _motions(study: Study, run: str = "") -> str:
 def study_page(study: Study, *, seconds: float | None = None) -> str:
     """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
 
-    ``seconds`` is the time of a cycle at normal speed, by default that of the motion.
+    Controllers with a posture are not shown. ``seconds`` is the time
+    of a cycle at normal speed, by default that of the motion.
 
     Raises
     ------
     InputError
-        If all of them stopped.
+        If all of these controllers stopped, so that there is no motion to show.
     """
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)

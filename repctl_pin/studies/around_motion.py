@@ -145,9 +145,10 @@ def shrunk_note(design: Design) -> tuple[str, ...]:
 
 
 def half_width_within(region: Region) -> str:
-    """Format the smallest half-width of a region's bounds, rounded down to two digits.
+    """Format the smallest half-width of a region's bounds, rad or m, rounded down to two digits.
 
-    An error message on a singular Ω suggests it: a cube of this half-width lies within the bounds.
+    An error message on a singular region Ω suggests it as a smaller one: a cube of this half-width
+    lies within the bounds.
     """
     width = float(region.bounds.half_width.min())
     digit = 10.0 ** (np.floor(np.log10(width)) - 1)

@@ -57,7 +57,7 @@ _MOST_STARTS, _APART = 8, 0.5
 
 
 class PathStart(NamedTuple):
-    """Start configuration, and the path that begins there.
+    """Start configuration, and the path that begins there, as the search for a start found them.
 
     Attributes
     ----------

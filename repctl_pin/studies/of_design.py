@@ -28,8 +28,9 @@ def problem_of(
 ) -> Problem:
     """Create the problem that a design solves, from its task, region and cycle.
 
-    Another start or path can be given. A start at the first pose of the design's path keeps that
-    path. From any other start, and without a path, it is the largest circle inside the region. With
+    The problem says where a motion with the design begins, and along which path. Another start or
+    path can be given. A start at the first pose of the design's path keeps that path. From any
+    other start, and without a path, the path is the largest circle inside the region. With
     ``path=False``, the default start is the centre of the region.
 
     Parameters
@@ -42,7 +43,8 @@ def problem_of(
     Raises
     ------
     InputError
-        If no circle lies inside Ω, or the path cannot be followed from the start.
+        If no circle lies inside Ω, the region of the design, or the path cannot be followed from
+        the start.
     """
     if not isinstance(design, Design):
         kinds = dict(parts("problem"))

@@ -53,6 +53,8 @@ _A_REGION = "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0
 class Problem:
     """Task, start, closed path and region Ω: where a study, a design and a motion begin.
 
+    The region Ω is the part of joint space for which a controller is designed.
+
     Given parts are checked. Missing parts are chosen: the end of the arm, the first redundant kind
     of task, a start from which J⁺ can follow the path, and a circle as the path.
 
@@ -160,7 +162,9 @@ class Problem:
     def region(self) -> Region:
         """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used.
 
-        For a problem made from the design of a cell's function, it is the cell.
+        Ω is the part of joint space for which a controller is designed; the tube holds all
+        configurations near the motion. For a problem made from the design of a cell's function, the
+        region is the cell, a box of poses.
         """
         asked = self._asked
         if isinstance(asked, float):

@@ -1,6 +1,8 @@
 """The strategies of a study, and the quantities by which it compares their motions.
 
-Each is declared here once; the table of a study, its legend and its JSON read it.
+A strategy is one of the compared controllers, such as J⁺; a quantity is one number per strategy,
+such as the drift. Each is declared here once; the table of a study, its legend and its JSON read
+it.
 """
 
 from __future__ import annotations

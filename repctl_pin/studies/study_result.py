@@ -1,4 +1,9 @@
-"""Results of a study: one row per strategy, and the problem that was studied."""
+"""Results of a study: one row per strategy, and the problem that was studied.
+
+A strategy is one of the compared controllers, such as J⁺. The region Ω is the part of joint space
+for which the repeatable one was designed, and the desired inverse G_d the one to which the design
+comes near.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ from .quantities import finite, values_of
 
 @dataclass(frozen=True)
 class Row:
-    """Result of one strategy in a study.
+    """Result of one strategy in a study: its motion, or why it stopped, and what was evaluated.
 
     Attributes
     ----------
@@ -35,10 +40,11 @@ class Row:
         Motion of the strategy; None if it stopped, or if its drift depends on the number of steps,
         for the reason ``stopped``.
     leaf_margin : float or None
-        Worst σ_min(Nᵀ V̂) along the motion; None if the strategy has no V.
+        Smallest σ_min(Nᵀ V̂) along the motion, the distance from an algorithmic singularity: 1 is
+        best, 0 is singular. None if the strategy has no gradients V of potentials.
     distance : float or None
-        Relative distance ``‖G − G_d‖ / ‖G_d‖`` in the mean over Ω, for the design and for J⁺ where
-        G_d is J⁺; else None.
+        Relative distance ``‖G − G_d‖ / ‖G_d‖`` from the desired inverse G_d, in the mean over the
+        region Ω, for the design and for J⁺ if G_d is J⁺; else None.
     body_distance : float or None
         Minimum distance between bodies at 100 points per cycle, m; None without bodies or
         without a motion.
@@ -131,7 +137,7 @@ class Study:
     path : TaskPath
         Closed path.
     region : Region
-        Region Ω of the design.
+        Region Ω of the design, the part of joint space for which it was made.
     design : Design
         Nearest repeatable inverse.
     rows : tuple of Row
@@ -168,7 +174,7 @@ class Study:
         return f"<Study of {what}, drift at the end: {drifts}>"
 
     def summary(self) -> str:
-        """Summarise the problem in a line, and each strategy in another: drift, speed, and margins."""
+        """Summarise the problem in a line, and each strategy in another, as :meth:`Row.summary`."""
         cycles = next(
             (row.motion.cycles for row in self.rows if row.motion is not None), 0
         )
@@ -202,9 +208,9 @@ class Study:
 
     @property
     def setting(self) -> dict[str, str]:
-        """Description of the studied problem: texts by label.
+        """Description of the studied problem: texts by label, such as ``period``.
 
-        ``path options`` are the options of ``repctl`` for this path.
+        Tables and reports print it. ``path options`` are the options of ``repctl`` for this path.
         """
         task = self.task
         start = ", ".join(f"{v:.4g}" for v in self.q0)

@@ -76,8 +76,7 @@ class Animation:
 def animation(
     motions: Mapping[str, Motion] | Study, *, seconds: float | None = None
 ) -> Animation:
-    """Show motions of one robot side by side: path, traces, start configuration, and the drift
-    after each cycle.
+    """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
 
     J⁺ and the nearest repeatable have fixed colours; other motions have a warm colour if they
     drift, and a cool one if they close.

@@ -152,8 +152,8 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
     """Round the proved closing radius of a design down to two digits, m.
 
     Every closed path within it around the start q0 (n,) closes in joint space; the page says so of
-    a visitor's loop. A radius around a path holds around its start, too: that is the path that
-    stands still. None without a radius, or if it is for another start.
+    a visitor's loop. A radius around a path holds around its start, too. None without a radius, or
+    if it is for another start.
     """
     if not closes or not np.allclose(closes.start, q0, rtol=0, atol=1e-9):
         return None

@@ -121,8 +121,9 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
 def read_playbacks(
     file: str | Path, robot: Robot, *, cycles: int | None = None
 ) -> list[Playback]:
-    """Read motions from a CSV file, one for each strategy in it; joints without a column stay at
-    the reference pose.
+    """Read the motions of a robot from a CSV file, one for each strategy in it.
+
+    Joints without a column stay at the reference pose.
 
     Parameters
     ----------

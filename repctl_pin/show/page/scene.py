@@ -214,6 +214,8 @@ def animation_page(
 ) -> str:
     """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
 
+    All pages with arms are made here: animations of motions, and the live viewer.
+
     Parameters
     ----------
     arms
@@ -229,7 +231,8 @@ def animation_page(
     title, caption
         Robot and task, in words; any text. Line breaks of the caption are kept.
     part : (str, str)
-        Link of the part that the page points at, and its display name.
+        Link of the part at which the page points, usually the one that drifts most, and its display
+        name.
     planar
         True if the arms are seen from above, as in a drawing.
     headline
@@ -241,7 +244,8 @@ def animation_page(
         Display name of the part that each shape belongs to, by the name of the shape; only for live
         poses.
     own
-        Numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; None without.
+        Numbers with which the page follows a closed path that its visitor draws, see
+        :func:`.own_loop.own_loop`; None leaves that out.
 
     Returns
     -------
@@ -374,8 +378,9 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
 def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    The order is x y z, qx qy qz qw. A rotation has two quaternions, ±q; the one nearer to that of
-    the previous sample is taken.
+    The page stores these, since they are shorter. The order is x y z, qx qy qz qw. A rotation has
+    two quaternions, ±q; the one nearer to that of the previous sample is taken, so that the page
+    can interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

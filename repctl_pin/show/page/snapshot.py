@@ -36,8 +36,7 @@ def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
 def still(
     ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False
 ) -> Axes:
-    """Draw the arm at the start (grey) and at the end of the motion, the path, and the elbow's
-    trace.
+    """Draw the arm at the start (grey) and at the end of a motion, the path, and the elbow's trace.
 
     Parameters
     ----------

@@ -21,6 +21,8 @@ from .motions import axis_label, legend_below, liveliest_joints, quiet, titled
 def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the joint speed ‖q̇‖ over the first cycle, and dashed over the last.
 
+    The figure compares what the controllers ask of the joints.
+
     Parameters
     ----------
     ax
@@ -53,6 +55,8 @@ def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
 
 def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the smallest joint-limit margin in each cycle; below 0 a limit is violated.
+
+    The margin is the distance, rad or m, of a joint from its nearer limit.
 
     Parameters
     ----------

@@ -29,15 +29,17 @@ def cost_against_degree(
     degrees: Sequence[tuple[int, float, float]],
     baselines: Sequence[Baseline] = (),
 ) -> Axes:
-    """Draw the cost on held-out nodes against the degree of the potentials, with other repeatable
-    inverses.
+    """Draw the cost of designs against the degree of their potentials, with other inverses.
+
+    The cost is the mean squared distance from the desired inverse on held-out nodes, configurations
+    that were not used in the fit. The figure shows whether a higher degree is worth its time.
 
     Parameters
     ----------
     ax
         Axes to draw on.
     degrees
-        Degree, cost and standard error of each design.
+        Degree, cost and standard error of the cost of each design.
     baselines
         Other repeatable inverses, drawn as horizontal lines; those that are singular in Ω are only
         named in the legend.
@@ -104,10 +106,10 @@ def joint_map(
     label: str,
     top: float | None = None,
 ) -> Axes:
-    """Draw values over a grid of two joints, with contour lines, a colour bar, and a cross at the
-    centre of Ω.
+    """Draw values over a grid of two joints as colours, with contour lines and a colour bar.
 
-    Bright means good and dark means bad in every map.
+    A cross marks the centre of Ω, the region of the design, where all other joints are. Bright
+    means good and dark means bad in every map.
 
     Parameters
     ----------
@@ -165,6 +167,9 @@ def design_figure(
     title: str = "",
 ) -> Figure:
     """Draw the figure ``design.png``: cost against degree, and maps over two joints.
+
+    The maps show where in Ω the design is far from the desired inverse, and where it is nearly
+    singular.
 
     Parameters
     ----------

@@ -293,7 +293,9 @@ def _joint_over_cycles(
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure ``drift.png``: how far the arm is off after each cycle.
 
-    The part that is off most counts. The joint drift on a log scale is an inset.
+    What counts is the part of the arm that is farthest from where it began, in cm. The joint drift,
+    a norm over the joints, is an inset on a log scale. ``motions`` lists the label, motion and
+    colour of each strategy.
     """
     figure = Figure(figsize=(8.6, 4.4))
     ax, curves = figure.add_subplot(), _displacements(motions)
@@ -349,7 +351,9 @@ _SHOWN_JOINTS = 4
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure ``joints.png``: the positions of the joints that drift most, over all cycles.
 
-    A motion that moves away in cycle 1 and would hide the others' drift is left out."""
+    ``motions`` lists the label, motion and colour of each strategy. A motion that moves away in
+    cycle 1 and would hide the others' drift is left out.
+    """
     motions = _near(motions)
     n = motions[0][1].task.n
     joints = liveliest_joints(motions, _SHOWN_JOINTS)

@@ -88,10 +88,11 @@ def under(label: str) -> str:
 
 
 def names_of(label: str) -> dict[str, str]:
-    """Collect what a page writes about a controller, from its label.
+    """Collect what a page writes about a controller, from its label, such as ``J⁺``.
 
-    These are the title of its pane, the technical name that follows the title in brackets, what
-    the controller does, and how a sentence names it; the second and third can be empty.
+    The keys are ``title``, that of its pane; ``law``, the technical name that follows it in
+    brackets; ``about``, what the controller does; and ``under``, how a sentence names it. The
+    second and third can be empty.
     """
     return {
         "title": _TITLES.get(label, label),
@@ -142,6 +143,9 @@ def headline_of(
     hands: int = 1,
 ) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
+
+    A page and a terminal begin with it. The cost is the joint speed that the last motion takes more
+    than the first.
 
     Parameters
     ----------

@@ -38,8 +38,9 @@ def capital(text: str) -> str:
 def coloured(spans: Iterable[Span]) -> str:
     """Join pieces of text; on a terminal with the colours of their tones.
 
-    The environment's ``NO_COLOR``, and ``TERM=dumb``, switch colours off. Control sequences within
-    a piece are escaped."""
+    ``bad`` is red and ``good`` green. The environment variable ``NO_COLOR``, and ``TERM=dumb``,
+    switch colours off. Control sequences within a piece are escaped.
+    """
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     colours = {} if plain or not on_terminal(sys.stdout) else _COLOURS
     return "".join(
@@ -86,9 +87,9 @@ def on_terminal(stream: TextIO | None) -> bool:
 
 
 def fitted(text: str, width: int | None = None) -> str:
-    """Wrap lines that are wider than the terminal, or than a given width.
+    """Wrap lines that are wider than the terminal, or than a given width in characters.
 
-    After a label, continuation lines are indented to the start of the text.
+    After a label such as ``note: ``, continuation lines are indented to the start of the text.
     """
     columns = width or terminal_width()
     return "\n".join(

@@ -32,6 +32,9 @@ TURNED = 0.1
 class MotionSummary:
     """The quantities of one motion that headlines and short tables report.
 
+    Each is evaluated once, for a page and for a terminal. A part is off by the distance between
+    where it is at the end of all cycles and where it began.
+
     Attributes
     ----------
     label : str

@@ -22,8 +22,10 @@ def number(value: float) -> str:
 
 
 def metres(value: float) -> str:
-    """Format a length in a suitable unit: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm; 0 below a
-    nanometre."""
+    """Format a length, m, in a suitable unit: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm.
+
+    It has two digits, and is 0 below a nanometre.
+    """
     if value < 1e-9:
         return "0"
     units = (
@@ -50,7 +52,7 @@ def radians(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Format a change in per cent, with its sign: +0.3 %, −1 %; 0 % below 0.05 %."""
+    """Format a change, a fraction, in per cent, with its sign: +0.3 %, −1 %; 0 % below 0.05 %."""
     if abs(share) < 5e-4:
         return "0 %"
     text = f"{100 * share:+.1f}" if abs(share) < 0.1 else f"{100 * share:+.0f}"

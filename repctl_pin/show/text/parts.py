@@ -23,7 +23,7 @@ def redundant_part(task: Task) -> str:
 
 
 def part_name(task: Task, q: Array, link: str) -> str:
-    """Find a readable name for a link.
+    """Find a readable name for a link, for sentences about the part of the arm that drifts.
 
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
     returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Else the

@@ -28,10 +28,10 @@ NARROW = 10
 def table(
     header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 ) -> str:
-    """Align a table: the first columns to the left, the others to the right; a header may have
-    several lines.
+    """Align a table as text: the first ``left`` columns to the left, the others to the right.
 
-    If the terminal is too narrow, the columns that do not fit follow in further blocks below.
+    A header may have several lines. If the terminal is too narrow, the columns that do not fit
+    follow in further blocks below.
     """
     spans = table_spans(header, [[Span(cell) for cell in row] for row in rows], left)
     text = "".join(span.text for span in spans)
