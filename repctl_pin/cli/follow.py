@@ -276,7 +276,7 @@ class _Case(NamedTuple):
     It is made from a saved design or from a robot, and followed in the same way. ``region`` is Ω,
     the region of joint space of the design, ``period`` the time of one cycle, s, and ``desired``
     the desired inverse, to which the design comes near. ``closes`` is the proved closing radius,
-    within which every closed path closes in joint space. Each is None if it is unknown.
+    within which every closed path closes in joint space. These four are None if they are unknown.
     """
 
     strategy: Strategy

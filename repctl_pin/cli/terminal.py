@@ -74,7 +74,7 @@ def report(
 ) -> int:
     """Print the result of a command, as JSON or as text and the written files; return exit code 0.
 
-    Every command ends with it. Only the form that is asked for is made.
+    Commands end with it. Only the form that is asked for is made.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def _title(row: Row) -> str:
 def _about(study: Study) -> str:
     """Write one line that names the arm, its task, its path and the number of cycles.
 
-    It follows the answer's sentence, which does not name them.
+    It follows the sentence with which the answer begins.
     """
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
@@ -137,10 +137,11 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Format how far the hand and the farthest part are off at the end, for every strategy.
+    """Format how far the hand and the farthest part are off, for every strategy.
 
-    The report puts these two rows above its table. Returned are a name, and a text per strategy,
-    for each: the hand's distance from its path, and the displacement of the part that drifted most.
+    The report puts these two rows above its table: the maximum distance of the hand from its path,
+    and the displacement at the end of the part that drifted most. Each is a name, and a text per
+    strategy.
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]

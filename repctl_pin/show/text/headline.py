@@ -227,7 +227,7 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
 
 
 def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
-    """Write under which controller, to end a phrase, such as `` under the usual control``.
+    """Write under which controller, as the end of a phrase: " under the usual control".
 
     Empty if there is only one controller.
     """
@@ -348,7 +348,7 @@ def _exact(one: MotionSummary) -> str:
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format by how much the farthest part is off under each controller, one span per summary.
 
-    ``unit`` is the text after each value (`` off``), except a 0 that is not the first. Where the
+    ``unit`` is the text after each value (" off"), except a 0 that is not the first. Where the
     controllers differ in the part that is off most, the smaller values name theirs.
     """
     said: list[Span] = []

@@ -22,7 +22,8 @@ _COLOURS = {"bad": "31", "good": "32"}
 class Span(NamedTuple):
     """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value.
 
-    A terminal shows a tone as colour; a page shows the exact value beside the rounded text.
+    A terminal and a page show a tone as colour. The exact value is that of a rounded text, such as
+    ``elbow_link: 0.0321 m``, or empty.
     """
 
     text: str

@@ -72,8 +72,8 @@ def _words(name: str) -> str:
 def _without_prefix(link: str, links: Sequence[str]) -> str:
     """Drop the part of a link's name before the first underscore if most links share it.
 
-    ``panda_link4`` becomes ``link4``, and a robot's name is not repeated. A word must follow.
-    ``links`` are the names of all links.
+    It is usually the robot's name: ``panda_link4`` becomes ``link4``. A letter must follow the
+    underscore. ``links`` are the names of all links.
     """
     first, _, rest = link.partition("_")
     shared = sum(name.startswith(f"{first}_") for name in links)
