@@ -1,9 +1,9 @@
 """``repctl check``: whether a controller is repeatable on an arm, and how much it drifts if not.
 
 A controller is repeatable if every closed path of the frame ends in the configuration it began in.
-It is tested in the region Ω, a part of joint space. A stable
-surface is a set of configurations on which a controller is repeatable although it is not so
-elsewhere, and which its motions do not leave.
+It is tested in the region Ω, a part of joint space. A stable surface is a set of configurations on
+which a controller is repeatable although it is not so elsewhere, and which its motions do not
+leave.
 """
 
 from __future__ import annotations

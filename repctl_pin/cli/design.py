@@ -299,8 +299,8 @@ def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
 def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list[str]]:
     """Add a default cycle to the design: the path of the problem, or the largest circle inside Ω.
 
-    ``repctl follow`` uses it if the user gives no path. Returned are the design, and notes on the
-    cycle, or on why there is none.
+    Ω is the region of the design, a part of joint space. ``repctl follow`` uses the cycle if the
+    user gives no path. Returned are the design, and notes on the cycle, or on why there is none.
     """
     from dataclasses import replace
 

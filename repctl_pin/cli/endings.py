@@ -37,8 +37,8 @@ class _Stopped(BaseException):
 def _stopped_cleanly() -> Iterator[None]:
     """Raise :class:`_Stopped` at the first SIGTERM or SIGHUP, so that clean-up code still runs.
 
-    By default these signals end the process at once. A signal
-    that is ignored, as under nohup, stays ignored.
+    By default these signals end the process at once. A signal that is ignored, as under nohup,
+    stays ignored.
     """
     numbers = [
         getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)

@@ -224,8 +224,8 @@ def run(options: Options) -> int:
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
     """Write the remedy for a violation, a limit exceeded or a collision: options that may avoid it.
 
-    ``best_leaf`` adds --best-leaf, which searches for another start; ``smaller`` adds a smaller
-    path.
+    ``best_leaf`` adds --best-leaf, which searches for another start by self-motion; ``smaller``
+    adds a smaller path.
     """
     from ..studies.around_motion import NO_BETTER
 
@@ -291,7 +291,8 @@ class _Case(NamedTuple):
 def _saved(options: Options) -> _Case:
     """Load a saved design to follow, with its default cycle or the path of ``--path``.
 
-    The result also holds what is known of the design: its region, period and closing radius.
+    The result also holds what is known of the design: its region, its period, and the closing
+    radius, within which every closed path is proved to close in joint space.
     """
     design = options.load_saved()
     problem = options.problem_of(design)
@@ -365,7 +366,7 @@ def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
 
 
 def _plugin(name: str, task: rp.Task) -> Strategy:
-    """Make the strategy that a plugin registered under a name, for a task.
+    """Make the strategy, a controller, that a plugin registered under a name, for a task.
 
     InputError is raised for an unknown name, or an object that is no strategy.
     """

@@ -58,8 +58,8 @@ def report_page(
     study
         The study.
     maps
-        Maps of the design over two joints: its distance from J⁺, its leaf margin, and the defect of
-        J⁺; None leaves those figures out.
+        Maps of the design over two joints: its distance from J⁺, its distance from a singularity,
+        and where J⁺ is not repeatable; None leaves those figures out.
     options
         Every option that was used, by name.
     command

@@ -92,8 +92,8 @@ def _motions(study: Study, run: str = "") -> str:
 def study_page(study: Study, *, seconds: float | None = None) -> str:
     """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
 
-    Controllers with a posture are not shown. ``seconds`` is the time
-    of a cycle at normal speed, by default that of the motion.
+    Controllers with a posture are not shown. ``seconds`` is the time of a cycle at normal speed, by
+    default that of the motion.
 
     Raises
     ------

@@ -235,7 +235,7 @@ def _around_motion(
 def _tube_of_linear(
     desired: Inverse, path: TaskPath, q0: Array, width: float | None, seed: int
 ) -> Tube:
-    """Create the tube around the motion of a quick design of degree 1, as a guess of Ω.
+    """Create the tube around the motion of a quick design of degree 1, as a first region.
 
     The motion of that design closes, and so is nearer to that of the final design than the motion
     of the desired inverse G_d, which drifts. If the design of degree 1 cannot follow the path, the

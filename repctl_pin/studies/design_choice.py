@@ -69,7 +69,7 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
     Raises
     ------
     InputError
-        If the degree makes too many potentials, or takes very long and was not given.
+        If the degree makes too many polynomials, or takes very long and was not given.
     """
     if degree is not None:
         check_degree(task, degree)

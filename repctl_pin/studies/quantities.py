@@ -40,7 +40,7 @@ def _never(motion: Motion) -> bool:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number per strategy in a study, such as the drift: how to compute, name and mark it.
+    """One number per controller in a study, such as the drift: how to compute, name and mark it.
 
     The table of a study, its legend and its JSON are made from the tuple ``QUANTITIES``.
 

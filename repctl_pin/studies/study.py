@@ -257,9 +257,10 @@ def _repeatable(
 ) -> Row:
     """Follow the path with the design's inverse from q0 (n,), and return its row of the study.
 
-    The motion gets the region Ω and the proved closing radius of the design, by which tables say
-    where repeatability is guaranteed. If it stops on a path that J⁺ can follow, the row's reason
-    names the design as the cause. ``options`` are those of ``follow``.
+    The motion gets the region Ω of the design and its proved closing radius, within which every
+    closed path closes in joint space: tables say by them where repeatability is guaranteed. If it
+    stops on a path that J⁺ can follow, the row's reason names the design as the cause. ``options``
+    are those of ``follow``.
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
@@ -275,9 +276,10 @@ def edge_warning(
 ) -> list[str]:
     """Write a warning if a start that differs by 1e-6 along the self-motion moves differently.
 
-    Results from such a start, on an edge between two motions, depend on rounding errors. ``row`` is
-    the result of ``strategy`` from q0 (n,), and ``options`` are those of ``follow``. The list has
-    one text; none if the two motions stay within 1000 times that distance, or both stop.
+    In a self-motion the joints move and the frame does not. Results from such a start, on an edge
+    between two motions, depend on rounding errors. ``row`` is the result of ``strategy`` from q0
+    (n,), and ``options`` are those of ``follow``. The list has one text; none if the two motions
+    stay within 1000 times that distance, or both stop.
     """
     task = strategy.task
     beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]
@@ -347,7 +349,7 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
 def _run(
     key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> Row:
-    """Follow the path with one strategy from q0 (n,), and return its row of the study.
+    """Follow the path with one controller from q0 (n,), and return its row of the study.
 
     At a singularity the row has no motion, and the reason is in ``stopped``, so that the study goes
     on. ``key`` is the strategy's name in files; ``options`` are those of ``follow``.

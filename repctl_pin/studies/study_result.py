@@ -67,7 +67,7 @@ class Row:
 
     @property
     def failure(self) -> str:
-        """Predicate that says why there is no motion, to follow the name of the strategy.
+        """Predicate that says why there is no motion, to follow the name of the controller.
 
         It is ``stopped: …``, or says that the drift depends on the number of steps; empty with a
         motion.
@@ -325,7 +325,7 @@ def _closes(design: Design) -> dict[str, Any] | None:
 
 
 def _row_dict(row: Row) -> dict[str, Any]:
-    """Convert the row of one strategy to plain Python types, for JSON.
+    """Convert the row of one controller in a study to plain Python types, for JSON.
 
     Without a motion, only its label and the reason, ``stopped``, are given.
     """

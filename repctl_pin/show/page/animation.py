@@ -153,8 +153,9 @@ def animation(
 def _colours(drifts: Mapping[str, float]) -> list[str]:
     """Choose a colour ``#rrggbb`` for each motion, from its drift by name, in the same order.
 
-    A name that is the label of a strategy has that strategy's colour. Others get a warm colour if
-    they drift, and a cool one if they close, so that the difference is seen at once.
+    A name that is the label of a strategy of a study, such as J⁺, has that strategy's colour.
+    Others get a warm colour if they drift, and a cool one if they close, so that the difference is
+    seen at once.
     """
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}

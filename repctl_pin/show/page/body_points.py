@@ -1,7 +1,7 @@
 """How far the drawn bodies drift between cycles, and the corners that show it.
 
-A corner is a point of a body's surface that a displacement can move most, see
-:func:`.visuals.corners`. The page keeps only a few of them, at which it measures displacement.
+Corners are those of a body's convex hull: one of them is displaced most of all its points. The page
+keeps only a few of them, at which it measures displacement.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def body_drift(
     Parameters
     ----------
     bodies : sequence of (P, 3) arrays
-        Corners of each body, see :func:`.visuals.corners`.
+        Corners of each body, those of its convex hull, m, see :func:`.visuals.corners`.
     placements : (T, S, 4, 4) array
         Placements of S bodies at T samples, cycle by cycle.
     per_cycle

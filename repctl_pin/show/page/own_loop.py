@@ -51,14 +51,15 @@ def own_loop(
     strategies
         Controllers of the panes, in order.
     closes
-        Proved closing radius of the repeatable one, if there is one.
+        Proved closing radius of the repeatable one, within which every closed path closes in joint
+        space, if there is one.
 
     Returns
     -------
     dict or None
         None if the task has several frames, a controller or a potential is user-defined, the chain
         starts at another ``base``, or the potentials have too many terms: then the page has no
-        ring.
+        ring, by which a visitor drags the hand.
     """
     task, q0 = motion.task, motion.q[0]
     if len(task.frames) > 1:
@@ -189,8 +190,9 @@ def _first_axis(task: Task) -> _Numbers | None:
 def _law(strategy: Strategy) -> list[_Numbers] | None:
     """Describe a controller for the page by its potentials, a list of dictionaries.
 
-    J⁺ has none: an empty list. None if the page cannot compute the controller: it is of another
-    class, its potentials are user-defined, or they have more than 2000 terms.
+    Potentials are functions of the joints that it holds constant. J⁺ has none: an empty list. None
+    if the page cannot compute the controller: it is of another class, its potentials are
+    user-defined, or they have more than 2000 terms.
     """
     if type(strategy) is Pseudoinverse:
         return []

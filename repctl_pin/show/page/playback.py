@@ -123,7 +123,7 @@ def read_playbacks(
 ) -> list[Playback]:
     """Read the motions of a robot from a CSV file, one for each strategy in it.
 
-    Joints without a column stay at the reference pose.
+    A strategy is a controller, such as J⁺. Joints without a column stay at the reference pose.
 
     Parameters
     ----------

@@ -143,7 +143,8 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure of joint speed, limit margins and, if there are bodies, body distance.
 
-    ``motions`` lists the label, motion and colour of each strategy. The report of a study shows it.
+    ``motions`` lists the label, motion and colour of each controller. The report of a study shows
+    it.
     """
     bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
     figure = titled(12 if bodies else 10, 4.0, title)
@@ -201,7 +202,7 @@ def orbit(
 def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels.
 
-    ``motions`` lists the label, motion and colour of each strategy. An orbit that is one closed
+    ``motions`` lists the label, motion and colour of each controller. An orbit that is one closed
     curve shows a motion that repeats.
     """
     i, j, k = liveliest_joints(motions)

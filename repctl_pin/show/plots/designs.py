@@ -29,7 +29,7 @@ def cost_against_degree(
     degrees: Sequence[tuple[int, float, float]],
     baselines: Sequence[Baseline] = (),
 ) -> Axes:
-    """Draw the cost of designs against the degree of their potentials, with other inverses.
+    """Draw the cost of designs against the degree of their polynomials, with other inverses.
 
     The cost is the mean squared distance from the desired inverse on held-out nodes, configurations
     that were not used in the fit. The figure shows whether a higher degree is worth its time.
@@ -41,8 +41,8 @@ def cost_against_degree(
     degrees
         Degree, cost and standard error of the cost of each design.
     baselines
-        Other repeatable inverses, drawn as horizontal lines; those that are singular in Ω are only
-        named in the legend.
+        Other repeatable inverses, drawn as horizontal lines; those that are singular in Ω, the
+        region of the design, are only named in the legend.
     """
     d, cost, error = (np.array(column, float) for column in zip(*degrees, strict=True))
     ax.errorbar(
@@ -168,8 +168,8 @@ def design_figure(
 ) -> Figure:
     """Draw the figure ``design.png``: cost against degree, and maps over two joints.
 
-    The maps show where in Ω the design is far from the desired inverse, and where it is nearly
-    singular.
+    The maps show where in Ω, the region of joint space that it is made for, the design is far from
+    the desired inverse, and where it is nearly singular.
 
     Parameters
     ----------

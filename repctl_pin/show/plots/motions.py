@@ -39,7 +39,7 @@ _BEYOND: dict[str, Any] = {
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
-    """List the label, motion and colour of every strategy of a study that has a motion.
+    """List the label, motion and colour of every controller of a study that has a motion.
 
     All figures of a study are drawn from this list.
     """
@@ -295,7 +295,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 
     What counts is the part of the arm that is farthest from where it began, in cm. The joint drift,
     a norm over the joints, is an inset on a log scale. ``motions`` lists the label, motion and
-    colour of each strategy.
+    colour of each controller.
     """
     figure = Figure(figsize=(8.6, 4.4))
     ax, curves = figure.add_subplot(), _displacements(motions)
@@ -351,7 +351,7 @@ _SHOWN_JOINTS = 4
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure ``joints.png``: the positions of the joints that drift most, over all cycles.
 
-    ``motions`` lists the label, motion and colour of each strategy. A motion that moves away in
+    ``motions`` lists the label, motion and colour of each controller. A motion that moves away in
     cycle 1 and would hide the others' drift is left out.
     """
     motions = _near(motions)

@@ -118,9 +118,10 @@ def _about(study: Study) -> str:
 
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
-    """Format the short table, one column per strategy; bad and good values have that tone.
+    """Format the short table, with a column for each strategy, a compared controller such as J⁺.
 
-    A line below it counts the bodies that are not checked for collisions, if there are any.
+    Bad and good values have that tone, which is shown as colour. A line below the table counts the
+    bodies that are not checked for collisions, if there are any.
     """
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = [[Span(name), *line] for name, line in _cells(study, rows)]
@@ -137,11 +138,11 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Format how far the hand and the farthest part are off, for every strategy.
+    """Format how far the hand and the farthest part are off, for every controller.
 
     The report puts these two rows above its table: the maximum distance of the hand from its path,
     and the displacement at the end of the part that drifted most. Each is a name, and a text per
-    strategy.
+    controller.
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
@@ -153,10 +154,10 @@ def _unchecked(study: Study) -> int:
 
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
-    """List the rows of the short table: name of a quantity, and its value for every strategy.
+    """List the rows of the short table: name of a quantity, and its value for every controller.
 
-    A strategy that stopped has the word ``stopped`` in each row. The distance of the closest links
-    is left out if no body could be checked.
+    A value is a span, a text with a tone. A controller that stopped has the word ``stopped`` in
+    each row. The distance of the closest links is left out if no body could be checked.
     """
     summaries = [row_summary(row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
@@ -194,10 +195,10 @@ def _column(
     usual: MotionSummary | None,
     ends: Sequence[str],
 ) -> list[Span]:
-    """Format the values of one strategy, in the order of the rows of the short table.
+    """Format the values of one controller, in the order of the rows of the short table.
 
     ``usual`` is the summary of J⁺, with which the joint speed is compared; None if J⁺ stopped.
-    ``ends`` holds the link of another end effector that is off, or nothing.
+    ``ends`` holds the link of another end effector that is not back where it began, or nothing.
     """
     off = float(motion.tracking_error.max())
     drift = number(float(motion.drift[-1]))

@@ -176,7 +176,10 @@ def still_words(study: Study) -> str:
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
-    """List the title and the motion of every strategy that has one, except the key ``without``."""
+    """List the title and the motion of every controller that has one, except ``without``.
+
+    ``without`` is the key of a controller that a figure leaves out, or empty.
+    """
     return [
         (names_of(row.label)["title"], row.motion)
         for row in study.rows

@@ -246,7 +246,7 @@ def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write that the path winds around the first joint's axis, if a motion along it is not back.
 
     Such a path cannot be shrunk to a point, so even a repeatable controller need not close it. The
-    list of spans is empty otherwise.
+    list of texts is empty otherwise.
     """
     turns, joint = summaries[-1].winding if summaries else (0, "")
     if not turns or all(one.back and not one.turned for one in summaries):
@@ -284,7 +284,8 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write which other end effectors, moved by the arm but not its task, are off, and how far.
 
-    The list of spans is empty if all are back.
+    They are off by the distance from where they began, m. The list of texts is empty if all are
+    back.
     """
     ends = ends_off(summaries)
     if not ends:
@@ -309,7 +310,7 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
 def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
     """Write under which controllers the hand leaves its path or is not back at the end.
 
-    ``times`` is the number of cycles in words, ``10 cycles``. The list of spans is empty if all
+    ``times`` is the number of cycles in words, ``10 cycles``. The list of texts is empty if all
     motions follow the path and end where they began.
     """
     said = []
@@ -341,12 +342,17 @@ def off_of(one: MotionSummary) -> Span:
 
 
 def _exact(one: MotionSummary) -> str:
-    """Write the link that is off most, and how far, m, with three digits: a span's exact value."""
+    """Write the link that is farthest from where it began, and how far, m, with three digits.
+
+    It is the exact value of a rounded text, for readers who want to know.
+    """
     return f"{one.link}: {one.off:.3g} m"
 
 
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
-    """Format by how much the farthest part is off under each controller, one span per summary.
+    """Format by how much the farthest part is off, m, under each controller, one text per summary.
+
+    It is off by the distance from where it began.
 
     ``unit`` is the text after each value (" off"), except a 0 that is not the first. Where the
     controllers differ in the part that is off most, the smaller values name theirs.
@@ -428,9 +434,9 @@ def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write collisions and the minimum body distance, one span for each.
+    """Write collisions and the minimum body distance, one text for each.
 
-    Links are named if they collide or are less than 2 cm apart; otherwise one span gives the
+    Links are named if they collide or are less than 2 cm apart; otherwise one text gives the
     minimum over all motions.
     """
     known = [one for one in summaries if one.body_distance is not None]
@@ -468,7 +474,7 @@ def _distance(one: MotionSummary) -> str:
 
 
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write how many bodies without a shape are not checked for collisions, a list of one span.
+    """Write how many bodies without a shape are not checked for collisions, a list of one text.
 
     Without it, the user could take such bodies for free of collisions. Empty if all are checked.
     """

@@ -193,7 +193,7 @@ def with_outlook(
 
 
 def row_summary(row: Row) -> MotionSummary | None:
-    """Summarise the motion of one strategy in a study; None if it stopped."""
+    """Summarise the motion of one controller in a study, for its headline; None if it stopped."""
     motion = row.motion
     if motion is None:
         return None

@@ -132,10 +132,10 @@ def outside_words(share: float) -> list[str]:
 
 
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Format the table of a study: each quantity with its unit, and its value for every strategy.
+    """Format the table of a study: each quantity with its unit, and its value for every controller.
 
-    Returned are a name and a text per strategy for each row. Quantities that the study lacks, such
-    as body distances without bodies, have no row.
+    Returned are a name and a text per controller for each row. Quantities that the study lacks,
+    such as body distances without bodies, have no row.
     """
     some = next((row.motion for row in study.rows if row.motion is not None), None)
     unit, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
@@ -158,7 +158,7 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 
 
 def _cell(quantity: Quantity, row: Row) -> str:
-    """Format the value of a quantity for one strategy, with a mark if it is bad.
+    """Format the value of a quantity for one controller, with a mark if it is bad.
 
     ``!`` marks a bad value, and ``≠`` the time of a cycle that does not close. A missing value is
     the word that the quantity says, such as ``not checked``.
@@ -207,7 +207,7 @@ def study_legend(study: Study) -> str:
 
 
 def study_notes(study: Study) -> list[str]:
-    """List the notes below a study's table, and why each strategy without a motion stopped."""
+    """List the notes below a study's table, and why each controller without a motion stopped."""
     return [
         *study.notes,
         *(f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None),
