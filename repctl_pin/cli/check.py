@@ -130,6 +130,9 @@ def run(options: Options) -> int:
 def _prove(options: Options, say: Callable[[str], None]) -> int:
     """Prove the margins of a saved design over its region, print the proof, and return a code.
 
+    The leaf margin is the distance from an algorithmic singularity; for a cell, also that from the
+    joint limits is proved.
+
     If the design's file holds a certificate, the bounds of an earlier proof, those are proved
     again; otherwise the largest bounds found are. The exit code is 0 if the proof was reached, else
     3. ``say`` receives the name of each step.
@@ -199,6 +202,8 @@ class _Case(NamedTuple):
 def _named(options: Options) -> _Case:
     """Make the case of J⁺, or of the weighted inverse of ``--weight``, which has no design.
 
+    A case is what the command tests: a controller and a region.
+
     Its region Ω is a box of half-width ``--region`` around the start, cut at the joint limits. With
     ``--absolute``, the joints of a planar arm are described by absolute angles.
     """
@@ -220,6 +225,8 @@ def _named(options: Options) -> _Case:
 
 def _saved(options: Options) -> _Case:
     """Make the case of a saved design, tested over its own region or that of ``--region``.
+
+    A case is what the command tests: a controller and a region.
 
     InputError is raised for ``--weight`` and ``--absolute``, which would choose another controller.
     """
@@ -255,10 +262,11 @@ def _in_planes(drift: Any, task: rp.Task) -> _Drift:
 def _as_dict(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
-    """Convert the result to plain Python types, for the output of ``--json``.
+    """Convert the result of a test to plain Python types, for the output of ``--json``.
 
-    ``drift`` is that per m² by plane, see :func:`_in_planes`; ``surfaces`` is None if they were not
-    searched for.
+    ``verdict`` says whether the controller is repeatable, ``drift`` is the joint drift per m² of a
+    small loop by plane, see :func:`_in_planes`, and ``surfaces`` is None if they were not searched
+    for.
     """
     from ..studies.study_result import picked, region_dict
 

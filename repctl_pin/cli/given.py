@@ -50,7 +50,7 @@ class Options(argparse.Namespace):
         return is_saved(self.what)
 
     def of(self, *names: str) -> dict[str, Any]:
-        """Select options by name, as keyword arguments of a function of the library."""
+        """Select options by name, as keyword arguments: ``of("steps")`` is ``{"steps": 200}``."""
         return {name: getattr(self, name) for name in names}
 
     def load_robot(self) -> rp.Robot:
@@ -288,7 +288,7 @@ class Options(argparse.Namespace):
 
 
 def _listed(text: str | None) -> list[str]:
-    """Split a text at its commas; an empty list for None."""
+    """Split a text at its commas into parts without spaces around them; an empty list for None."""
     return [] if text is None else [part.strip() for part in text.split(",")]
 
 

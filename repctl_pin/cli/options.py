@@ -93,7 +93,11 @@ class Parser(argparse.ArgumentParser):
         } | names
 
     def add_argument(self, *names: Any, **how: Any) -> argparse.Action:
-        """Add an argument as argparse does, and put an option into its group of the help."""
+        """Add an argument as argparse does, and put an option into its group of the help.
+
+        The groups, such as ``robot`` and ``path``, make a long help readable. The arguments are
+        argparse's.
+        """
         option = str(names[0]).removeprefix("--") if names else ""
         title = next((g for g, own in _GROUPS.items() if option in own.split()), None)
         if title is None or not str(names[0]).startswith("--"):

@@ -354,8 +354,9 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
 def _checked_region(region: Any) -> float | Region | _RegionOf | None:
     """Check the argument ``region`` of a problem: a number, a region, a function, or None.
 
-    A number is the half-width, rad, of a box; a function is (task, q0) → region. They are returned
-    as they are, because the region can be made only when the start is known. InputError for others.
+    A number is the half-width of a box, rad; a function is (task, q0) → region. They are returned
+    unchanged, because a region can be made only when the start is known. InputError is raised for
+    any other value.
     """
     if region is None or isinstance(region, Region):
         return region

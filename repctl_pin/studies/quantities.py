@@ -34,7 +34,7 @@ SHARE = "share"
 
 
 def _never(motion: Motion) -> bool:
-    """Return False: the mark of a quantity that is never bad."""
+    """Return False, for a quantity that is never bad, so that tables never mark it."""
     return False
 
 

@@ -300,9 +300,10 @@ def edge_warning(
 def _custom_controls(
     task: Task, controls: Mapping[str, _Control]
 ) -> dict[str, Strategy]:
-    """Convert custom controllers, given by name, to strategies for a task, by name.
+    """Convert the user's controllers, given by name, to strategies for a task, by name.
 
-    InputError is raised if they are not in a dictionary.
+    A strategy is an object that gives q̇ for q and ẋ. InputError is raised if they are not in a
+    dictionary.
     """
     what = "a dictionary that gives each control a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)

@@ -174,7 +174,7 @@ class Study:
         return f"<Study of {what}, drift at the end: {drifts}>"
 
     def summary(self) -> str:
-        """Summarise the problem in a line, and each strategy in another, as :meth:`Row.summary`."""
+        """Summarise the problem in a line, and each controller in another by :meth:`Row.summary`."""
         cycles = next(
             (row.motion.cycles for row in self.rows if row.motion is not None), 0
         )

@@ -41,7 +41,8 @@ def choose_task(
     Raises
     ------
     InputError
-        If r = 0, or J never reaches full rank; the message names the redundant kinds.
+        If the task is not redundant (r = 0), or the Jacobian J never reaches full rank; the message
+        names the kinds that are redundant.
     """
     frame = robot.default_frame if frame is None else frame
     if not isinstance(frame, str):

@@ -165,7 +165,8 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
     """Leave out motions that would hide the drift of the others on a linear scale.
 
     These motions move far away in cycle 1, to more than four times the others' drift, and stay
-    there, as the posture control does that starts away from its posture.
+    there, as a controller does that is drawn to another posture. ``motions`` lists the label,
+    motion and colour of each.
     """
     rest = max(
         (float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)),
@@ -509,7 +510,10 @@ def legend_below(figure: Figure, ax: Axes) -> Figure:
 
 
 def axis_label(task: Task, joint: int) -> str:
-    """Write the label of an axis: a joint and its unit."""
+    """Write the label of an axis: a joint's name and its unit, as ``joint4 (rad)``.
+
+    ``joint`` is its index, from 0.
+    """
     return (
         f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
     )

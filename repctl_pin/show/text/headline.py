@@ -183,14 +183,14 @@ def headline_of(
 
 
 def _whole(text: str) -> str:
-    """Keep a text on one line, by no-break spaces."""
+    """Keep a text, such as "32 cm off", on one line, by no-break spaces in place of spaces."""
     return text.replace(" ", "\u00a0")
 
 
 def _is_open(one: MotionSummary) -> bool:
-    """Return whether the hand follows its path to the end, but does not end where it began.
+    """Return whether the hand does not end where it began, although it does not leave its path.
 
-    So it is on a path that is not closed.
+    The path is then not closed, or it is unknown, as for a motion that was read from a file.
     """
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
@@ -393,8 +393,8 @@ def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
 def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
     """Write how much more joint speed (rms, cycle 1) the last motion takes than the first.
 
-    This is what repeatability costs if the first motion is that of J⁺. The list is empty if there
-    is one motion, or one of them leaves its path.
+    This is what repeatability costs if the first motion is that of J⁺. Returned is a list of one
+    text; it is empty if there is one motion, or one of them leaves its path.
     """
     if last is first or not first.speed > 0 or first.path_loss or last.path_loss:
         return []
@@ -407,6 +407,8 @@ def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
 
 def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write which joint and speed limits are violated, and which will be if an arm drifts on.
+
+    Each is one text, with a tone.
 
     Without a violation it says that the joint limits are kept, ``so far`` if one will be.
     """

@@ -101,7 +101,7 @@ class MotionSummary:
     def back(self) -> bool:
         """True if every part of the arm is back where it began, within a tenth of a millimetre.
 
-        ``part`` is then not worth a name.
+        A headline then says so, and names no part.
         """
         return self.off < NOTHING
 
@@ -202,5 +202,5 @@ def row_summary(row: Row) -> MotionSummary | None:
 
 
 def without_shape(count: int) -> str:
-    """Write how many bodies have no collision shape."""
+    """Write how many bodies have no collision shape, such as ``2 bodies without a shape``."""
     return f"{count} {'body' if count == 1 else 'bodies'} without a shape"

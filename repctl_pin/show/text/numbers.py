@@ -10,7 +10,10 @@ NOTHING = 1e-4
 
 
 def number(value: float) -> str:
-    """Format a number with three digits, or one below 1e-3: 1.75, 0.0238, 2e-11."""
+    """Format a number for a reader with three digits, or with one below 1e-3: 1.75, 0.0238, 2e-11.
+
+    A dash stands for infinity or NaN.
+    """
     if not math.isfinite(value):
         return "–"
     if value == 0:
@@ -47,7 +50,7 @@ def displacement(value: float) -> str:
 
 
 def radians(value: float) -> str:
-    """Format an angle: 3.7 rad, 2e-5 rad."""
+    """Format an angle in rad with two digits: 3.7 rad, 2e-5 rad."""
     return f"{number(float(f'{value:.2g}'))} rad"
 
 

@@ -180,7 +180,9 @@ def _cell(quantity: Quantity, row: Row) -> str:
 
 
 def study_legend(study: Study) -> str:
-    """Explain in one paragraph the terms and marks of the table that :func:`study_cells` makes.
+    """Explain in one paragraph the terms and marks of a study's table, see :func:`study_cells`.
+
+    The marks are ``!`` for a bad value and ``≠`` for a motion that does not close.
 
     Marks that do not occur in it are left out.
     """
