@@ -174,7 +174,7 @@ class Study:
         return f"<Study of {what}, drift at the end: {drifts}>"
 
     def summary(self) -> str:
-        """Summarise the problem in one line, and the drift and margins of each controller in another."""
+        """Summarise the problem in one line, and each controller's result in another."""
         cycles = next(
             (row.motion.cycles for row in self.rows if row.motion is not None), 0
         )
