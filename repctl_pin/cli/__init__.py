@@ -106,7 +106,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser() -> Parser:
-    """Make the parser of all commands."""
+    """Make the parser of all commands, including those of installed extensions.
+
+    Each command is a subparser, whose default ``run`` is the function that carries it out.
+    """
     about = "Repeatable control for redundant robot arms."
     whole = Parser(prog="repctl", description=about, epilog=_EXAMPLES, **_AS_WRITTEN)
     whole.add_argument(
@@ -131,7 +134,11 @@ def parser() -> Parser:
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """Yield the commands, each a name and a module: those of extensions stand in the middle."""
+    """Yield the commands, each a name and its module, in the order of the help.
+
+    A module has ``HELP``, ``EXAMPLE``, ``add_options`` and ``run``. Commands of extensions stand
+    after the main ones and before ``robots`` and ``inspect``.
+    """
     yield from ((command.__name__.rpartition(".")[2], command) for command in _FIRST)
     for extension in all_extensions():
         for name, module in extension.commands.items():
@@ -140,7 +147,7 @@ def commands() -> Iterator[tuple[str, Any]]:
 
 
 def _join_values(arguments: list[str]) -> list[str]:
-    """Rewrite two forms of arguments that argparse would misread.
+    """Rewrite two forms of arguments that argparse would misread; return the arguments to parse.
 
     ``--start -0.1,0.2`` becomes one word with ``=``, because the value looks like an option;
     likewise ``--at``. ``--best-leaf`` before a saved design becomes ``--best-leaf=limits``, because

@@ -1,4 +1,8 @@
-"""``repctl animate``: write motions to an animation page."""
+"""``repctl animate``: write motions to an animation page.
+
+The motions come from a CSV file, from a saved design, or from a study made here. A playback is one
+motion as the page shows it, with its label and colour.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +36,7 @@ _Shown = tuple[str, "rp.Task", int, "dict[str, Any]"]
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl animate`` to its parser; :func:`run` reads them."""
     parser.what()
     parser.surroundings()
     add = parser.add_argument
@@ -74,7 +78,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Write the animation page of motions."""
+    """Write the page ``animation.html`` of the motions that the options name; return code 0."""
     _check(options)
     say = progress(options.json)
     if options.saved:
@@ -106,7 +110,13 @@ def _drawn(
     say: Callable[[str], None],
     **more: Any,
 ) -> _Shown:
-    """Draw motions with further arguments of :func:`playback_page`."""
+    """Draw motions on a page, and collect what the command reports about them.
+
+    Every source of motions, a CSV file or a design, ends here. ``tracks`` are the motions of one
+    robot, ``say`` receives the name of each step, and ``more`` are further arguments of
+    :func:`playback_page`. Returned are the page, the task, the number of cycles, and the drift by
+    controller.
+    """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS
 
@@ -118,7 +128,10 @@ def _drawn(
 
 
 def _check(options: Options) -> None:
-    """Raise an error for options that exclude or require each other."""
+    """Raise InputError for options that exclude or require each other, before any work is done.
+
+    ``--motion`` requires a robot instead of a saved design, and ``--only`` requires ``--motion``.
+    """
     if options.motion is not None and options.saved:
         raise InputError("--motion requires a robot, not a saved design")
     if options.motion is None and options.only is not None:
@@ -126,7 +139,10 @@ def _check(options: Options) -> None:
 
 
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
-    """Show the motions of the CSV file ``--motion``."""
+    """Read the motions of the CSV file ``--motion``, and draw them on a page.
+
+    Drawn are the motions that ``--only`` names, or all. The result is that of :func:`_drawn`.
+    """
     from ..show.page.playback import read_playbacks
 
     robot = options.load_robot()
@@ -139,7 +155,11 @@ def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
 
 
 def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
-    """Select the motions that ``--only`` names from those of a CSV file, by key or by label."""
+    """Select the motions that ``--only`` names from those of a CSV file, in the order of the names.
+
+    ``names`` are keys (``repeatable``) or labels (``J⁺``), separated by commas; ``tracks`` are all
+    motions of the file, and ``file`` its name. An unknown name raises InputError.
+    """
     from ..studies.quantities import KEYS
 
     there = {KEYS.get(track.label, track.label): track for track in tracks}
@@ -157,7 +177,11 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
 
 
 def _names(design: rp.Design) -> tuple[str, str]:
-    """Return the labels of a design's two controllers: the desired inverse, the repeatable one."""
+    """Return the labels of a design's two controllers, as the page shows them.
+
+    The first is the desired inverse, to which the design comes near: J⁺, or ``desired`` for another
+    one. The second is the repeatable inverse.
+    """
     from ..studies.quantities import LABELS
 
     plain = type(design.desired) is rp.Pseudoinverse
@@ -167,7 +191,11 @@ def _names(design: rp.Design) -> tuple[str, str]:
 def _from_design(
     design: rp.Design, options: Options, say: Callable[[str], None]
 ) -> _Shown:
-    """Follow the path with a saved design and with its desired inverse, and show both motions."""
+    """Follow the path with a saved design and with its desired inverse, and show both motions.
+
+    The desired inverse, usually J⁺, is the one that the design comes near to, so the page shows
+    what repeatability changes. The result is that of :func:`_drawn`.
+    """
     from ..paths.several_paths import paths_of
     from ..show.page.own_loop import own_loop
     from ..show.page.playback import playback_of
@@ -195,7 +223,11 @@ def _from_design(
 
 
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
-    """Run a study, and show its motions under J⁺ and the nearest repeatable inverse."""
+    """Run a study, and show its motions under J⁺ and the nearest repeatable inverse.
+
+    This is the default of the command, for a robot without motions. Returned are the page, the
+    task, the number of cycles, and the drift by controller.
+    """
     from ..show.study_files import study_page
 
     cycles = options.cycles or CYCLES

@@ -1,4 +1,10 @@
-"""``repctl check``: whether a controller is repeatable on an arm, and how much it drifts if not."""
+"""``repctl check``: whether a controller is repeatable on an arm, and how much it drifts if not.
+
+A controller is repeatable if every closed path of the frame ends in the configuration it began in.
+It is tested in the region Ω, a part of joint space. A stable surface is a set of configurations on
+which a controller is repeatable although it is not so elsewhere, and which its motions do not
+leave.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +61,7 @@ _SMALL = 4
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl check`` to its parser; :func:`run` reads them."""
     parser.what()
     parser.task()
     parser.weight()
@@ -88,7 +94,11 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Test whether a strategy is repeatable, and print the result."""
+    """Test whether a controller is repeatable, or prove a saved design; print the result.
+
+    If it is not repeatable, the drift of small loops is added, and for arms of up to 4 joints a
+    search for stable surfaces. Returns the exit code.
+    """
     say = progress(options.json)
     import numpy as np
 
@@ -118,10 +128,14 @@ def run(options: Options) -> int:
 
 
 def _prove(options: Options, say: Callable[[str], None]) -> int:
-    """Prove the margins of a saved design, and print the proof.
+    """Prove the margins of a saved design over its region, print the proof, and return a code.
 
-    For a design that holds a certificate, its bounds are proved again. The exit code tells whether
-    the proof was reached.
+    The leaf margin is the distance from an algorithmic singularity; for a cell, also that from the
+    joint limits is proved.
+
+    If the design's file holds a certificate, the bounds of an earlier proof, those are proved
+    again; otherwise the largest bounds found are. The exit code is 0 if the proof was reached, else
+    3. ``say`` receives the name of each step.
     """
     from dataclasses import asdict
 
@@ -158,7 +172,12 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
 
 
 def _against(held: rp.Proof, proof: rp.Proof) -> str:
-    """Write how the certificate of a file stands to a proof of it that was not reached."""
+    """Write what a failed proof means for the certificate, an earlier proof, in the design's file.
+
+    ``held`` is the certificate, ``proof`` the proof that was not reached. A counterexample makes
+    the certificate false; a proof that only stopped, for instance for lack of time, says nothing
+    against it.
+    """
     says = f"the file's certificate says {held!r}"
     if proof.reason.startswith(_REFUTED):
         return f"{says}, which is false: {proof.reason}; do not rely on it"
@@ -167,9 +186,10 @@ def _against(held: rp.Proof, proof: rp.Proof) -> str:
 
 
 class _Case(NamedTuple):
-    """Strategy to test, its name, and the problem in whose region Ω it is tested.
+    """Controller to test, its name, and the problem in whose region Ω it is tested.
 
-    ``start_is`` says where the start comes from.
+    Ω is a part of joint space. A case is made from a saved design or from a robot, and the test is
+    the same for both. ``start_is`` says where the start comes from, such as ``the reference pose``.
     """
 
     strategy: Inverse
@@ -180,7 +200,13 @@ class _Case(NamedTuple):
 
 
 def _named(options: Options) -> _Case:
-    """Make the case of J⁺, or of the weighted inverse of ``--weight``."""
+    """Make the case of J⁺, or of the weighted inverse of ``--weight``, which has no design.
+
+    A case is what the command tests: a controller and a region.
+
+    Its region Ω is a box of half-width ``--region`` around the start, cut at the joint limits. With
+    ``--absolute``, the joints of a planar arm are described by absolute angles.
+    """
     from ..studies.design_choice import choose_desired
 
     half_width = options.region or REGION
@@ -198,7 +224,12 @@ def _named(options: Options) -> _Case:
 
 
 def _saved(options: Options) -> _Case:
-    """Load a saved design as the case; raise an error for options that choose another strategy."""
+    """Make the case of a saved design, tested over its own region or that of ``--region``.
+
+    A case is what the command tests: a controller and a region.
+
+    InputError is raised for ``--weight`` and ``--absolute``, which would choose another controller.
+    """
     for option in ("weight", "absolute"):
         if getattr(options, option):
             raise InputError(f"{options.what} is a strategy", remedy=f"omit --{option}")
@@ -216,7 +247,11 @@ def _saved(options: Options) -> _Case:
 
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
-    """Convert drift per area, a matrix over the task's axes, to a dict by plane: ``xy``, …."""
+    """Convert drift per area, a matrix over the task's axes, to a dict by plane: ``xy``, ``yz``, ….
+
+    ``drift`` is (m, m): entry (a, b) is the joint drift, rad or m, per m² of a small loop in the
+    plane of axes a and b.
+    """
     axes = task.kind.directions
     return {
         axes[a] + axes[b]: float(drift[a, b])
@@ -227,7 +262,12 @@ def _in_planes(drift: Any, task: rp.Task) -> _Drift:
 def _as_dict(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
-    """Convert the result to plain Python types, for JSON output."""
+    """Convert the result of a test to plain Python types, for the output of ``--json``.
+
+    ``verdict`` says whether the controller is repeatable, ``drift`` is the joint drift per m² of a
+    small loop by plane, see :func:`_in_planes`, and ``surfaces`` is None if they were not searched
+    for.
+    """
     from ..studies.study_result import picked, region_dict
 
     found: dict[str, Any] = {
@@ -253,7 +293,11 @@ def _lines(
     drift: _Drift,
     surfaces: Surfaces | None,
 ) -> list[str]:
-    """Write the report of a test, as lines of text."""
+    """Write the report of a test, as lines of text for a terminal.
+
+    ``absolute`` follows the controller's name, and says that absolute angles are used, or is empty.
+    The drift and the surfaces appear only if the controller is not repeatable.
+    """
     task, problem = case.strategy.task, case.problem
     robot = task.robot
     lines = [
@@ -272,7 +316,11 @@ def _lines(
 
 
 def _drift_table(drift: _Drift, unit: str) -> str:
-    """Format the drift per area as a table, one row per plane."""
+    """Format the joint drift of a small loop at the start as a table, one row per plane.
+
+    ``drift`` holds it by plane, per m² of the loop's area, in ``unit`` (``rad``, ``m``). The
+    columns give it per m², per cm², and for a square with sides of 10 cm.
+    """
     from ..show.text.table import table
 
     rows = []

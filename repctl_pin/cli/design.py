@@ -1,4 +1,9 @@
-"""``repctl design``: the nearest repeatable inverse over a region, and its evaluation."""
+"""``repctl design``: the nearest repeatable inverse over a region, and its evaluation.
+
+The region Ω is the part of joint space for which the design is made: a box around the start, or a
+tube around a motion. The design is fitted at some configurations, its nodes, and evaluated at
+others, the held-out nodes. The desired inverse is the one to which it comes near, usually J⁺.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +56,7 @@ EXAMPLE = """examples:
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl design`` to its parser; :func:`run` reads them."""
     parser.robot()
     parser.task()
     parser.weight()
@@ -127,7 +132,11 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Design, print the table, and write design.json and design.png."""
+    """Design a repeatable inverse, print its table, and write ``design.json`` and ``design.png``.
+
+    The files are also written if a proof that ``--prove`` asks for is not reached; the exit code is
+    then 3, else 0.
+    """
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     degree = options.asked_degree()
@@ -215,7 +224,11 @@ def run(options: Options) -> int:
 
 
 def _unproved(design: rp.Design) -> list[str]:
-    """Write a note on a proof that was not reached, with a remedy; an empty list if it was."""
+    """Write a note on a proof that was not reached, with a remedy: a list of one text.
+
+    The design is saved in spite of it, so the user must learn that its leaf margin, the distance
+    from an algorithmic singularity, is not guaranteed. The list is empty if the proof was reached.
+    """
     if design.proof:
         return []
     note = "the design is saved without a certificate: its leaf margin is not proved"
@@ -230,7 +243,10 @@ def _unproved(design: rp.Design) -> list[str]:
 
 
 def _check(options: Options, degree: Any) -> None:
-    """Raise an error for options that exclude or require each other."""
+    """Raise InputError for options that exclude or require each other, before any work is done.
+
+    ``degree`` is ``auto``, or the number of ``--degree``.
+    """
     if options.fourier is not None and degree == "auto":
         raise InputError("--fourier requires --degree D, the degree of the polynomials")
     if options.path is not None and options.workspace is not None:
@@ -240,7 +256,11 @@ def _check(options: Options, degree: Any) -> None:
 
 
 def _problem(options: Options, degree: Any) -> rp.Problem:
-    """Make the problem: with the path of ``--path`` or, without it, with :func:`_region` as Ω."""
+    """Make the problem to design for: with the path of ``--path``, or else with a box as region.
+
+    With a path, Ω will be a tube around the motion; without one, Ω is that of :func:`_region`.
+    ``degree`` is ``auto`` or a number; InputError is raised if it makes too many polynomials.
+    """
     from ..studies.design_choice import check_degree
 
     region = None if options.path is not None else partial(_region, options)
@@ -251,7 +271,11 @@ def _problem(options: Options, degree: Any) -> rp.Problem:
 
 
 def _region(options: Options, task: rp.Task, q0: Any) -> Region:
-    """Make Ω: the box around the start within the joint limits, or its part in ``--workspace``."""
+    """Make the region Ω of a design without a path, from the task and the start q0 (n,).
+
+    It is the box of half-width ``--region`` around q0, cut at the joint limits. With
+    ``--workspace``, only its configurations are kept in which the frame is near its position at q0.
+    """
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:
         return box
@@ -261,7 +285,11 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
 
 
 def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
-    """Write a note that names the joints at whose limits the box was cut; empty if it was not."""
+    """Write a note that names the joints at whose limits the box Ω was cut: a tuple of one text.
+
+    The region is then smaller than the user asked for. The tuple is empty if it was not cut, or if
+    Ω is a tube around the motion on a path.
+    """
     if options.path is not None:
         return ()
     box = box_within_limits(problem.task, problem.start, options.region)
@@ -269,9 +297,10 @@ def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
 
 
 def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list[str]]:
-    """Add a default cycle to the design: that of the problem, or the largest circle inside Ω.
+    """Add a default cycle to the design: the path of the problem, or the largest circle inside Ω.
 
-    Return the design, and notes on the cycle, or on why there is none.
+    Ω is the region of the design, a part of joint space. ``repctl follow`` uses the cycle if the
+    user gives no path. Returned are the design, and notes on the cycle, or on why there is none.
     """
     from dataclasses import replace
 
@@ -297,9 +326,11 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
 
 
 def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
-    """Make polynomials plus the Fourier basis of ``--fourier``.
+    """Make the potentials of ``--fourier``: polynomials, sines and cosines of the joints.
 
-    None without that option: the design then makes polynomials of the given degree.
+    Potentials are functions of the joints that the controller holds constant. ``degree`` is that of
+    the polynomials, ``fourier`` the highest order of the sines and cosines of the revolute joints.
+    None without that option: the design then makes polynomials by itself.
     """
     if fourier is None:
         return None
@@ -322,7 +353,11 @@ def _as_dict(
     problem: rp.Problem,
     notes: list[str],
 ) -> dict[str, Any]:
-    """Convert the result to plain Python types, for JSON output."""
+    """Convert the result to plain Python types, for the output of ``--json``.
+
+    ``degrees`` are tuples of degree, cost and its standard error; ``baselines`` are simpler
+    repeatable inverses; ``name`` describes the desired inverse.
+    """
     from ..studies.study_result import picked, region_dict
 
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")
@@ -364,7 +399,11 @@ def _as_dict(
 
 @contextmanager
 def _executor_of(options: Options) -> Iterator[Any]:
-    """Open the executor of ``--processes`` or ``--dask``, and close it later; None without them."""
+    """Open the executor that shares the work of a design, and close it at the end of the block.
+
+    It is a pool of ``--processes`` on this machine, or the Dask cluster of ``--dask``; None without
+    these options. InputError is raised if Dask is not installed, or does not answer.
+    """
     if options.dask is not None:
         try:
             from distributed import Client
@@ -402,7 +441,10 @@ def _executor_of(options: Options) -> Iterator[Any]:
 
 
 def _start(pool: Executor, processes: int) -> None:
-    """Start the workers with SIGINT blocked, so that only the parent process handles Ctrl-C."""
+    """Start the worker processes of a pool, with SIGINT blocked in them.
+
+    Only the parent process then handles Ctrl-C, and no worker prints a traceback.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         for _ in range(processes):

@@ -1,4 +1,8 @@
-"""Error handling of commands: one line on stderr and an exit code."""
+"""Error handling of commands: one line on stderr and an exit code.
+
+The codes are 2 for unusable input (``REFUSED``), 1 for an internal error (``FAULT``), 130 for
+Ctrl-C (``INTERRUPTED``), and 3 for a proof that was not reached (``NOT_PROVED``).
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,11 @@ REFUSED, FAULT, INTERRUPTED, NOT_PROVED = 2, 1, 130, 3
 
 
 class _Stopped(BaseException):
-    """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs."""
+    """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs.
+
+    ``number`` is that of the signal, from which the exit code is made. It derives from
+    BaseException, so that no handler of errors catches it.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -27,7 +35,11 @@ class _Stopped(BaseException):
 
 @contextmanager
 def _stopped_cleanly() -> Iterator[None]:
-    """Raise :class:`_Stopped` at the first SIGTERM or SIGHUP, which would end the process."""
+    """Raise :class:`_Stopped` at the first SIGTERM or SIGHUP, so that clean-up code still runs.
+
+    By default these signals end the process at once. A signal that is ignored, as under nohup,
+    stays ignored.
+    """
     numbers = [
         getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
     ]
@@ -47,7 +59,10 @@ def _stopped_cleanly() -> Iterator[None]:
             raise _Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Send the signal again if it was raised in a finaliser, where Python drops exceptions."""
+        """Send the signal again if its exception was raised in a finaliser, where Python drops it.
+
+        ``what`` is Python's report of the dropped exception. Without this, the stop would be lost.
+        """
         nonlocal coming
         if isinstance(what.exc_value, _Stopped):
             coming = False
@@ -118,7 +133,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
 
 
 def _say(line: str, code: int) -> int:
-    """Print an error line on stderr, unless it is closed, and return the exit code."""
+    """Print an error on stderr as one line, unless stderr is closed; return its exit code."""
     clear_line()
     try:
         say_line(f"repctl: {' '.join(line.split())}")
@@ -128,7 +143,10 @@ def _say(line: str, code: int) -> int:
 
 
 def _drop_output() -> None:
-    """Discard output that cannot be written, so that the interpreter does not report it at exit."""
+    """Discard output that can no longer be written, for instance after ``| head`` has ended.
+
+    Otherwise the interpreter would report it once more at exit.
+    """
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -1,4 +1,9 @@
-"""``repctl follow``: follow a closed path with one controller, and write the motion to files."""
+"""``repctl follow``: follow a closed path with one controller, and write the motion to files.
+
+The controller is a saved design, a named strategy (``pseudoinverse``), or a design made here around
+the motion. A leaf is the set of configurations on which a repeatable controller stays, because its
+potentials are constant there. Ω is the region of joint space of a design.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +44,7 @@ _OWN = ("repeatable", "pseudoinverse", "inertia")
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl follow`` to its parser; :func:`run` reads them."""
     parser.what()
     add = parser.add_argument
     names = f"in place of a design: {', '.join(_OWN)}, or a registered one (default {_OWN[0]})"
@@ -99,7 +104,11 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Follow the path, evaluate the motion, and write it."""
+    """Follow the path, evaluate the motion, write it to the files asked for, and print a report.
+
+    If a limit is violated or bodies collide, InputError is raised before ``--csv`` or ``--yaml`` is
+    written, unless ``--allow-violations`` is given. Returns the exit code 0.
+    """
     say = progress(options.json)
     from ..model.bodies import bodies_of
     from ..motion.csv_file import csv_text
@@ -213,7 +222,11 @@ def run(options: Options) -> int:
 
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
-    """Write the remedy for a violation: options that may avoid it."""
+    """Write the remedy for a violation, a limit exceeded or a collision: options that may avoid it.
+
+    ``best_leaf`` adds --best-leaf, which searches for another start by self-motion; ``smaller``
+    adds a smaller path.
+    """
     from ..studies.around_motion import NO_BETTER
 
     tried = options.start is None and not options.saved
@@ -226,7 +239,10 @@ def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
 
 
 def _check_control(options: Options) -> None:
-    """Raise an error for options that exclude or require each other, or name one file twice."""
+    """Raise InputError for options that exclude or require each other, or name one file twice.
+
+    This is done first, so that no long motion is computed in vain.
+    """
     given = [name for name in ("strategy", "potentials") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
         raise InputError(
@@ -257,8 +273,10 @@ def _check_control(options: Options) -> None:
 class _Case(NamedTuple):
     """Controller, the problem that it is to solve, and what is known of its design.
 
-    ``region`` is Ω, ``period`` the time of one cycle, s, ``desired`` the desired inverse G_d, and
-    ``closes`` the closing radius of its certificate.
+    It is made from a saved design or from a robot, and followed in the same way. ``region`` is Ω,
+    the region of joint space of the design, ``period`` the time of one cycle, s, and ``desired``
+    the desired inverse, to which the design comes near. ``closes`` is the proved closing radius,
+    within which every closed path closes in joint space. These four are None if they are unknown.
     """
 
     strategy: Strategy
@@ -271,7 +289,11 @@ class _Case(NamedTuple):
 
 
 def _saved(options: Options) -> _Case:
-    """Load a saved design, with its default cycle or the path of ``--path``."""
+    """Load a saved design to follow, with its default cycle or the path of ``--path``.
+
+    The result also holds what is known of the design: its region, its period, and the closing
+    radius, within which every closed path is proved to close in joint space.
+    """
     design = options.load_saved()
     problem = options.problem_of(design)
     return _Case(
@@ -285,7 +307,11 @@ def _saved(options: Options) -> _Case:
 
 
 def _made(options: Options, say: Callable[[str], None]) -> _Case:
-    """Make the controller of ``--strategy`` or ``--potentials``, or the nearest repeatable one."""
+    """Make the controller for a robot that is given without a saved design, with its problem.
+
+    It is that of ``--strategy`` or ``--potentials``; without either, the nearest repeatable inverse
+    is designed. ``say`` receives the name of each step.
+    """
     say("finding a path")
     problem = options.problem()
     task = problem.task
@@ -303,7 +329,11 @@ def _made(options: Options, say: Callable[[str], None]) -> _Case:
 def _nearest(
     options: Options, problem: rp.Problem, say: Callable[[str], None]
 ) -> _Case:
-    """Design the nearest repeatable inverse in a region around the motion on the path."""
+    """Design the nearest repeatable inverse for the path, and return it as the case to follow.
+
+    Its region Ω is a tube around the motion on the path. The default start may be replaced by
+    another one if the design fails there.
+    """
     from ..studies.around_motion import design_for, shrunk_note, timed_cycle
 
     plain = rp.Pseudoinverse(problem.task)
@@ -318,7 +348,11 @@ def _nearest(
 
 
 def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
-    """Design with registered potentials, in a box around the start."""
+    """Design a repeatable inverse with the potentials that a plugin registered, around the start.
+
+    Potentials are functions of the joints that the controller holds constant. The region Ω is a box
+    of half-width ``--region``. An error on a singularity in it names the options that avoid it.
+    """
     from ..plugins import plugin
 
     task, q0 = problem.task, problem.start
@@ -332,7 +366,10 @@ def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
 
 
 def _plugin(name: str, task: rp.Task) -> Strategy:
-    """Make the strategy that a plugin registered under a name."""
+    """Make the strategy, a controller, that a plugin registered under a name, for a task.
+
+    InputError is raised for an unknown name, or an object that is no strategy.
+    """
     from ..plugins import plugin
     from ..strategies import Strategy
 
@@ -348,9 +385,10 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
 def _result(
     motion: rp.Motion, asked: float, q0: Any, notes: list[str]
 ) -> dict[str, Any]:
-    """Convert the motion and its figures to plain Python types, for JSON output.
+    """Convert the motion and its figures to plain Python types, for JSON output and for the text.
 
-    ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits.
+    ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits, and
+    ``q0`` (n,) the start.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 
@@ -378,7 +416,11 @@ def _result(
 def _lines(
     result: dict[str, Any], motion: rp.Motion, *, written: bool
 ) -> Iterator[str]:
-    """Yield the lines of text that report a motion."""
+    """Yield the lines of text that report a motion.
+
+    ``result`` is that of :func:`_result`; ``written`` tells that files were written, so that a note
+    on the speed at both ends of the motion is added.
+    """
     from ..arguments import percentage
 
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
@@ -414,7 +456,11 @@ def _lines(
 
 
 def _timing_words(result: dict[str, Any]) -> str:
-    """Write how a motion was timed, as text that follows its duration."""
+    """Write how a motion was timed, as text that follows its duration; empty if it was not.
+
+    It was slowed down to the speed limits (``slowed_by``), or timed from rest to rest, where
+    ``stops`` counts the stops at corners in each cycle.
+    """
     slowed = result["slowed_by"]
     if slowed is not None:
         kept = f", slowed down by {slowed:.3g} to keep the speed limits"

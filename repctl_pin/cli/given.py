@@ -1,4 +1,8 @@
-"""Parsed options, and the robots, problems and designs that they describe."""
+"""Parsed options, and the robots, problems and designs that they describe.
+
+WHAT and ROBOT are the positional arguments of a command. A saved design is a .json file of ``repctl
+design``, ``study`` or ``cell``. The region Ω is the part of joint space of a design.
+"""
 
 from __future__ import annotations
 
@@ -46,11 +50,14 @@ class Options(argparse.Namespace):
         return is_saved(self.what)
 
     def of(self, *names: str) -> dict[str, Any]:
-        """Select options by name, as keyword arguments."""
+        """Select options by name, as keyword arguments: ``of("steps")`` is ``{"steps": 200}``."""
         return {name: getattr(self, name) for name in names}
 
     def load_robot(self) -> rp.Robot:
-        """Load the robot that the argument ROBOT or WHAT names."""
+        """Load the robot that the argument ROBOT or WHAT names, with --lock and --base applied.
+
+        InputError is raised for a saved design, and for --robot beside a robot.
+        """
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
             raise InputError(
@@ -64,14 +71,21 @@ class Options(argparse.Namespace):
         return rp.Robot.load(name, lock=self.lock, base=self.base, **self.beside())
 
     def beside(self) -> dict[str, Any]:
-        """Return the mesh folders and the surroundings, as arguments of ``Robot.load``."""
+        """Return the mesh folders and the surroundings, as keyword arguments of ``Robot.load``.
+
+        They are ``--package-dir`` and, for commands that have it, ``--surroundings``.
+        """
         return {
             "package_dirs": self.package_dir,
             "surroundings": getattr(self, "surroundings", None),
         }
 
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
-        """Make the problem that the options describe; ``parts`` replace its arguments."""
+        """Make the problem that the options describe: task, start, path and region.
+
+        ``robot`` is loaded if it is None. ``parts`` are arguments of :class:`Problem` that replace
+        those of the options, such as ``path=False``.
+        """
         frame, kind = self.asked_frames()
         asked = {
             "frame": frame,
@@ -83,7 +97,11 @@ class Options(argparse.Namespace):
         return rp.Problem(robot or self.load_robot(), **(asked | parts))
 
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
-        """Make the problem of a saved design, with the start and path of the options, if given."""
+        """Make the problem of a saved design: its task, region, and cycle.
+
+        A start and a path from the options replace the design's own; ``parts`` replace them in
+        turn.
+        """
         from ..studies.of_design import problem_of
 
         asked = {"start": self.asked_start()}
@@ -93,6 +111,9 @@ class Options(argparse.Namespace):
 
     def load_saved(self) -> rp.Design | rp.CellDesign:
         """Load the design that WHAT names, on the robot of ``--robot`` or of the catalogue.
+
+        It is a design over joint space, or the function of a cell, which gives the joints for each
+        pose in a box of poses. Warnings are printed as notes.
 
         Raises
         ------
@@ -117,7 +138,11 @@ class Options(argparse.Namespace):
         return design
 
     def load_design(self) -> rp.Design:
-        """Load a design over joint space; raise an error for a function over a cell."""
+        """Load the saved design over joint space that WHAT names.
+
+        The function of a cell, which is a design of another kind, raises InputError, because the
+        command cannot use it.
+        """
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
             raise InputError(
@@ -127,8 +152,12 @@ class Options(argparse.Namespace):
         return design
 
     def _robot_of(self, made_for: TaskFile) -> rp.Robot:
-        """Load the robot that a saved design was made for; raise an error if options contradict
-        it."""
+        """Load the robot that a saved design was made for, from ``--robot`` or the catalogue.
+
+        ``made_for`` is what the design's file says of its task. InputError is raised if an option
+        contradicts it (another frame, task, base or lock), if the robot is not in the catalogue and
+        ``--robot`` is missing, or if it is another robot.
+        """
         file = self.what
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
@@ -156,7 +185,11 @@ class Options(argparse.Namespace):
         return robot
 
     def asked_frames(self) -> tuple[Any, str | None]:
-        """Parse ``--frame`` and ``--task``: one of each, or several separated by commas."""
+        """Parse ``--frame`` and ``--task``: one of each, or several separated by commas.
+
+        Returned are ``frame`` and ``kind`` as :class:`Problem` takes them: a text or None for one
+        frame, a list for several; with one kind per frame, a list of pairs and None.
+        """
         frames = _listed(self.frame)
         kinds = _listed(self.task)
         if len(frames) < 2:
@@ -174,7 +207,8 @@ class Options(argparse.Namespace):
     def asked_path(self) -> Any:
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
-        A single path is that of the first frame, and the others hold still; a file names the frames
+        The result is what :class:`Problem` takes. A single path is that of the first frame, and the
+        others hold still, which None, or the word ``hold``, stands for; a CSV file names the frames
         that move.
         """
         path = getattr(self, "path", None)
@@ -188,14 +222,21 @@ class Options(argparse.Namespace):
         return [None if one == "hold" else one for one in paths]
 
     def asked_start(self) -> list[float] | None:
-        """Parse ``--start``: joint positions, rad or m; None if it is not given."""
+        """Parse ``--start``: joint positions, rad or m, with commas; None if it is not given.
+
+        InputError is raised for a text that is not a list of numbers; their count is checked later.
+        """
         if self.start is None:
             return None
         what = "is not a list of numbers; separate them by commas"
         return numbers_of(self.start, "--start", what)
 
     def asked_weight(self) -> Any:
-        """Parse ``--weight``: None, a word, or a list of numbers."""
+        """Parse ``--weight``, the joint weights of the desired inverse: None, a word, or numbers.
+
+        The word is ``inertia`` or ``limits``; InputError is raised for any other text without
+        numbers.
+        """
         if self.weight in (None, "inertia", "limits"):
             return self.weight
         return numbers_of(
@@ -205,7 +246,10 @@ class Options(argparse.Namespace):
         )
 
     def asked_degree(self) -> Any:
-        """Parse ``--degree``: ``auto``, or a whole number from 1 up."""
+        """Parse ``--degree``, that of a design's polynomials: ``auto``, or a number from 1 up.
+
+        InputError is raised for any other text.
+        """
         try:
             return "auto" if self.degree == "auto" else integer(self.degree)
         except argparse.ArgumentTypeError:
@@ -213,7 +257,11 @@ class Options(argparse.Namespace):
             raise InputError(fact, argument="--degree") from None
 
     def asked_limits(self) -> rp.Limits:
-        """Parse ``--acceleration``, ``--jerk`` and ``--tool-speed``, the limits of a motion."""
+        """Parse ``--acceleration``, ``--jerk`` and ``--tool-speed``, the limits of a motion.
+
+        An acceleration or jerk is a robot's name, one number, or one per joint; InputError for
+        others.
+        """
         tool_speed = self.tool_speed
         if tool_speed is not None:
             tool_speed = numbers_of(
@@ -228,7 +276,8 @@ class Options(argparse.Namespace):
     def output_folder(self, name: str) -> Path:
         """Return the output folder, ``--out`` or ``repctl-out/NAME``, if it can be written.
 
-        If it is new, and still empty when the command ends, it is removed.
+        The test comes before the work, so that no result is lost. If the folder is new, and still
+        empty when the command ends, it is removed.
         """
         folder = Path(self.out or Path("repctl-out") / name)
         try:
@@ -239,17 +288,21 @@ class Options(argparse.Namespace):
 
 
 def _listed(text: str | None) -> list[str]:
-    """Split a text at its commas; an empty list for None."""
+    """Split a text at its commas into parts without spaces around them; an empty list for None."""
     return [] if text is None else [part.strip() for part in text.split(",")]
 
 
 def is_saved(name: str) -> bool:
-    """Tell whether a name is that of a saved design: a .json file."""
+    """Tell whether an argument names a saved design, a .json file, and not a robot."""
     return Path(name).suffix.lower() == ".json"
 
 
 def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
-    """Parse numbers separated by commas or spaces; ``otherwise`` completes the error message."""
+    """Parse numbers separated by commas or spaces; InputError for any other text.
+
+    ``option`` begins the error message and ``otherwise`` ends it, such as ``is not a list of
+    numbers``.
+    """
     try:
         return [float(part) for part in text.replace(" ", ",").split(",") if part]
     except ValueError:
@@ -257,7 +310,10 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
 
 
 def _named(text: str | None, option: str) -> str | list[float] | None:
-    """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint."""
+    """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint.
+
+    ``option`` is the one to name in an InputError. None stays None.
+    """
     if text is None or text.strip().isidentifier():
         return text and text.strip()
     return numbers_of(
@@ -268,14 +324,18 @@ def _named(text: str | None, option: str) -> str | list[float] | None:
 def proved(design: D, say: Callable[[str], None]) -> D:
     """Add to a design the proof with the largest bounds that are found in a minute.
 
-    A proof that was not reached is added, too; it says why.
+    The proof bounds the leaf margin, the distance from an algorithmic singularity, over the whole
+    region. A proof that was not reached is added, too; it says why. ``say`` receives the progress.
     """
     proof = rp.prove(design, progress=in_percent(say))
     return replace(design, proof=proof)
 
 
 def require_proofs(asked: bool) -> None:
-    """Refuse a proof that is asked for, before the work that comes first, if there can be none."""
+    """Raise an error if proofs are ``asked`` for, and the native library that they need is missing.
+
+    It is called before the design, which takes long and would be made in vain.
+    """
     if asked:
         from ..native import required_library  # loads NumPy
 
@@ -283,17 +343,25 @@ def require_proofs(asked: bool) -> None:
 
 
 def proof_code(proof: rp.Proof | None) -> int:
-    """Return the exit code of a command: 0 if a proof was reached, or none was asked for."""
+    """Return the exit code of a command: 3 if a proof was asked for and not reached, else 0."""
     return 0 if proof is None or proof else NOT_PROVED
 
 
 def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
-    """Make Ω as a box around the start q0, cut at the joint limits."""
+    """Make the region Ω as a box of a half-width around the start q0 (n,), cut at the joint limits.
+
+    Beyond the limits the arm has no configurations to design or test for. The half-width is in rad
+    (m for prismatic joints).
+    """
     return rp.Box(q0, half_width).inside(task.lower, task.upper)
 
 
 def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
-    """Write a note that names the joints at whose limits a box was cut; empty if it was not."""
+    """Write a note that names the joints at whose limits a box was cut: a tuple of one text.
+
+    The box is cut if it is narrower than ``half_width``, the one asked for; otherwise the tuple is
+    empty.
+    """
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)
     cut = [joint for joint, width in sides if width < half_width * (1 - 1e-9)]
     return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
@@ -302,7 +370,11 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
 def with_options(
     error: rp.SingularRegionError, *, shrink: bool = False
 ) -> rp.SingularRegionError:
-    """Rewrite the remedy of an error on a singular Ω in terms of options; return the error."""
+    """Rewrite the remedy of an error on a singular Ω in terms of options; return the error.
+
+    The library's remedy names arguments, which the user of a command does not see. ``shrink`` tells
+    that the command has --shrink and it was not given; otherwise a smaller --region is suggested.
+    """
     from ..studies.around_motion import half_width_within
 
     if error.free is None:
@@ -316,7 +388,7 @@ def with_options(
 
 
 def integer(text: str, least: int = 1) -> int:
-    """Parse a whole number from ``least`` up; type of an option."""
+    """Parse a whole number from ``least`` up; for argparse, as the type of an option."""
     value = int(text) if re.fullmatch(r"\s*\+?[0-9]{1,15}\s*", text) else least - 1
     if value < least:
         raise argparse.ArgumentTypeError(
@@ -326,12 +398,12 @@ def integer(text: str, least: int = 1) -> int:
 
 
 def natural(text: str) -> int:
-    """Parse a whole number from 0 up; type of an option."""
+    """Parse a whole number from 0 up; for argparse, as the type of an option."""
     return integer(text, 0)
 
 
 def positive(text: str) -> float:
-    """Parse a finite number above 0; type of an option."""
+    """Parse a finite number above 0; for argparse, as the type of an option."""
     try:
         value = float(text)
     except ValueError:

@@ -20,7 +20,7 @@ EXAMPLE = """examples:
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl inspect`` to its parser; :func:`run` reads them."""
     parser.robot()
     parser.add_argument(
         "--all",
@@ -31,7 +31,10 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Inspect a robot and print the result."""
+    """Load a robot, and print its joints, limits, frames and redundancy as text or JSON.
+
+    A frame's redundancy is its number of spare joints by kind of task. Returns the exit code 0.
+    """
     from ..studies.task_choice import redundant_kinds
 
     robot = options.load_robot()
@@ -45,7 +48,7 @@ def run(options: Options) -> int:
 def _inspection(
     robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]
 ) -> dict[str, Any]:
-    """Collect the contents of a robot file in plain Python types.
+    """Collect the contents of a robot file in plain Python types, for JSON output and for the text.
 
     Parameters
     ----------
@@ -113,7 +116,11 @@ def _inspection(
 
 
 def _text(found: Mapping[str, Any]) -> str:
-    """Format the contents of a robot file, from :func:`_inspection`, for a terminal."""
+    """Format the contents of a robot file for a terminal, as one text of several lines.
+
+    ``found`` is the result of :func:`_inspection`. The text is a table of joints, then locked and
+    mimic joints, chains, frames, and notes.
+    """
     from ..show.text.table import table
 
     rows = []
@@ -141,9 +148,10 @@ def _text(found: Mapping[str, Any]) -> str:
 
 
 def _chains(found: Mapping[str, Any]) -> list[str]:
-    """List the joints and task kinds of kinematic chains.
+    """Write lines on kinematic chains, the joints that move a frame, with their task kinds.
 
-    These are the chain of the default frame, and others with as many joints.
+    ``found`` is the result of :func:`_inspection`. Listed are the chain of the default frame, and
+    others with as many joints. If frames have the same chain, only the first is listed.
     """
     frames = found["frames"]
     lines: list[str] = []
@@ -161,7 +169,10 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 
 
 def _frames(found: Mapping[str, Any]) -> list[str]:
-    """Format a table of the frames and their positions, from which the user can choose a path."""
+    """Format a table of the frames and their positions, m, with a legend: a list of two texts.
+
+    From it the user can choose a frame and a path. ``found`` is the result of :func:`_inspection`.
+    """
     from ..show.text.table import table
 
     rows = []
@@ -178,4 +189,5 @@ def _frames(found: Mapping[str, Any]) -> list[str]:
 
 
 def _number(value: float) -> str:
+    """Format a limit with four digits; a dash stands for no limit."""
     return f"{value:.4g}" if math.isfinite(value) else "–"

@@ -25,14 +25,21 @@ _GROUPS = {
 
 
 class Parser(argparse.ArgumentParser):
-    """ArgumentParser with one-line errors that suggest the closest valid names and --help."""
+    """Parser of a command: errors are one line that suggests the closest valid names and --help.
+
+    It also groups the options in the help, and has a method for each set of options that several
+    commands share. It derives from argparse's ArgumentParser.
+    """
 
     def format_help(self) -> str:
         """Format the help, and wrap the description and the examples, which argparse does not."""
         return fitted(super().format_help())
 
     def error(self, message: str) -> NoReturn:
-        """Print the error in one line and exit with code 2."""
+        """Print the error in one line on stderr, and exit with code 2.
+
+        argparse would print the usage, too, of many lines.
+        """
         self.exit(
             2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n"
         )
@@ -49,7 +56,11 @@ class Parser(argparse.ArgumentParser):
             )
 
     def parse_all(self, arguments: list[str]) -> Options:
-        """Parse the arguments; the subcommand that received unknown ones reports them."""
+        """Parse the arguments of the command line; an unknown one is reported by its subcommand.
+
+        That parser knows which options it has, and can suggest the nearest. The process then ends
+        with exit code 2.
+        """
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
         if rest:
@@ -66,7 +77,10 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def _option_of(self) -> dict[str, str]:
-        """Map argument names of the library to the options of this command."""
+        """Map argument names of the library to the options of this command: ``kind`` to ``--task``.
+
+        Errors of the library name an argument, which the user of a command does not know.
+        """
         names = {
             action.dest: option
             for action in self._actions
@@ -79,7 +93,11 @@ class Parser(argparse.ArgumentParser):
         } | names
 
     def add_argument(self, *names: Any, **how: Any) -> argparse.Action:
-        """Add an argument; an option goes into its group."""
+        """Add an argument as argparse does, and put an option into its group of the help.
+
+        The groups, such as ``robot`` and ``path``, make a long help readable. The arguments are
+        argparse's.
+        """
         option = str(names[0]).removeprefix("--") if names else ""
         title = next((g for g, own in _GROUPS.items() if option in own.split()), None)
         if title is None or not str(names[0]).startswith("--"):
@@ -89,7 +107,10 @@ class Parser(argparse.ArgumentParser):
         return group.add_argument(*names, **how)
 
     def shorten_usage(self) -> None:
-        """Write only the arguments into the usage, and order the groups of options."""
+        """Write only the positional arguments into the usage line, and order the groups of options.
+
+        All options together would fill half of a terminal; the groups below list them.
+        """
         arguments = [action for action in self._actions if not action.option_strings]
         names = [
             f"[{action.metavar}]" if action.nargs in ("?", "*") else action.metavar
@@ -103,7 +124,10 @@ class Parser(argparse.ArgumentParser):
         )
 
     def robot(self) -> None:
-        """Add the argument ROBOT and the options for loading it."""
+        """Add the argument ROBOT, a catalogue name or URDF, and the options for loading it.
+
+        A command that also takes a saved design calls :meth:`what` instead.
+        """
         self.add_argument(
             "robot",
             metavar="ROBOT",
@@ -118,7 +142,10 @@ class Parser(argparse.ArgumentParser):
             "and task"
         ),
     ) -> None:
-        """Add the argument WHAT, a robot or a saved design, and the options for loading it."""
+        """Add the argument WHAT, a robot or a saved design, and the options for loading it.
+
+        ``what`` is its help. ``--robot`` names the robot of a design that is not in the catalogue.
+        """
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
             "--robot",
@@ -170,7 +197,10 @@ class Parser(argparse.ArgumentParser):
     def path(
         self, lead: str = "", default: str = " (default: a circle that fits)"
     ) -> None:
-        """Add --path and --plane; ``lead`` and ``default`` enclose the help of --path."""
+        """Add --path and --plane; ``lead`` and ``default`` are texts around the help of --path.
+
+        They tell what this command does with a path, and without one.
+        """
         add = self.add_argument
         where = "below" if self.prog == "repctl study" else "`repctl study --help`"
         shapes = f"closed path, see {where}"
@@ -200,12 +230,12 @@ class Parser(argparse.ArgumentParser):
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
 
     def weight(self) -> None:
-        """Add --weight, which selects the inverse to check or to approximate."""
+        """Add --weight, the joint weights that select the inverse to check or to approximate."""
         what = "joint weights: inertia, limits or w1,w2,… (default 1)"
         self.add_argument("--weight", metavar="M", help=what)
 
     def json(self, instead: str = "text", *, quiet: bool = False) -> None:
-        """Add --json, which replaces ``instead``, and --quiet."""
+        """Add --json, and --quiet if ``quiet``; ``instead`` is what JSON replaces, for the help."""
         add = self.add_argument
         add("--json", action="store_true", help=f"print JSON instead of {instead}")
         if quiet:

@@ -16,12 +16,15 @@ EXAMPLE = "example: repctl robots"
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl robots`` to its parser; :func:`run` reads them."""
     parser.json("the table")
 
 
 def run(options: Options) -> int:
-    """Print the catalogue: the joints and the redundancy of every offered frame."""
+    """Print the catalogue: the joints and the redundancy of every offered frame.
+
+    Redundancy is the number of spare joints r = n − m by kind of task. Returns the exit code 0.
+    """
     from ..model.catalogue import entries
     from ..show.text.table import table
     from ..studies.task_choice import redundant_kinds
@@ -57,7 +60,11 @@ def run(options: Options) -> int:
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
-    """Format one row of the table, as one text per column."""
+    """Format one row of the catalogue's table, as one text per column.
+
+    ``row`` has the keys of :func:`run`: ``robot``, ``frame``, ``chain`` and ``joints`` (numbers of
+    joints), and ``redundancy``, r by task kind.
+    """
     r = row["redundancy"]
     planes = [kind for kind in ("xy", "xz", "yz") if kind in r]
     plane = str(r[planes[0]]) if len({r[kind] for kind in planes}) == 1 else "–"

@@ -37,7 +37,7 @@ example: repctl study panda --path circle:0.1 --plane yz --cycles 20"""
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl study`` to its parser; :func:`run` reads them."""
     parser.robot()
     parser.surroundings()
     parser.task()
@@ -77,7 +77,10 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Run the study and write its files."""
+    """Run the study, write its figures, animation, motions and design, and print the answer.
+
+    All files are written, or none. Returns the exit code.
+    """
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     from ..show.study_files import run_name, write_study
@@ -148,7 +151,11 @@ def _report(
     options: Options,
     run: str,
 ) -> Path:
-    """Write the HTML report, with the value of every option; return its file."""
+    """Write ``report.html``, with the value of every option; return its file.
+
+    ``maps`` are the design's values over two joints, ``animation`` is the file of the animation
+    page, which the report embeds, and ``run`` the name that marks all files of one study.
+    """
     from ..show.report import report_page
     from ..show.study_files import with_run
 

@@ -19,7 +19,7 @@ from ..show.text.lines import Span, coloured, fitted, on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Make the callback that reports progress.
+    """Make the callback that reports progress: a function of the name of the step that begins.
 
     On a terminal it rewrites one line; elsewhere it prints only notes, and if ``quiet``, nothing.
     """
@@ -40,14 +40,20 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 
 def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Make the callback that reports a step of long work, and the fraction that is done."""
+    """Make the callback that reports a step of long work, and the fraction that is done, 0 to 1.
+
+    The library calls it with both; the text that results goes to ``say``, such as ``fitting 40 %``.
+    """
     return lambda step, fraction: say(
         f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step
     )
 
 
 def say_line(text: str) -> None:
-    """Print a message on stderr as one line, wrapped only on a terminal."""
+    """Print a message on stderr as one line, with control characters escaped.
+
+    It is wrapped only on a terminal, so that a log has one line per message.
+    """
     line = printable(text)
     if on_terminal(sys.stderr):
         line = fitted(line, shutil.get_terminal_size().columns)
@@ -55,7 +61,7 @@ def say_line(text: str) -> None:
 
 
 def clear_line() -> None:
-    """Erase the progress line on the terminal."""
+    """Erase the progress line on the terminal, so that the next output begins on an empty line."""
     if on_terminal(sys.stderr):
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
@@ -68,12 +74,15 @@ def report(
 ) -> int:
     """Print the result of a command, as JSON or as text and the written files; return exit code 0.
 
+    Commands end with it. Only the form that is asked for is made.
+
     Parameters
     ----------
     options
         Options with ``json`` and ``quiet``.
     result, text
-        Functions that make the JSON value and the text; the text may be a list of spans.
+        Functions that make the JSON value and the text; the text may be a list of spans, pieces of
+        text that a terminal colours.
     files
         Written files; None for a command that writes none.
     """
@@ -94,14 +103,20 @@ def report(
 
 
 def page_lines(files: Sequence[Path]) -> list[str]:
-    """Write the lines that name the page to open, and the other files beside it."""
+    """Write the lines that tell which page to open, and which other files lie beside it.
+
+    The page is the first of ``files``; the answer of a study ends with these lines.
+    """
     page, *others = files
     names = ", ".join(file.name for file in others)
     return [f"open   {page}", f"wrote  {names} beside it"]
 
 
 def _as_json(value: Any, indent: int | None = None) -> str:
-    """Write JSON with unprintable characters escaped, for any terminal."""
+    """Write a value as JSON, with unprintable characters escaped so that no terminal obeys them.
+
+    Non-ASCII letters stay readable; ``indent`` is that of ``json.dumps``.
+    """
     text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(
         c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text
@@ -109,7 +124,7 @@ def _as_json(value: Any, indent: int | None = None) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Convert arrays to lists, and infinity and NaN to None, because JSON lacks them."""
+    """Convert a value for JSON: arrays to lists, and infinity and NaN to None, which JSON lacks."""
     if isinstance(value, dict):
         return {key: _plain(part) for key, part in value.items()}
     if hasattr(value, "tolist"):
@@ -121,7 +136,11 @@ def _plain(value: Any) -> Any:
 
 @contextmanager
 def until_stopped() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set; usable only in the main thread."""
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set, for a command that runs until then.
+
+    The earlier handlers are restored at the end of the block. It is usable only in the main thread,
+    because only that one receives signals.
+    """
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]
     if (

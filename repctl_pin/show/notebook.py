@@ -27,7 +27,7 @@ _TABLE = (
 
 @dataclass(frozen=True)
 class _Inline:
-    """Display in a notebook cell, made by :func:`inline`.
+    """Display of a study, a figure or a page in a notebook cell, made by :func:`inline`.
 
     Attributes
     ----------
@@ -94,7 +94,10 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
 
 
 def frame(page: str, height: int = 640) -> str:
-    """Embed a page in a notebook cell; its script cannot access the notebook."""
+    """Embed a page, given as HTML, in a notebook cell, as an inline frame of a height in pixels.
+
+    Its script runs in a sandbox and cannot access the notebook.
+    """
     return (
         f'<iframe srcdoc="{html.escape(page, quote=True)}" sandbox="allow-scripts" '
         'title="Animation" '
@@ -103,7 +106,10 @@ def frame(page: str, height: int = 640) -> str:
 
 
 def _picture(figure: Figure, text: str) -> str:
-    """Embed a figure in a notebook cell, at twice the resolution, with alternative text."""
+    """Embed a figure in a notebook cell, as HTML, at twice the resolution for sharp screens.
+
+    ``text`` is its alternative text, for readers who cannot see it.
+    """
     data = base64.b64encode(png(figure, 2 * _DPI)).decode("ascii")
     width = round(figure.get_figwidth() * _DPI)
     return (

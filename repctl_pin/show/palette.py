@@ -23,7 +23,10 @@ _OWN = (PURPLE, SKY, YELLOW, INK)
 
 
 def luminance(colour: str) -> float:
-    """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1."""
+    """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1.
+
+    Contrast, by which text is readable, is a ratio of two of them.
+    """
     parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
     linear = [
         c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts
@@ -32,7 +35,7 @@ def luminance(colour: str) -> float:
 
 
 def readable(colour: str) -> str:
-    """Darken a colour until text in it has a contrast of 4.5:1 on white."""
+    """Darken a colour ``#rrggbb`` until text in it has a contrast of 4.5:1 on white."""
     parts = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     for share in range(100, 0, -2):
         darker = "#" + "".join(f"{c * share // 100:02x}" for c in parts)
@@ -42,6 +45,9 @@ def readable(colour: str) -> str:
 
 
 def colours(study: Study) -> dict[str, str]:
-    """Return the colour of every strategy and of every row of a study, by key."""
+    """Return the colour ``#rrggbb`` of every strategy and of every row of a study, by key.
+
+    A user-defined controller gets the next free colour; after four they repeat.
+    """
     own = [row.key for row in study.rows if row.key not in COLOURS]
     return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}

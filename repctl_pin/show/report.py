@@ -58,13 +58,14 @@ def report_page(
     study
         The study.
     maps
-        Maps over two joints; None leaves those figures out.
+        Maps of the design over two joints: its distance from J⁺, its distance from a singularity,
+        and where J⁺ is not repeatable; None leaves those figures out.
     options
         Every option that was used, by name.
     command
         Command line that made the study.
     animation
-        Page of the animation, if it exists already.
+        HTML of the animation page, if it exists already; None to make it.
 
     Returns
     -------
@@ -101,7 +102,10 @@ def report_page(
 
 
 def versions() -> dict[str, str]:
-    """Collect the versions of all packages that a result depends on."""
+    """Collect the versions of all packages that a result depends on, as text by package name.
+
+    A report lists them, with Python and the operating system, so that a study can be repeated.
+    """
     found = {"repctl_pin": __version__, "Python": platform.python_version()}
     for name in _DISTRIBUTIONS:
         try:
@@ -112,7 +116,10 @@ def versions() -> dict[str, str]:
 
 
 def _compared(study: Study) -> list[tuple[str, Motion, str]]:
-    """List the label, motion and colour of J⁺ and of the repeatable inverse."""
+    """List the label, motion and colour of J⁺ and of the repeatable inverse, for the still figure.
+
+    A strategy that stopped is left out.
+    """
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     return [
         (row.label, row.motion, COLOURS[row.key])
@@ -124,7 +131,10 @@ def _compared(study: Study) -> list[tuple[str, Motion, str]]:
 def _figures(
     study: Study, maps: ReportMaps | None
 ) -> Iterable[tuple[str, dict[str, object]]]:
-    """Yield the heading, picture and description of each figure."""
+    """Yield the heading of each figure of the report, and its picture as :func:`framed` encodes it.
+
+    ``maps`` are values of the design over two joints, None without that figure.
+    """
     moved = drawn(study)
     on = [
         m for m in moved if m[2] != COLOURS["posture_off"]
@@ -147,6 +157,11 @@ def _figures(
 
 
 def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
+    """Draw the figure of a design over two joints: distance from J⁺, defect of J⁺, and leaf margin.
+
+    The defect is 0 where J⁺ is repeatable, the leaf margin 0 where the design is singular. Maps
+    that hardly vary are left out. A further panel shows the cost against the degree.
+    """
     grid = maps.grid
     drawn = maps_that_vary(
         (grid.distance / grid.reference, r"distance $\|G_r - J^+\| / \|J^+\|$", None),
@@ -167,14 +182,21 @@ def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
 
 
 def picture(figure: Figure, text: str) -> dict[str, object]:
-    """Draw a figure, cropped to its contents, and encode it for the page with its description."""
+    """Draw a figure, cropped to its contents, as a picture that the report's template embeds.
+
+    ``text`` is its description for readers who cannot see it; see :func:`framed` for the result.
+    """
     metadata = {"Software": None}
     picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)
     return framed(picture, text)
 
 
 def framed(picture: bytes, text: str) -> dict[str, object]:
-    """Encode a PNG file for a template of a page, with its size and description."""
+    """Encode a PNG file for a template of a page, with its size and description.
+
+    The keys are ``data`` (base64), ``width`` and ``height`` in pixels, and ``words``, the given
+    text.
+    """
     width, height = struct.unpack(">II", picture[16:24])  # as its header says
     return {
         "data": base64.b64encode(picture).decode("ascii"),
@@ -185,7 +207,11 @@ def framed(picture: bytes, text: str) -> dict[str, object]:
 
 
 def _in_full(study: Study) -> dict[str, str]:
-    """Collect the settings as text, with numbers in full precision and the URDF's checksum."""
+    """Collect the settings with which the study can be repeated exactly, as text by label.
+
+    They are the start and the box around Ω, the design's region, to ten digits, the joints, and the
+    URDF's checksum.
+    """
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return {
         "start, in full": row(study.q0, 10),
@@ -197,7 +223,10 @@ def _in_full(study: Study) -> dict[str, str]:
 
 
 def _fingerprint(file: Path) -> str:
-    """Compute the SHA-256 checksum of a file; a sentence if the file no longer exists."""
+    """Compute the SHA-256 checksum of a file, to tell later whether a URDF has changed.
+
+    A sentence is returned if the file no longer exists.
+    """
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
@@ -209,6 +238,7 @@ def _chosen(
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Split the options, as text by name, into those that the command line names and the others.
 
+    The report shows the first at once, and the second, which have their defaults, in the details.
     Without a command line, all count as named.
     """
     said = (
@@ -226,6 +256,10 @@ def _chosen(
 
 
 def _text(value: object) -> str:
+    """Write the value of an option for a reader: ``yes`` for True, and a list with commas.
+
+    ``None`` is written as ``chosen by the study``.
+    """
     if isinstance(value, list | tuple):
         return ", ".join(map(str, value)) or "none"
     return {"None": "chosen by the study", "True": "yes", "False": "no"}.get(

@@ -21,7 +21,10 @@ _CSV_ROWS_PER_CYCLE = 100
 
 
 def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
-    """Write ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv`` atomically.
+    """Write the page, the figures and the motions of a study to a folder.
+
+    The files are ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``. Each is
+    written whole or not at all.
 
     Parameters
     ----------
@@ -55,17 +58,21 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
 
 
 def run_name(study: Study, checksum: str) -> str:
-    """Name a run by the checksum of its design file and a digest of its motions.
+    """Name a run of a study by the checksum of its design file and a digest of its motions.
 
-    Runs of one name have the same design and motions. The first part is the checksum in
-    ``control.json``.
+    The name is written into each file, so that the user sees which files belong together. Runs of
+    one name have the same design and motions. The first part is the checksum in ``control.json``,
+    here ``checksum``.
     """
     digest = hashlib.sha256(_motions(study).encode()).hexdigest()
     return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"
 
 
 def with_run(page: str, run: str) -> str:
-    """Insert the name of a run into the head of a page; an empty name changes nothing."""
+    """Insert the name of a run into the head of an HTML page; an empty name changes nothing.
+
+    By this name, files of different studies in one folder can be distinguished.
+    """
     return (
         page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1)
         if run
@@ -74,7 +81,10 @@ def with_run(page: str, run: str) -> str:
 
 
 def _motions(study: Study, run: str = "") -> str:
-    """Write the motions of a study as the text of a CSV file."""
+    """Write the motions of a study as the text of a CSV file, at most 100 rows per cycle.
+
+    ``run`` is the name of the study's run, see :func:`run_name`; empty leaves it out.
+    """
     kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
     return csv_text(kept, most=_CSV_ROWS_PER_CYCLE, run=run)
 
@@ -82,12 +92,13 @@ def _motions(study: Study, run: str = "") -> str:
 def study_page(study: Study, *, seconds: float | None = None) -> str:
     """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
 
-    ``seconds`` is the time of a cycle at normal speed, by default that of the motion.
+    Controllers with a posture are not shown. ``seconds`` is the time of a cycle at normal speed, by
+    default that of the motion.
 
     Raises
     ------
     InputError
-        If all of them stopped.
+        If all of these controllers stopped, so that there is no motion to show.
     """
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)

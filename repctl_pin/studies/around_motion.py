@@ -1,4 +1,10 @@
-"""Design of a repeatable inverse for a problem: in its region, or around its motion."""
+"""Design of a repeatable inverse for a problem: in its region, or around its motion.
+
+A problem is an arm, its task, a start and a closed path. The region Ω is the part of joint space
+for which a design is made; if none is given, it is a tube around the motion, all configurations
+within a radius of it. G_d is the desired inverse, usually J⁺, to which the design is to come near.
+Here, starts are tried until a design works.
+"""
 
 from __future__ import annotations
 
@@ -47,23 +53,24 @@ def design_for(
 ) -> tuple[Problem, Design]:
     """Design a repeatable inverse in the given region, or around the motion from the best start.
 
-    A start is good enough if the repeatable motion keeps the joint limits, no bodies collide, and
-    its extra joint speed is small. Default starts are tried until one is good enough. If none is,
-    the start with the fewest kinds of violation is used, and among equals that with the lowest
-    extra joint speed; a default start with violations adds a note to the problem.
+    Studies and commands call this, so that an unsuitable default start is replaced without the
+    user's help. A start is good enough if the repeatable motion keeps the joint limits, no bodies
+    collide, and its extra joint speed is at most 5 %. Default starts are tried until one is good
+    enough. If none is, the start with the fewest kinds of violation is used, and among equals that
+    with the lowest extra joint speed; a default start with violations adds a note to the problem.
 
     Parameters
     ----------
     problem
         The problem; another default start may be chosen.
     desired
-        Desired inverse G_d.
+        Desired inverse G_d, to which the design is to come near.
     make
-        Function that makes a design for a region.
+        Function (region) → design, called for each region Ω that is tried.
     width
         Radius of the tube around the motion; by default 0.1 rad or 0.05 m.
     seed
-        Random seed of the nodes.
+        Random seed of the nodes, the configurations at which a design is fitted.
     say
         Function that is called with the name of each step when it begins.
 
@@ -114,7 +121,9 @@ def timed_cycle(
 ) -> tuple[Cycle, list[str]]:
     """Choose the period of a design's cycle, so that the joints keep their speed limits.
 
-    Returns the cycle, and notes on the period. A given period, s, is not changed.
+    The cycle (start, path and period) is saved with the design, and ``repctl follow`` uses it by
+    default. Returned are the cycle, and a list with a note if the usual period was increased. A
+    given period, s, is not changed.
     """
     path = problem.cycle
     time = period or path.period or PERIOD
@@ -126,15 +135,20 @@ def timed_cycle(
 
 
 def shrunk_note(design: Design) -> tuple[str, ...]:
-    """Write a note on how far Ω was shrunk, in a tuple; an empty tuple if it was not."""
+    """Write a note on how far Ω was shrunk to avoid singularities: a tuple of one text.
+
+    The tuple is empty if Ω, the region of the design, was not shrunk. ``design.shrunk`` is the
+    share of its half-width that is left, 1 for all.
+    """
     share = f"Ω was shrunk to {percentage(design.shrunk)} of its half-width"
     return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
 
 
 def half_width_within(region: Region) -> str:
-    """Format the smallest half-width of a region's bounds, rounded down to two digits.
+    """Format the smallest half-width of a region's bounds, rad or m, rounded down to two digits.
 
-    An error message on a singular Ω suggests it: a cube of this half-width lies within the bounds.
+    An error message on a singular region Ω suggests it as a smaller one: a cube of this half-width
+    lies within the bounds.
     """
     width = float(region.bounds.half_width.min())
     digit = 10.0 ** (np.floor(np.log10(width)) - 1)
@@ -144,7 +158,8 @@ def half_width_within(region: Region) -> str:
 def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | None:
     """Create the error of a design that cannot follow the cycle it was made for.
 
-    Returns None if J⁺ cannot follow it either.
+    It tells the user that the design is the cause, not the path. Returns None if J⁺ cannot follow
+    the path from q0 (n,) either, because then the path is the cause.
     """
     if plain_cycle(task, path, q0) is None:
         return None
@@ -155,10 +170,11 @@ def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | Non
 
 
 def _in_region(problem: Problem, make: _Make) -> Design:
-    """Design in the region of a problem.
+    """Design in the region Ω of a problem, and adapt the remedy if Ω contains a singularity.
 
-    If Ω is singular, the remedy of the error suggests a smaller region that is not, or another
-    start.
+    The remedy of that SingularRegionError suggests a smaller region without one, in the form in
+    which the user gave the region (a half-width or an object), or another start if there is no such
+    region.
     """
     region = problem.region
     try:
@@ -174,9 +190,11 @@ def _in_region(problem: Problem, make: _Make) -> Design:
 
 
 def _merit(problem: Problem, design: Design) -> tuple[int, float]:
-    """Sort key of designs, the best smallest: violation kinds and extra joint speed in cycle 1.
+    """Rate a design by its motion, as a sort key by which the best start is chosen; least is best.
 
-    Extra speed up to HIGH_SPEED counts as 0.
+    The tuple holds the number of kinds of violation (joint limits, collisions), and the extra joint
+    speed of cycle 1 relative to J⁺, a fraction. Extra speed up to 0.05 counts as 0, because it is
+    no reason to try another start.
     """
     path, q0 = problem.cycle, problem.start
     motion = _own_cycle(design, path, q0, steps=96)
@@ -193,10 +211,12 @@ def _around_motion(
     seed: int,
     say: _Say,
 ) -> Design:
-    """Design in a tube around the motion, at first that of a design of degree 1.
+    """Design in a tube around the motion, all configurations within ``width`` of it.
 
-    If the motion of the new design leaves the tube, the design is repeated in a tube around that
-    motion, at most twice.
+    The motion of a design depends on its tube, and the tube on the motion. The first tube is
+    therefore around the motion of a design of degree 1. If the motion of the new design leaves its
+    tube, the design is repeated in a tube around that motion, at most twice. ``width`` is in rad or
+    m, None for the default; ``say`` receives the name of each step.
     """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")
@@ -215,9 +235,11 @@ def _around_motion(
 def _tube_of_linear(
     desired: Inverse, path: TaskPath, q0: Array, width: float | None, seed: int
 ) -> Tube:
-    """Create the tube around the motion of a design of degree 1, which does not drift as G_d does.
+    """Create the tube around the motion of a quick design of degree 1, as a first region.
 
-    If that design cannot follow the path, the tube is around the motion of G_d.
+    The motion of that design closes, and so is nearer to that of the final design than the motion
+    of the desired inverse G_d, which drifts. If the design of degree 1 cannot follow the path, the
+    tube is around one cycle of G_d.
 
     Raises
     ------
@@ -234,12 +256,13 @@ def _tube_of_linear(
 
 
 def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Motion:
-    """Follow the cycle that a design was made for.
+    """Follow once the path that a design was made for, from q0 (n,), with options of ``follow``.
 
     Raises
     ------
     SingularityError
-        If the design cannot follow it; the message says so if J⁺ can (see :func:`own_failure`).
+        If the design cannot follow it; if J⁺ can, the message names the design as the cause (see
+        :func:`own_failure`).
     """
     try:
         return follow(design.inverse, path, q0, cycles=1, **options)

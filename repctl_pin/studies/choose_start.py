@@ -1,4 +1,10 @@
-"""Search for a start from which a closed path can be followed: the default starts, best first."""
+"""Search for a start from which a closed path can be followed: the default starts, best first.
+
+A start is the configuration q0 where a path begins. The default starts are the named poses of the
+robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is one
+far from a singularity: ``dexterity_at`` is the ratio of the smallest to the largest singular value
+of J, with lengths divided by that of the arm.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +57,7 @@ _MOST_STARTS, _APART = 8, 0.5
 
 
 class PathStart(NamedTuple):
-    """Start configuration, and the path that begins there.
+    """Start configuration, and the path that begins there, as the search for a start found them.
 
     Attributes
     ----------
@@ -83,6 +89,8 @@ def starts(
 ) -> Iterator[PathStart]:
     """Generate the usable starts, the best first.
 
+    If a design fails at one, its caller goes on to the next.
+
     Parameters
     ----------
     task
@@ -90,7 +98,7 @@ def starts(
     start : (n,) array or str, optional
         The only start to try, or a named pose of the robot; by default the default starts.
     draw
-        Function (task, q0) → path; None for no path.
+        Function (task, q0) → path, which draws the closed path from a start; None for no path.
     any_path
         True for a path by default: then starts from which J⁺ drifts visibly come first.
 
@@ -118,11 +126,13 @@ def starts(
 def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
     """Generate starts: the reference pose, the ready pose, mid-range, and poses around mid-range.
 
-    Poses that are nearly singular or at a limit are left out.
+    They are used if the user gives no start. Named poses that are nearly singular, or less than
+    0.15 rad or m from a joint limit, are left out.
 
     Yields
     ------
     q0 : (n,) array
+        Configuration, rad (m for prismatic joints).
     name : str
         Description of the start.
     """
@@ -139,9 +149,11 @@ def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
 
 
 def _dexterous(task: Task) -> Iterator[Array]:
-    """Generate dexterous configurations, the nearest to mid-range first.
+    """Generate up to 8 configurations (n,) far from singularities, the nearest to mid-range first.
 
-    Any two of them differ by more than 0.5 rad or m in some joint.
+    They are selected from 512 quasi-random points within 2 rad of mid-range, by at least half of
+    the best dexterity found. Any two of them differ by more than 0.5 rad or m in some joint, so
+    that they are real alternatives.
     """
     middle = task.from_robot(task.robot.poses["middle"])
     low, high = _inner_limits(task)
@@ -159,7 +171,10 @@ def _dexterous(task: Task) -> Iterator[Array]:
 
 
 def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
-    """Follow one cycle of a path with J⁺ from q0; None if J⁺ fails."""
+    """Follow one cycle of a path with J⁺ from q0 (n,), in 96 steps; None if it meets a singularity.
+
+    The motion is the reference by which starts and designs are compared.
+    """
     try:
         return follow(Pseudoinverse(task), path, q0, cycles=1, steps=96)
     except SingularityError:
@@ -167,12 +182,19 @@ def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
 
 
 def violations(motion: Motion) -> int:
-    """Count the kinds of violation of a motion; collisions are checked at 12 points per cycle."""
+    """Count the kinds of violation of a motion, 0 to 2: a joint limit, and a collision of bodies.
+
+    Collisions are checked at 12 points per cycle only, which is enough to choose a start.
+    """
     return len(violations_of(motion, motion.thinned(_LOOKS)))
 
 
 def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
-    """Return the given start, checked, or the robot's pose of that name; with a description."""
+    """Convert the argument ``start``: a configuration (n,), or the name of a pose of the robot.
+
+    Returns the configuration of the task's joints, and its description, such as ``as given`` or
+    ``the ready pose``. InputError is raised for another size or an unknown name.
+    """
     if not isinstance(start, str):
         return task.check(start, "start"), GIVEN
     poses = task.robot.poses
@@ -185,7 +207,11 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 def _with_a_circle(
     task: Task, offers: Iterable[tuple[Array, str]]
 ) -> Iterator[PathStart]:
-    """Generate the starts: those at which a circle fits and no bodies collide, then the others."""
+    """Generate the starts of a problem without a path; those from which a circle fits come first.
+
+    There, no bodies collide either. The others follow, in their order; ``offers`` are
+    configurations with their descriptions.
+    """
     others: list[PathStart] = []
     for q0, name in offers:
         try:
@@ -204,6 +230,11 @@ def _reachable(
     task: Task, offers: Iterable[tuple[Array, str]], draw: PathOf, remedy: str
 ) -> Iterator[PathStart]:
     """Generate the starts that are regular and from which the whole path can be reached.
+
+    ``offers`` are configurations with their descriptions, and ``draw`` makes the path from each. If
+    the path does not begin at the start, the start is moved to the path's first point; then
+    searched starts are not tried, because the path stays where it is. ``remedy`` completes the
+    error of a singular start.
 
     Raises
     ------
@@ -233,7 +264,10 @@ def _reachable(
 
 
 def _check_regular(task: Task, q0: Array, remedy: str) -> None:
-    """Raise SingularityError if J is nearly singular at a start."""
+    """Raise SingularityError if J is nearly singular at a start q0, where no inverse is usable.
+
+    ``remedy`` is the text that tells the user what to do instead.
+    """
     if dexterity_at(task, q0) < _SINGULAR:
         raise SingularityError(
             f"the start is at a singularity of {task.frame!r}, {task.kind}",
@@ -245,11 +279,11 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
 def _best_first(
     task: Task, found: Iterable[PathStart], least: float
 ) -> Iterator[PathStart]:
-    """Sort starts by the first cycle of J⁺ from there.
+    """Sort starts by the first cycle of J⁺ from there, so that a study begins at the best one.
 
-    First come those without violations that displace a part of the robot by ``least`` (m), then
-    those that displace every part by less, then those with violations, then those from which J⁺
-    drifts far or fails.
+    First come those without violations in which a part of the robot drifts visibly, by at least
+    ``least`` (m). Then come those in which no part does, then those with a violated limit or a
+    collision, then those from which J⁺ drifts by more than 1 rad or fails.
     """
     faint: list[PathStart] = []
     violating: list[PathStart] = []
@@ -269,9 +303,10 @@ def _best_first(
 
 
 def _inner_limits(task: Task) -> tuple[Array, Array]:
-    """Compute the lower and upper ends of the middle 80 % of the joint ranges: (n,) each.
+    """Compute the lower and upper ends of the middle 80 % of the joint ranges: (n,) each, rad or m.
 
-    A missing limit is replaced by one at least 3 rad or m from 0 and from the reference pose.
+    Starts are searched between them, away from the joint limits. A missing limit is replaced by one
+    at least 3 rad or m from 0 and from the reference pose.
     """
     low = np.where(
         np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0)

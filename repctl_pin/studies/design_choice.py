@@ -1,4 +1,9 @@
-"""Choices of a design: the desired inverse G_d, and the degree, by the time it takes."""
+"""Choices of a design: the desired inverse, and the degree, by the time it takes.
+
+The desired inverse G_d is J⁺ or a weighted inverse; the design is the repeatable inverse that comes
+nearest to it. The degree is that of the polynomials that the design uses as potentials, the
+functions of the joints that the controller holds constant.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +29,11 @@ _RATE = 3000.0
 
 
 def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:
-    """Create the desired inverse G_d, and its description.
+    """Create the desired inverse G_d, to which a design is to come near, and its description.
 
-    G_d is J⁺ for None, or J⁺ weighted by ``inertia``, by ``limits``, or by numbers.
+    G_d is J⁺ for None, or J⁺ weighted by ``inertia``, by ``limits`` (joints near their limits move
+    less), or by numbers: (n,) or (n, n). The description is a text such as ``J⁺ weighted by the
+    inertia``.
     """
     if weight is None:
         return Pseudoinverse(task), "J⁺"
@@ -43,21 +50,26 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
 
 
 def _design_seconds(task: Task, degree: int) -> float:
-    """Estimate the processor time, s, of a design with polynomials, within a factor of 3."""
+    """Estimate the processor time, s, of a design with polynomials, within a factor of 3.
+
+    By it a degree is chosen that does not keep the user waiting.
+    """
     N = math.comb(task.n + degree, degree) - 1
     nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / NODES)
     return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
 
 
 def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
-    """Choose the degree of a design: the given one, or 2, or 1 if degree 2 would take long.
+    """Choose the degree of a study's polynomials: the given one, or 2, or 1 if 2 would take long.
 
-    Returns the degree, and notes on the time it takes.
+    Returns the degree, and a list with a note on the time, empty if a design takes at most a
+    minute. A study that would take over ten minutes even at degree 1 is refused unless the degree
+    was given.
 
     Raises
     ------
     InputError
-        If the degree makes too many potentials, or takes very long and was not given.
+        If the degree makes too many polynomials, or takes very long and was not given.
     """
     if degree is not None:
         check_degree(task, degree)
@@ -86,7 +98,9 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
 
 
 def check_degree(task: Task, degree: int) -> None:
-    """Check that a degree does not make too many potentials of all joints.
+    """Check that a degree does not make too many potentials, before the work on a design begins.
+
+    The potentials are polynomials in all joints of the task, so their number grows fast with both.
 
     Raises
     ------

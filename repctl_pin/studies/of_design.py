@@ -28,8 +28,9 @@ def problem_of(
 ) -> Problem:
     """Create the problem that a design solves, from its task, region and cycle.
 
-    Another start or path can be given. A start at the first pose of the design's path keeps that
-    path. From any other start, and without a path, it is the largest circle inside the region. With
+    The problem says where a motion with the design begins, and along which path. Another start or
+    path can be given. A start at the first pose of the design's path keeps that path. From any
+    other start, and without a path, the path is the largest circle inside the region. With
     ``path=False``, the default start is the centre of the region.
 
     Parameters
@@ -42,7 +43,8 @@ def problem_of(
     Raises
     ------
     InputError
-        If no circle lies inside Ω, or the path cannot be followed from the start.
+        If no circle lies inside Ω, the region of the design, or the path cannot be followed from
+        the start.
     """
     if not isinstance(design, Design):
         kinds = dict(parts("problem"))
@@ -71,6 +73,9 @@ def problem_of(
 
 
 def _begins(cycle: Cycle, task: Task, start: Array) -> bool:
-    """Test whether the path of a cycle begins at the pose of a start, on any leaf."""
+    """Test whether a cycle's path begins at the pose of a start (n,), so that the path can be kept.
+
+    Only the pose of the frame is compared, to 1e-6 m and rad; the joints may differ by self-motion.
+    """
     gap = task.error(start, cycle.path.placement(0.0))
     return bool(np.abs(gap).max() < SAME)

@@ -18,8 +18,10 @@ def choose_period(
 ) -> tuple[float, list[str]]:
     """Choose a period in which the first cycle of every motion keeps the speed limits.
 
-    The joint path does not depend on the speed. A motion that leaves its path in the first cycle is
-    ignored. Returns the period, s, and a note if it was increased.
+    A study calls this before its motions are compared, so that no joint is faster than it can be.
+    The joint path does not depend on the period, so no motion is computed again. A motion that
+    leaves its path in the first cycle is ignored. Returned are the period, s, and a list with a
+    note if it was increased.
 
     Parameters
     ----------

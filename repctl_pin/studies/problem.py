@@ -1,4 +1,8 @@
-"""A problem: task, start, closed path and region Ω, checked and complete."""
+"""A problem: task, start, closed path and region Ω, checked and complete.
+
+The region Ω is the part of joint space for which a controller is designed. Parts that are not given
+are chosen, by ``choose_task`` and ``choose_start``.
+"""
 
 from __future__ import annotations
 
@@ -48,6 +52,8 @@ _A_REGION = "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0
 @read_only
 class Problem:
     """Task, start, closed path and region Ω: where a study, a design and a motion begin.
+
+    The region Ω is the part of joint space for which a controller is designed.
 
     Given parts are checked. Missing parts are chosen: the end of the arm, the first redundant kind
     of task, a start from which J⁺ can follow the path, and a circle as the path.
@@ -156,7 +162,9 @@ class Problem:
     def region(self) -> Region:
         """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used.
 
-        For a problem made from the design of a cell's function, it is the cell.
+        Ω is the part of joint space for which a controller is designed; the tube holds all
+        configurations near the motion. For a problem made from the design of a cell's function, the
+        region is the cell, a box of poses.
         """
         asked = self._asked
         if isinstance(asked, float):
@@ -189,7 +197,10 @@ class Problem:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on a start that was chosen, and on differences from what was given."""
+        """Notes on a start that was chosen, and on differences from what was given.
+
+        Commands print them, so that the user knows where a motion begins.
+        """
         if self.start_is == GIVEN:
             return list(self.moved)
         if self.start_is == SAVED:
@@ -197,7 +208,10 @@ class Problem:
         return [f"the start is {self.start_is}", *self.moved]
 
     def alternatives(self) -> Iterator[Problem]:
-        """Generate this problem, then copies with the other default starts, the best first."""
+        """Generate this problem, then copies with the other default starts, the best first.
+
+        A design goes on to the next one if it fails. With a given start there are no copies.
+        """
         yield self
         if "start" in self.given:
             return
@@ -219,7 +233,10 @@ class Problem:
         )
 
     def _begin(self, start: PathStart) -> None:
-        """Set the start, the path from there, and the note on a moved start."""
+        """Set the start, its description, the path from there, and the note on a moved start.
+
+        The start is moved if a path given by the user begins at another pose.
+        """
         moved = (
             ("the start was moved to the first point of the path",)
             if start.moved
@@ -229,7 +246,11 @@ class Problem:
         freeze(self, _violates=start.violates)
 
     def _with(self, **changes: Any) -> Problem:
-        """Copy the problem with some attributes changed; another start has a region of its own."""
+        """Copy the problem with some attributes changed, given by name.
+
+        The problem itself cannot be changed. If the start is among them, the copy computes its own
+        region Ω around it.
+        """
         other = copy.copy(self)
         if "start" in changes:
             vars(other).pop("region", None)
@@ -238,7 +259,11 @@ class Problem:
 
 
 def tube_around(motion: Motion, width: float | None = None) -> Tube:
-    """Create the tube around a motion's first cycle; default radius 0.1 rad or 0.05 m per joint."""
+    """Create the tube around a motion's first cycle, the default region Ω of a design.
+
+    The tube holds all configurations within a radius of the motion, in each joint: ``width``, rad
+    or m, by default 0.1 rad or 0.05 m.
+    """
     radius = np.where(motion.task.revolute, 0.1, 0.05) if width is None else width
     return Tube(motion.cycle(0), radius)
 
@@ -246,8 +271,10 @@ def tube_around(motion: Motion, width: float | None = None) -> Tube:
 def at_minimum_speed(problem: Problem) -> Problem:
     """Copy a problem, with the start moved along its self-motion to minimum joint speed.
 
-    The path does not change. The new start has at least half of the largest joint-limit margin
-    found, and no bodies collide; see :func:`repctl_pin.motion.least_start.least_start`.
+    In a self-motion the joints move and the frame does not, so the path does not change. The new
+    start has at least half of the largest joint-limit margin found, and no bodies collide; see
+    :func:`repctl_pin.motion.least_start.least_start`. A note of the copy gives the joint speed that
+    is saved.
 
     Raises
     ------
@@ -272,7 +299,11 @@ def at_minimum_speed(problem: Problem) -> Problem:
 
 
 def _task_of(robot: Robot | Task, frame: Any, kind: str | None) -> Task:
-    """Choose the task of a robot; a given task has its own frame and kind, and is returned."""
+    """Choose the task of a robot; the frame and the kind are optional (see :func:`choose_task`).
+
+    A given task is returned as it is. It has its own frame and kind, so another one is an
+    InputError.
+    """
     if isinstance(robot, Robot):
         return choose_task(robot, frame, kind)
     for name, value in (("frame", frame), ("kind", kind)):
@@ -284,7 +315,12 @@ def _task_of(robot: Robot | Task, frame: Any, kind: str | None) -> Task:
 
 
 def _checked_path(path: Any, plane: str | None) -> PathOf | None:
-    """Create the function (task, q0) → path from the argument ``path``; None for no path."""
+    """Create the function (task, q0) → path from the argument ``path`` of a problem.
+
+    ``path`` is a name (``circle:0.1``, ``loop.csv``), a path, such a function, a list of one of
+    these per frame, None for a circle that fits, or False. False gives None: a problem without a
+    path. Only a name or None takes a plane; else InputError is raised.
+    """
     if plane is not None:
         require_choice(plane, PLANES, "plane")
         if not (path is None or isinstance(path, str)):
@@ -316,7 +352,12 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
 
 
 def _checked_region(region: Any) -> float | Region | _RegionOf | None:
-    """Check the argument ``region``: a half-width, a region, a function that makes one, or None."""
+    """Check the argument ``region`` of a problem: a number, a region, a function, or None.
+
+    A number is the half-width of a box, rad; a function is (task, q0) → region. They are returned
+    unchanged, because a region can be made only when the start is known. InputError is raised for
+    any other value.
+    """
     if region is None or isinstance(region, Region):
         return region
     if callable(region):
@@ -327,7 +368,10 @@ def _checked_region(region: Any) -> float | Region | _RegionOf | None:
 
 
 def _check_size(region: Region, task: Task) -> None:
-    """Raise InputError for a region with another number of joints than the task's."""
+    """Raise InputError if a region has another number of joints than the task.
+
+    This is checked when the problem is made, so that a design does not fail later in its arrays.
+    """
     n = len(region.center)
     if n != task.n:
         raise InputError(

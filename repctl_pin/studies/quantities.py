@@ -1,6 +1,8 @@
 """The strategies of a study, and the quantities by which it compares their motions.
 
-Each is declared here once; the table of a study, its legend and its JSON read it.
+A strategy is one of the compared controllers, such as J⁺; a quantity is one number per strategy,
+such as the drift. Each is declared here once; the table of a study, its legend and its JSON read
+it.
 """
 
 from __future__ import annotations
@@ -32,12 +34,15 @@ SHARE = "share"
 
 
 def _never(motion: Motion) -> bool:
+    """Return False, for a quantity that is never bad, so that tables never mark it."""
     return False
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of each strategy in a study.
+    """One number per controller in a study, such as the drift: how to compute, name and mark it.
+
+    The table of a study, its legend and its JSON are made from the tuple ``QUANTITIES``.
 
     Attributes
     ----------
@@ -71,11 +76,16 @@ class Quantity:
 
 
 def finite(value: float) -> float | None:
-    """Return a number, or None in place of an infinite one."""
+    """Return a number, or None in place of an infinite one or NaN, which JSON lacks."""
     return float(value) if np.isfinite(value) else None
 
 
 def _distance(motion: Motion, cycles: int) -> float:
+    """Evaluate the minimum body distance, m, in the first ``cycles`` cycles.
+
+    It is below 0 in a collision. It is evaluated at no more than 100 points per cycle, and infinite
+    without bodies.
+    """
     coarse = motion.coarse
     return float(coarse.body_distance[: cycles * coarse.steps + 1].min())
 
@@ -183,6 +193,9 @@ _BY_KEY = {quantity.key: quantity for quantity in QUANTITIES}
 
 
 def values_of(motion: Motion, *keys: str) -> dict[str, float | None]:
-    """Collect quantities of a motion, for JSON."""
+    """Collect quantities of a motion by their keys in ``QUANTITIES``, for JSON.
+
+    A quantity without a value, such as a body distance without bodies, is None.
+    """
     values = {key: _BY_KEY[key].of for key in keys}
     return {key: value and value(motion) for key, value in values.items()}

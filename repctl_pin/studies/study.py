@@ -1,4 +1,9 @@
-"""Comparison of all strategies on one problem: one arm and one closed path."""
+"""Comparison of all strategies on one problem: one arm and one closed path.
+
+A strategy is a controller, such as J⁺ or the nearest repeatable inverse. A row is its result in the
+study: the motion, or the reason why it stopped. The design is the repeatable inverse that is made
+for the problem.
+"""
 
 from __future__ import annotations
 
@@ -62,6 +67,9 @@ def study(
     progress: Callable[[str], None] | None = None,
 ) -> Study:
     """Compare J⁺, J⁺ with a posture, and the nearest repeatable inverse on one closed path.
+
+    The study shows how far an arm drifts under the usual controllers, and designs one that does not
+    drift.
 
     Parameters
     ----------
@@ -197,9 +205,12 @@ def _followed(
     steps: int,
     period: float | None,
 ) -> tuple[list[Row], float, list[str]]:
-    """Follow the path with every controller of a study.
+    """Follow the path with every controller of a study, and choose the period, the same for all.
 
-    Returns the rows, the period, s, and the notes on the period and on a start on an edge.
+    Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
+    order. A ``period`` of None is chosen so that the joints keep their speed limits. Returned are
+    the rows, the period, s, and the notes on the period and on a start on an edge between two
+    motions (see :func:`edge_warning`).
     """
     q0 = problem.start
     path = problem.cycle
@@ -244,9 +255,12 @@ def _followed(
 def _repeatable(
     design: Design, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> Row:
-    """Follow the path with the design's inverse, and return its row.
+    """Follow the path with the design's inverse from q0 (n,), and return its row of the study.
 
-    If it stops on a path that J⁺ can follow, the row's reason names the design as the cause.
+    The motion gets the region Ω of the design and its proved closing radius, within which every
+    closed path closes in joint space: tables say by them where repeatability is guaranteed. If it
+    stops on a path that J⁺ can follow, the row's reason names the design as the cause. ``options``
+    are those of ``follow``.
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
@@ -262,8 +276,10 @@ def edge_warning(
 ) -> list[str]:
     """Write a warning if a start that differs by 1e-6 along the self-motion moves differently.
 
-    The list has one text, or none if the motions stay close together. ``row`` is the result of
-    ``strategy`` from q0.
+    In a self-motion the joints move and the frame does not. Results from such a start, on an edge
+    between two motions, depend on rounding errors. ``row`` is the result of ``strategy`` from q0
+    (n,), and ``options`` are those of ``follow``. The list has one text; none if the two motions
+    stay within 1000 times that distance, or both stop.
     """
     task = strategy.task
     beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]
@@ -284,7 +300,11 @@ def edge_warning(
 def _custom_controls(
     task: Task, controls: Mapping[str, _Control]
 ) -> dict[str, Strategy]:
-    """Convert custom controllers, given by name, to strategies for a task."""
+    """Convert the user's controllers, given by name, to strategies for a task, by name.
+
+    A strategy is an object that gives q̇ for q and ẋ. InputError is raised if they are not in a
+    dictionary.
+    """
     what = "a dictionary that gives each control a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
     return {
@@ -293,7 +313,10 @@ def _custom_controls(
 
 
 def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
-    """Convert a custom controller to a strategy.
+    """Convert a custom controller to a strategy for a task; a strategy is returned as it is.
+
+    A controller is a strategy, or a function (q, ẋ) → q̇. Its name must not be that of a strategy
+    of the study.
 
     Raises
     ------
@@ -327,7 +350,11 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
 def _run(
     key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> Row:
-    """Follow the path with one strategy, and return its row; ``stopped`` if it fails."""
+    """Follow the path with one controller from q0 (n,), and return its row of the study.
+
+    At a singularity the row has no motion, and the reason is in ``stopped``, so that the study goes
+    on. ``key`` is the strategy's name in files; ``options`` are those of ``follow``.
+    """
     label = LABELS.get(key, key)
     try:
         return Row(key, label, follow(strategy, path, q0, **options))
@@ -336,13 +363,22 @@ def _run(
 
 
 def _resolved(row: Row, strategy: Strategy) -> Row:
-    """Return a row, without its motion if its drift depends on the number of steps."""
+    """Return a row, without its motion if its drift depends on the number of steps.
+
+    Such a drift is an error of the integrator, near a singularity, and no result to compare. The
+    reason is then in ``stopped``.
+    """
     why = "" if row.motion is None else unresolved(strategy, row.motion)
     return replace(row, motion=None, stopped=why) if why else row
 
 
 def _leaf_margin(design: Design, motion: Motion | None) -> float:
-    """Evaluate the minimum leaf margin along a motion; that of the design if there is no motion."""
+    """Evaluate the minimum leaf margin along a motion, at about 50 points per cycle.
+
+    The leaf margin σ_min(Nᵀ V̂) is the distance from an algorithmic singularity, where the
+    potentials no longer determine the joints: 1 is best, 0 is singular. Without a motion, the
+    minimum over the design's region is returned.
+    """
     if motion is None:
         return design.leaf_margin
     Q = motion.q[:: max(1, motion.steps // 50)]

@@ -1,5 +1,8 @@
-"""Notes of a study on its motions: path losses, violations, drift, and extra joint speed, also over
-the minimum of closed motions."""
+"""Notes of a study on its motions: path losses, violations, drift, and extra joint speed.
+
+A path loss means that the frame leaves its path. Joint speed is compared with that of J⁺, and with
+the minimum over closed motions. The notes are texts that a table prints below its rows.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ _WORTH = 0.05
 
 
 def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
-    """Collect the notes on the motions of a study, as texts.
+    """Collect the notes on the motions of a study from q0 (n,), as texts.
 
     The first row is that of J⁺, the last that of the repeatable controller.
     """
@@ -53,7 +56,10 @@ def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
 
 
 def unlimited_speeds(task: Task) -> list[str]:
-    """Write a note that names the joints without a speed limit; an empty list if there are none."""
+    """Write a note that names the joints without a speed limit in the URDF.
+
+    Their speeds cannot be checked. The list has one text; it is empty if all joints have a limit.
+    """
     limits = zip(task.robot_joints, task.joint_limits[2], strict=True)
     names = [name for name, limit in limits if not np.isfinite(limit)]
     if not names:
@@ -64,7 +70,10 @@ def unlimited_speeds(task: Task) -> list[str]:
 
 
 def _path_losses(rows: Sequence[Row]) -> list[str]:
-    """Write a note per controller whose frame leaves the path: the cycle and the maximum errors."""
+    """Write a note per controller whose frame leaves the path: the cycle and the maximum errors.
+
+    The drift of such a motion means nothing. ``rows`` are the results of all strategies.
+    """
     notes: list[str] = []
     for row in rows:
         motion = row.motion
@@ -80,7 +89,10 @@ def _path_losses(rows: Sequence[Row]) -> list[str]:
 
 
 def violation_texts(row: Row) -> list[str]:
-    """Write which joint exceeds its limits, or which links collide, and when: one text for each."""
+    """Write which joint exceeds its limits, or which links collide, and when: one text for each.
+
+    A joint that exceeds its speed limit is among them. The list is empty without violations.
+    """
     motion, said = row.motion, [str(violation) for violation in row.violations]
     if motion is not None and motion.speed_ratio > TOO_FAST:
         times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
@@ -93,7 +105,9 @@ def _drift_elsewhere(
 ) -> list[str]:
     """Write a note on the plane in which J⁺ drifts more, if it hardly drifts on the study's path.
 
-    ``plain`` is J⁺, ``motion`` its motion; the list has at most one text.
+    Without it, the user may believe that the arm needs no repeatable controller. ``plain`` is J⁺,
+    ``motion`` its motion from q0 (n,), None if it stopped. First a circle of the same size in
+    another plane is tried, then small loops in all planes. The list has at most one text.
     """
     task = plain.task
     if motion is None or task.m < 3:
@@ -123,10 +137,10 @@ def _drift_elsewhere(
 def _other_circle(
     plain: Pseudoinverse, q0: Array, motion: Motion
 ) -> tuple[str, str, float] | None:
-    """Find the circle of the same radius in another plane on which J⁺ drifts most.
+    """Find the circle of the same radius in another plane on which J⁺, ``plain``, drifts most.
 
-    Returns the plane, the link that is off most and how far, m; None for a path that is not a
-    circle, or without such a circle that the arm can follow.
+    Returns the plane (``yz``), the link that is displaced most at the end of all cycles, and by how
+    far, m. None if the path is not a circle, or the arm can follow no such circle from q0.
     """
     from ..motion.displacement import farthest_link
 
@@ -149,8 +163,9 @@ def _other_circle(
 def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
     """Write a note on a repeatable motion that is more than 5 % faster than that of J⁺.
 
-    It splits the extra joint speed into the part relative to J⁺ at the same configurations, and the
-    part due to J⁺'s drift to other configurations.
+    It explains what the speed is spent on: a part relative to J⁺ at the same configurations, and a
+    part due to J⁺'s drift to other configurations, where the path takes less. ``plain`` is the
+    motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is missing.
     """
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []
@@ -172,8 +187,10 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
 def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     """Write the notes that compare a design's motion with closed motions of minimum joint speed.
 
-    The minimum is that from the start q0, and that from a free start nearby. The list is empty if
-    the design's motion violates a limit, or no closed motion of minimum speed is found.
+    They tell the user how much joint speed a better design, or a better start, could still save.
+    One note compares with the minimum from the start q0 (n,), the other with that from a free start
+    nearby. The list is empty if the design's motion violates a limit, or no closed motion of
+    minimum speed is found.
     """
     lock = LeafLock(4)
     try:
@@ -197,8 +214,8 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
 def _from_anywhere(least: Motion) -> float:
     """Find the minimum joint speed (rms) of closed motions with a free start near a given motion.
 
-    They keep half of its joint-limit margin. Infinite if no such motion is found, or bodies
-    collide in it.
+    The result tells whether another elbow position needs less. The motions keep half of the given
+    motion's joint-limit margin. Infinite if no such motion is found, or bodies collide in it.
     """
     margin = float(least.limit_margin.min()) / 2
     try:

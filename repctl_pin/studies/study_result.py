@@ -1,4 +1,9 @@
-"""Results of a study: one row per strategy, and the problem that was studied."""
+"""Results of a study: one row per strategy, and the problem that was studied.
+
+A strategy is one of the compared controllers, such as J⁺. The region Ω is the part of joint space
+for which the repeatable one was designed, and the desired inverse G_d the one to which the design
+comes near.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ from .quantities import finite, values_of
 
 @dataclass(frozen=True)
 class Row:
-    """Result of one strategy in a study.
+    """Result of one strategy in a study: its motion, or why it stopped, and what was evaluated.
 
     Attributes
     ----------
@@ -35,10 +40,11 @@ class Row:
         Motion of the strategy; None if it stopped, or if its drift depends on the number of steps,
         for the reason ``stopped``.
     leaf_margin : float or None
-        Worst σ_min(Nᵀ V̂) along the motion; None if the strategy has no V.
+        Smallest σ_min(Nᵀ V̂) along the motion, the distance from an algorithmic singularity: 1 is
+        best, 0 is singular. None if the strategy has no gradients V of potentials.
     distance : float or None
-        Relative distance ``‖G − G_d‖ / ‖G_d‖`` in the mean over Ω, for the design and for J⁺ where
-        G_d is J⁺; else None.
+        Relative distance ``‖G − G_d‖ / ‖G_d‖`` from the desired inverse G_d, in the mean over the
+        region Ω, for the design and for J⁺ if G_d is J⁺; else None.
     body_distance : float or None
         Minimum distance between bodies at 100 points per cycle, m; None without bodies or
         without a motion.
@@ -61,13 +67,20 @@ class Row:
 
     @property
     def failure(self) -> str:
-        """Predicate that says why there is no motion, such as ``stopped: …``; empty with one."""
+        """Predicate that says why there is no motion, to follow the name of the controller.
+
+        It is ``stopped: …``, or says that the drift depends on the number of steps; empty with a
+        motion.
+        """
         if self.motion is not None or self.stopped.startswith(UNRESOLVED):
             return self.stopped
         return f"stopped: {self.stopped}"
 
     def summary(self) -> str:
-        """Summarise the result in one line."""
+        """Summarise the result in one line: drift, tracking error, joint speed, and margins.
+
+        Violations of limits and collisions follow. Without a motion, it is :attr:`failure`.
+        """
         motion = self.motion
         if motion is None:
             return self.failure
@@ -87,12 +100,18 @@ class Row:
 
     @property
     def outside(self) -> float:
-        """Share of the motion that lies outside Ω; 0 without a region or a motion."""
+        """Share of the motion that lies outside Ω, the region of the design: 0 to 1.
+
+        Repeatability is not guaranteed there. It is 0 without a region or a motion.
+        """
         return 0.0 if self.motion is None else self.motion.outside or 0.0
 
 
 def evaluated(row: Row) -> Row:
-    """Add the motion's body distance and violations to a row."""
+    """Add the body distance, m, and the violations of its motion to a row; return the new row.
+
+    A study does this when all motions are known. A row without a motion is returned as it is.
+    """
     motion = row.motion
     if motion is None:
         return row
@@ -118,7 +137,7 @@ class Study:
     path : TaskPath
         Closed path.
     region : Region
-        Region Ω of the design.
+        Region Ω of the design, the part of joint space for which it was made.
     design : Design
         Nearest repeatable inverse.
     rows : tuple of Row
@@ -155,7 +174,7 @@ class Study:
         return f"<Study of {what}, drift at the end: {drifts}>"
 
     def summary(self) -> str:
-        """Summarise each strategy: drift, tracking error, joint speed, and margins."""
+        """Summarise the problem in one line, and each controller's result in another."""
         cycles = next(
             (row.motion.cycles for row in self.rows if row.motion is not None), 0
         )
@@ -176,7 +195,10 @@ class Study:
 
     @property
     def elbow(self) -> int:
-        """Index of the elbow joint, whose trace is drawn."""
+        """Index, from 0, of the elbow joint at the start, whose trace is drawn.
+
+        It is the joint in the middle of the arm whose origin moves most in self-motions.
+        """
         return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:
@@ -186,9 +208,9 @@ class Study:
 
     @property
     def setting(self) -> dict[str, str]:
-        """Description of the studied problem: texts by label.
+        """Description of the studied problem: texts by label, such as ``period``.
 
-        ``path options`` are the options of ``repctl`` for this path.
+        Tables and reports print it. ``path options`` are the options of ``repctl`` for this path.
         """
         task = self.task
         start = ", ".join(f"{v:.4g}" for v in self.q0)
@@ -240,12 +262,15 @@ class Study:
 
 
 def picked(thing: object, *names: str) -> dict[str, Any]:
-    """Collect the named attributes of an object in a dictionary."""
+    """Collect the named attributes of an object in a dictionary, by name."""
     return {name: getattr(thing, name) for name in names}
 
 
 def region_dict(region: Region) -> dict[str, Any]:
-    """Describe a region by a dictionary of plain Python types."""
+    """Describe a region of joint space by its centre, half-width and name in plain types, for JSON.
+
+    ``half_width`` (n,), rad or m, is that of the box around the region.
+    """
     return {
         "center": region.center.tolist(),
         "half_width": region.bounds.half_width.tolist(),
@@ -254,7 +279,12 @@ def region_dict(region: Region) -> dict[str, Any]:
 
 
 def bodies_dict(motion: JointMotion) -> dict[str, Any]:
-    """Collect the minimum body distance and the first collision in plain Python types."""
+    """Collect the minimum body distance and the first collision in plain Python types, for JSON.
+
+    The keys are ``body_distance``, m, ``nearest_bodies`` and ``first_touch``, each of the last two
+    with its cycle (a fraction counts) and its two links. Values are None where no bodies are
+    checked.
+    """
     least = float(motion.body_distance.min())
     if not np.isfinite(least):
         return {"body_distance": None, "nearest_bodies": None, "first_touch": None}
@@ -270,7 +300,11 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
 
 
 def limits_dict(motion: Motion) -> dict[str, Any]:
-    """Collect the minimum limit margin and the first violation in plain Python types."""
+    """Collect the minimum joint-limit margin and the first violation in plain types, for JSON.
+
+    The keys are ``limit_margin``, rad or m, None without limits, and ``first_violation``, None or a
+    cycle (a fraction counts) and a joint.
+    """
     violation = motion.first_violation
     return {
         **values_of(motion, "limit_margin"),
@@ -281,12 +315,20 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
 
 
 def _closes(design: Design) -> dict[str, Any] | None:
-    """Collect the closing radius of a certificate in plain Python types; None without one."""
+    """Collect the proved closing radius of a design in plain Python types, for JSON.
+
+    Every closed path within that distance of the start, or of the path, is proved to close in joint
+    space. None if nothing was proved.
+    """
     closes = design.proof.closes if design.proof else None
     return picked(closes, "metres", "radians", "around", "reason") if closes else None
 
 
 def _row_dict(row: Row) -> dict[str, Any]:
+    """Convert the row of one controller in a study to plain Python types, for JSON.
+
+    Without a motion, only its label and the reason, ``stopped``, are given.
+    """
     from ..motion.displacement import end_displacements, farthest_link
 
     motion = row.motion

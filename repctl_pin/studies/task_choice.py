@@ -1,4 +1,9 @@
-"""Choice of the task: the first kind that is redundant at a frame."""
+"""Choice of the task: the first kind that is redundant at a frame.
+
+A kind of task says which coordinates of the frame are controlled: ``pose``, ``position``, ``axis``,
+or a plane such as ``xy``. With n joints and m coordinates, r = n − m is the degree of redundancy; a
+task with r ≥ 1 is redundant.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +32,17 @@ _RANK = 1e-4
 def choose_task(
     robot: Robot, frame: str | Sequence[Any] | None, kind: str | None
 ) -> Task:
-    """Create the task of a given kind, or of the first preferred kind with r ≥ 1, at a frame.
+    """Create the task of a robot at a frame: of the given kind, or of the first redundant kind.
+
+    ``frame`` is None for the robot's default frame, a name, or a list for several frames. Kinds are
+    tried in the order pose, position, xy, xz, yz, until one has a degree of redundancy r = n − m of
+    at least 1; without redundancy there is no drift to study.
 
     Raises
     ------
     InputError
-        If r = 0, or J never reaches full rank; the message names the redundant kinds.
+        If the task is not redundant (r = 0), or the Jacobian J never reaches full rank; the message
+        names the kinds that are redundant.
     """
     frame = robot.default_frame if frame is None else frame
     if not isinstance(frame, str):
@@ -54,7 +64,10 @@ def choose_task(
 
 
 def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
-    """Find the task kinds in which J reaches full row rank at a frame, each with its r."""
+    """Find the task kinds that a frame can carry out: name → degree of redundancy r = n − m.
+
+    These are the kinds for which J reaches full row rank; r = 0 is included.
+    """
     kinds: dict[str, int] = {}
     for kind in KINDS.values():
         if len(robot.chain(frame)) < kind.m:
@@ -66,7 +79,10 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 
 
 def kind_note(task: Task) -> list[str]:
-    """Write a note on why the task is not of kind pose, the first choice; empty if it is."""
+    """Write a note on why the chosen task is not of kind pose, the first choice.
+
+    The list has one text; it is empty for a pose task, or if the task has several frames.
+    """
     first = _PREFERRED[0]
     if len(task.frames) > 1:
         return []
@@ -79,7 +95,10 @@ def kind_note(task: Task) -> list[str]:
 
 
 def _redundant(robot: Robot, task: Task) -> Task:
-    """Return a task after a check that it is redundant, and that J reaches full row rank."""
+    """Return a task if it is redundant and J reaches full row rank; else raise InputError.
+
+    The error says which of the two it lacks, and names the kinds of task that are redundant there.
+    """
     if task.r >= 1 and _reaches_full_rank(task):
         return task
     others = redundant_kinds(robot, task.frame)
@@ -95,7 +114,10 @@ def _redundant(robot: Robot, task: Task) -> Task:
 
 
 def _redundant_frame(robot: Robot) -> str | None:
-    """Find the redundant frame with the most joints; None if no kind of task is redundant."""
+    """Find the redundant frame that most joints move, to suggest it in an error message.
+
+    None if no kind of task is redundant at any frame.
+    """
     chains = {tuple(robot.chain(frame)): frame for frame in robot.frames}
     for chain in sorted(chains, key=len, reverse=True):
         kinds = redundant_kinds(robot, chains[chain])
@@ -105,7 +127,11 @@ def _redundant_frame(robot: Robot) -> str | None:
 
 
 def _reaches_full_rank(task: Task) -> bool:
-    """Test whether J has full row rank at one of 32 random configurations within the limits."""
+    """Test whether J has full row rank at one of 32 random configurations within the limits.
+
+    If it never has, the joints cannot move the frame in all coordinates of the task. Lengths are
+    divided by that of the arm, so that m and rad compare.
+    """
     J = task.jacobians(random_configurations(task, _SAMPLES, np.random.default_rng(0)))
     if task.m > 2:
         J[:, :3] /= max(arm_length(task, task.reference), 1e-9)

@@ -76,8 +76,7 @@ class Animation:
 def animation(
     motions: Mapping[str, Motion] | Study, *, seconds: float | None = None
 ) -> Animation:
-    """Show motions of one robot side by side: path, traces, start configuration, and the drift
-    after each cycle.
+    """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
 
     J⁺ and the nearest repeatable have fixed colours; other motions have a warm colour if they
     drift, and a cool one if they close.
@@ -152,10 +151,11 @@ def animation(
 
 
 def _colours(drifts: Mapping[str, float]) -> list[str]:
-    """Choose a colour for each motion, from its drift by name.
+    """Choose a colour ``#rrggbb`` for each motion, from its drift by name, in the same order.
 
-    A name that is the label of a strategy has that strategy's colour. Others get a warm colour if
-    they drift, and a cool one if they close.
+    A name that is the label of a strategy of a study, such as J⁺, has that strategy's colour.
+    Others get a warm colour if they drift, and a cool one if they close, so that the difference is
+    seen at once.
     """
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}

@@ -1,4 +1,8 @@
-"""How far the drawn bodies drift between cycles, and the corners that show it."""
+"""How far the drawn bodies drift between cycles, and the corners that show it.
+
+Corners are those of a body's convex hull: one of them is displaced most of all its points. The page
+keeps only a few of them, at which it measures displacement.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +25,12 @@ def body_drift(
 ) -> tuple[tuple[Array, ...], Array]:
     """Compute how far each body is displaced since the same moment of cycle 1.
 
+    A repeatable motion has no such displacement. The page colours the bodies by it.
+
     Parameters
     ----------
     bodies : sequence of (P, 3) arrays
-        Corners of each body, see :func:`.visuals.corners`.
+        Corners of each body, those of its convex hull, m, see :func:`.visuals.corners`.
     placements : (T, S, 4, 4) array
         Placements of S bodies at T samples, cycle by cycle.
     per_cycle
@@ -55,9 +61,10 @@ def body_drift(
 
 
 def _outermost(body: Array, directions: int) -> NDArray[np.intp]:
-    """Find the corners of a body, by index, that lie farthest in some directions.
+    """Find the corners of a body (P, 3), by index, that lie farthest in some directions.
 
-    These are the eight diagonals, or as many points of Fibonacci's spiral on the sphere.
+    The page measures the displacement of other motions at these few points. The directions are the
+    eight diagonals; if more are asked for, as many points of a spiral on the sphere are added.
     """
     ways = np.array(list(product((-1.0, 1.0), repeat=3)))
     if directions > 8:

@@ -54,7 +54,7 @@ def page(
     motion: Sequence[Array],
     headline: Headline,
 ) -> str:
-    """Write the animation page.
+    """Write the animation page, with the viewer, the bodies and the motion inside.
 
     Parameters
     ----------
@@ -87,12 +87,16 @@ def page(
 
 
 def render(template: str, **parts: Any) -> str:
-    """Fill in a template of ``assets``; text is escaped, except :class:`markupsafe.Markup`."""
+    """Fill in a template, a file of the folder ``assets``, with the given parts.
+
+    Text is escaped for HTML, except :class:`markupsafe.Markup`.
+    """
     return _templates().get_template(template).render(parts)
 
 
 @cache
 def _templates() -> Environment:
+    """Load the environment of the templates, once; missing parts of a template raise an error."""
     folder = files(__package__) / "assets"
     made = Environment(
         loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined
@@ -103,7 +107,10 @@ def _templates() -> Environment:
 
 @cache
 def _script() -> str:
-    """Join the page's JavaScript modules into one script with one scope, without comments."""
+    """Join the page's JavaScript modules into one script with one scope, without comments.
+
+    So the page needs no other files. They are joined in the order of ``_SCRIPTS``.
+    """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
     left_out = r"(?m)^(import .*\n|export |\s*//.*\n| +)"
@@ -111,7 +118,10 @@ def _script() -> str:
 
 
 def _as_script(value: Any) -> str:
-    """Convert a value to JSON that is safe inside a script element, which it cannot end."""
+    """Convert a value to JSON that is safe inside a script element of a page.
+
+    A text that contains ``</script>`` cannot end the element.
+    """
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return (
         text.replace("<", "\\u003c")
@@ -121,16 +131,17 @@ def _as_script(value: Any) -> str:
 
 
 def pack(data: bytes) -> str:
-    """Compress bytes by gzip and encode them as base64."""
+    """Compress bytes by gzip and encode them as base64 text, for a page that contains its data."""
     return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii")
 
 
 def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
-    """Write series of numbers as bytes that compress well, and return their resolution.
+    """Write series of numbers as bytes that compress well, and return them with their resolution.
 
-    Numbers are rounded to the resolution: 0.1 µm, or more for coordinates beyond 100 m. Along the
-    columns of each (T, W) array their third differences are taken, which are small for smooth
-    motions. Their 32 bits, sign last, are written as four planes: the lowest bytes first.
+    A page is small only if its poses are. Numbers are rounded to the resolution: 0.1 µm, or more
+    for coordinates beyond 100 m. Along the columns of each (T, W) array their third differences are
+    taken, which are small for smooth motions. Their 32 bits, sign last, are written as four planes:
+    the lowest bytes first. The page's script undoes this.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)
@@ -148,7 +159,10 @@ def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
 
 @cache
 def _viewer() -> str:
-    """Compress the script of meshcat's viewer, from the installed package, as base64."""
+    """Compress the script of meshcat's viewer, from the installed package, as base64.
+
+    The page contains it, so that it needs no network. RepctlError is raised if meshcat lacks it.
+    """
     spec = find_spec("meshcat")
     if spec is None or spec.origin is None:
         raise RepctlError("meshcat is not installed; pip install 'meshcat>=0.3.2'")

@@ -1,8 +1,9 @@
 """Commands for meshcat's viewer that define the bodies of a page, encoded as msgpack.
 
-Each distinct body is defined once, as ``/library/k``, and the page places copies of it. The
-commands equal those of meshcat's Python package, which is not used because it would import IPython
-and a web server.
+meshcat is a viewer of three.js scenes in the browser. Each distinct body is defined once, as
+``/library/k``, and the page places copies of it. The commands equal those of meshcat's Python
+package, which is not used because it would import IPython and a web server. A surface is the
+content of a mesh file: points, normals, colours and triangles.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ def record(
 ) -> tuple[list[bytes], dict[Key, int], list[str]]:
     """Record the commands that fill a viewer's library with every distinct body of some shapes.
 
-    The output is deterministic. ``surfaces`` are the contents of the mesh files.
+    A shape is a body's mesh or primitive at one place on the robot. The output is deterministic.
+    ``surfaces`` are the contents of the mesh files, by path.
 
     Returns
     -------
@@ -87,14 +89,21 @@ def record(
 
 
 def key(shape: Shape) -> Key:
-    """Return the key of the body that a shape shows; shapes of equal bodies have equal keys."""
+    """Return the key of the body that a shape shows: its mesh file, or its kind and size.
+
+    Shapes of equal bodies have equal keys, so that the page holds each body only once.
+    """
     return (
         ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
     )
 
 
 def _object(shape: Shape, surfaces: Surfaces) -> _Element:
-    """Make the three.js object of a shape; the axis of a cylinder is z, as in a URDF."""
+    """Make the three.js object of a shape, in three.js' JSON format.
+
+    The axis of a cylinder or capsule is z, as in a URDF. InputError is raised for a mesh file that
+    cannot be read, and for an unknown kind.
+    """
     size = [float(s) for s in shape.size]
     if shape.kind == "mesh":
         assert shape.path is not None
@@ -127,18 +136,24 @@ def _object(shape: Shape, surfaces: Surfaces) -> _Element:
 
 
 def _plain(geometry: _Element, matrix: list[float] = _IDENTITY) -> _Element:
-    """Make a three.js object of one geometry in meshcat's default material."""
+    """Make a three.js object of one geometry in meshcat's default material.
+
+    ``matrix`` is its 4 × 4 placement, column by column.
+    """
     return _scene(geometry, _material(), matrix)
 
 
 def _painted(surface: Surface) -> _Element:
-    """Make a three.js object with the colours of its mesh file."""
+    """Make a three.js object of a mesh, with the colours of its mesh file."""
     material = _material(vertexColors=_VERTEX_COLORS, **_GLOSS)
     return _scene(_triangles(surface), material, _IDENTITY)
 
 
 def _scene(geometry: _Element, material: _Element, matrix: list[float]) -> _Element:
-    """Make a three.js scene of one mesh."""
+    """Make a three.js scene of one mesh, in JSON format, from its geometry, material and placement.
+
+    ``matrix`` is the placement, 4 × 4, column by column.
+    """
     return {
         "metadata": {"version": 4.5, "type": "Object"},
         "geometries": [{"uuid": "0", **geometry}],
@@ -154,7 +169,7 @@ def _scene(geometry: _Element, material: _Element, matrix: list[float]) -> _Elem
 
 
 def _material(**more: Any) -> _Element:
-    """Make a three.js material with meshcat's defaults."""
+    """Make a three.js material with meshcat's defaults, which ``more`` replaces by name."""
     return {
         "uuid": "1",
         "type": "MeshPhongMaterial",
@@ -171,7 +186,11 @@ def _material(**more: Any) -> _Element:
 
 
 def _triangles(surface: Surface) -> _Element:
-    """Make the three.js geometry of a surface; normals and colours have 8 bits per component."""
+    """Make the three.js geometry of a surface, the triangles of a mesh file.
+
+    Normals and colours are written with 8 bits per component, which the eye does not see and which
+    keeps the page small.
+    """
     s = surface
     attributes = {
         "position": _array("Float32Array", s.points, 3),
@@ -189,20 +208,31 @@ def _triangles(surface: Surface) -> _Element:
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
-    """Narrow the range of a colour, because pure black and pure white hide the shading."""
+    """Narrow the range of a colour (0 to 1) to 0.06 to 0.96, for a page.
+
+    Pure black and pure white hide the shading, by which a viewer sees the shape.
+    """
     return 0.06 + 0.9 * np.asarray(color, float)
 
 
 def _array(
     kind: str, values: NDArray[Any], size: int, *, normalized: bool = False
 ) -> dict[str, Any]:
+    """Encode an array for a three.js geometry, as a typed array of JavaScript.
+
+    ``kind`` is the name of its type, such as ``Float32Array``, and ``size`` the number of values
+    per point. ``normalized`` scales integers to the range of a fraction.
+    """
     code, dtype = _ARRAYS[kind]
     data = umsgpack.Ext(code, np.ascontiguousarray(values).astype(dtype).tobytes())
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
 
 
 def _capsule(radius: float, length: float) -> _Element:
-    """Make the three.js geometry of a capsule along y: its outline from below, turned around y."""
+    """Make the three.js geometry of a capsule along y, of a radius and a cylinder's length, m.
+
+    It is an outline, from below, that is turned around y.
+    """
     angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS)
     x = radius * np.cos(angles)
     y = radius * np.sin(angles) + length / 2 * np.sign(angles)

@@ -1,7 +1,9 @@
 """Numbers with which the animation page computes motions along a visitor's own loop.
 
-The page's ``law.js`` evaluates from them forward kinematics, J, and the two controls
-``q̇ = J⁺ ẋ`` and ``[J; Vᵀ] q̇ = [ẋ; 0]``.
+A visitor of the page can draw a closed path, a loop, and see how the arm follows it. The page's
+``law.js`` evaluates from these numbers forward kinematics, J, and the two controls ``q̇ = J⁺ ẋ``
+and ``[J; Vᵀ] q̇ = [ẋ; 0]``, where V holds the gradients of the potentials, which the second control
+keeps constant.
 """
 
 from __future__ import annotations
@@ -40,21 +42,24 @@ def own_loop(
 ) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop, in plain Python types.
 
+    The page has them as JSON and computes the motions in the browser, without a server.
+
     Parameters
     ----------
     motion
-        A motion of the study; its start, period, speed and steps are those of the loop.
+        A motion of the study; its start, speed along the path and steps are those of the loop.
     strategies
         Controllers of the panes, in order.
     closes
-        Proved closing radius of the repeatable one, if there is one.
+        Proved closing radius of the repeatable one, within which every closed path closes in joint
+        space, if there is one.
 
     Returns
     -------
     dict or None
         None if the task has several frames, a controller or a potential is user-defined, the chain
         starts at another ``base``, or the potentials have too many terms: then the page has no
-        ring.
+        ring, by which a visitor drags the hand.
     """
     task, q0 = motion.task, motion.q[0]
     if len(task.frames) > 1:
@@ -120,7 +125,9 @@ def own_loop(
 def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
-    None also if a user-defined controller has a pane.
+    They are those of J⁺ and of the nearest repeatable inverse, as far as these have a motion. None
+    where :func:`own_loop` gives None, if no motion is shown, or if a user-defined controller has a
+    pane.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),
@@ -143,9 +150,11 @@ def study_loop(study: Study) -> _Numbers | None:
 
 
 def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
-    """Round the closing radius down to two digits, m; None without one from this start.
+    """Round the proved closing radius of a design down to two digits, m.
 
-    A radius around a path holds around its start, too: where the path stands still.
+    Every closed path within it around the start q0 (n,) closes in joint space; the page says so of
+    a visitor's loop. A radius around a path holds around its start, too. None without a radius, or
+    if it is for another start.
     """
     if not closes or not np.allclose(closes.start, q0, rtol=0, atol=1e-9):
         return None
@@ -154,12 +163,18 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _finite(values: Array) -> list[float | None]:
-    """Convert limits to plain numbers; None stands for no limit."""
+    """Convert joint limits (n,) to a list of plain numbers, in which None stands for no limit.
+
+    JSON has no infinity.
+    """
     return [float(v) if np.isfinite(v) else None for v in values]
 
 
 def _first_axis(task: Task) -> _Numbers | None:
-    """Describe the axis of the first joint, around which a loop can wind; None if prismatic."""
+    """Describe the axis of the first joint by direction, origin (m) and name; None if prismatic.
+
+    A loop that winds around it need not close, and the page tells the visitor.
+    """
     if not task.revolute[0]:
         return None
     axis, origin = (
@@ -173,7 +188,12 @@ def _first_axis(task: Task) -> _Numbers | None:
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:
-    """Describe a controller by its potentials, of which J⁺ has none; None if not possible."""
+    """Describe a controller for the page by its potentials, a list of dictionaries.
+
+    Potentials are functions of the joints that it holds constant. J⁺ has none: an empty list. None
+    if the page cannot compute the controller: it is of another class, its potentials are
+    user-defined, or they have more than 2000 terms.
+    """
     if type(strategy) is Pseudoinverse:
         return []
     if type(strategy) is not RepeatableInverse:
@@ -186,7 +206,11 @@ def _law(strategy: Strategy) -> list[_Numbers] | None:
 
 
 def _potentials(h: Potentials) -> list[_Numbers] | None:
-    """Describe potentials as a sum of polynomials and Fourier series; None for any others."""
+    """Describe potentials as a sum of polynomials and Fourier series, one dictionary for each.
+
+    The page's script evaluates their gradients. None for any other potentials h, the functions of
+    the joints that a repeatable controller holds constant.
+    """
     if isinstance(h, SumMap):
         found: list[_Numbers] = []
         for part in h.maps:

@@ -1,4 +1,9 @@
-"""Motions of a whole robot for animation: playbacks of results or of CSV files."""
+"""Motions of a whole robot for animation: playbacks of results or of CSV files.
+
+A playback is one motion as the page shows it, of all joints of the robot. A traced chain is a
+kinematic chain, the joints that move a frame, whose frame and elbow leave traces. The elbow is the
+joint in the middle of the arm that self-motion moves most.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +40,7 @@ _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Playback:
-    """One motion of a whole robot.
+    """One motion of a whole robot, as the animation page plays it in one pane.
 
     Attributes
     ----------
@@ -67,7 +72,7 @@ class Playback:
 
 @dataclass(frozen=True)
 class TracedChain:
-    """A kinematic chain whose frame and elbow are traced.
+    """A kinematic chain, the joints that move a frame, whose frame and elbow leave traces.
 
     Attributes
     ----------
@@ -82,7 +87,10 @@ class TracedChain:
 
 
 def traced_chains(task: Task, q0: Array) -> list[TracedChain]:
-    """List the traced chains of a task, one per frame, with their elbows at q0 (n,)."""
+    """List the traced chains of a task, one per frame, with their elbows at q0 (n,).
+
+    A chain holds the joints that move a frame; the page draws the traces of its frame and elbow.
+    """
     if not isinstance(task, SeveralFrames):
         return [TracedChain(task, elbow(task, q0))]
     whole = task.to_robot(q0)
@@ -92,7 +100,11 @@ def traced_chains(task: Task, q0: Array) -> list[TracedChain]:
 
 
 def playback_of(label: str, motion: Motion, color: str) -> Playback:
-    """Convert a motion of a task's joints to the playback of the whole robot."""
+    """Convert a motion of a task's joints to the playback of the whole robot.
+
+    Other joints stay at the reference pose. ``label`` is the title of its pane, ``color`` is
+    ``#RRGGBB``.
+    """
     task, Q = motion.task, motion.task.to_robot(motion.q)
     return Playback(
         label,
@@ -109,8 +121,9 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
 def read_playbacks(
     file: str | Path, robot: Robot, *, cycles: int | None = None
 ) -> list[Playback]:
-    """Read motions from a CSV file, one for each strategy in it; joints without a column stay at
-    the reference pose.
+    """Read the motions of a robot from a CSV file, one for each strategy in it.
+
+    A strategy is a controller, such as J⁺. Joints without a column stay at the reference pose.
 
     Parameters
     ----------
@@ -153,12 +166,14 @@ def playback_page(
     headline: Headline | None = None,
     own: dict[str, Any] | None = None,
 ) -> str:
-    """Write the HTML page of several motions, side by side.
+    """Write the HTML page of several motions, side by side, each in a pane.
+
+    Every animation is made here, whether its motions come from a study, a design or a CSV file.
 
     Parameters
     ----------
     chains
-        Traced chains of the robot.
+        Traced chains of the robot, whose frame and elbow leave traces.
     tracks
         Motions to show, all with the same number of cycles and steps.
     paths : sequence of (P, 3) arrays, optional
@@ -173,7 +188,8 @@ def playback_page(
     headline
         Headline of the page; by default, which part has drifted, and how far.
     own
-        Numbers for a visitor's own loop, see :func:`.own_loop.own_loop`.
+        Numbers with which a visitor's own closed path is followed, see
+        :func:`.own_loop.own_loop`; None leaves that out.
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
@@ -236,12 +252,12 @@ def playback_page(
 
 
 def _redundancy(task: Task) -> str:
-    """Write how many joints a task has, and how many are redundant."""
+    """Write how many joints a task has, and how many are redundant, to follow its name."""
     return f", {task.n} joints, {task.r} redundant"
 
 
 def _cycle_time(track: Playback) -> float:
-    """Return the time of one cycle, s; 4 s if it is unknown."""
+    """Return the time of one cycle, s, at which the page plays it; 4 s if it is unknown."""
     span = 0.0 if track.t is None else float(track.t[-1] - track.t[0])
     return span / track.cycles if span > 0 else 4.0
 
@@ -254,10 +270,12 @@ def _arm(
     frames: Frames,
     any_way: bool,
 ) -> Arm:
-    """Make the arm of the page that shows one motion.
+    """Make the arm of one pane of the page, which shows one motion.
 
-    ``drawn`` are the visuals, their corners, and the links of the arm, whose displacement counts.
-    ``any_way``: True if the page measures the displacement of other motions, too.
+    ``played`` holds the motion of each chain, ``frames`` the samples to show. ``drawn`` are the
+    visuals, their corners, and the links of the arm, whose displacement counts. ``any_way`` is True
+    if the page measures the displacement of other motions, too, a visitor's own, for which more
+    corners are kept.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
@@ -288,7 +306,11 @@ def _arm(
 
 
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
-    """Extract the motion of a chain's joints; if times are unknown, rows are 1 s apart."""
+    """Extract the motion of a chain's joints from a playback of the whole robot.
+
+    If its motion is known and of the same task, it is returned. If times are unknown, the
+    configurations are taken as 1 s apart.
+    """
     if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
     q = chain.task.from_robot(track.Q)
@@ -304,7 +326,10 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
 
 
 def _is_of(chain: Task, task: Task) -> bool:
-    """Test whether two tasks have the same robot, frame, kind and joints."""
+    """Test whether two tasks have the same robot, frame, kind and joints.
+
+    They need not be one object, so that the motion of the one is also that of the other.
+    """
     same = ("robot", "frame", "kind", "joint_names")
     return all(getattr(chain, name) == getattr(task, name) for name in same)
 
@@ -312,11 +337,12 @@ def _is_of(chain: Task, task: Task) -> bool:
 def _broken(
     played: Sequence[JointMotion], track: Playback, rows: Array
 ) -> FirstViolation | None:
-    """Find the first limit violation or collision of a motion; None without any.
+    """Find the first limit violation or collision of a motion, which the page marks; else None.
 
-    Speed limits count if the motion is timed, and collisions if it has one chain, or is that of a
-    task with all chains. The page marks the origin of a link: of the joint's child, or of the first
-    link that collides.
+    ``played`` holds the motion of each chain, ``rows`` (T, nq) the shown configurations. Speed
+    limits count if the motion is timed, and collisions if it has one chain, or is that of a task
+    with all chains. The page marks the origin of a link: of the joint's child, or of the first link
+    that collides.
     """
     description = played[0].task.robot.description
     child = {joint.name: joint.child for joint in description.joints}
@@ -344,12 +370,12 @@ def _broken(
 def _summary(
     played: Sequence[JointMotion], track: Playback, moved: tuple[str, float]
 ) -> MotionSummary:
-    """Summarise a motion for the headline.
+    """Summarise a motion for the headline of the page.
 
-    ``moved`` is the link that is off most, and how far, m. If several chains were played, each
-    quantity is the worst one, except the joint speed, which is that of all joints together. Body
-    distances and other end effectors are then left out, because the chains move each other's
-    bodies.
+    ``played`` holds the motion of each chain; ``moved`` is the link that is off most, and how far,
+    m. If several chains were played, each quantity is the worst one, except the joint speed, which
+    is that of all joints together. Body distances and other end effectors are then left out,
+    because the chains move each other's bodies.
     """
     alone = len(played) == 1
     summaries = [
@@ -377,7 +403,10 @@ def _summary(
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
-    """Compute the positions (T, 3), m, of the frame and of the elbow at configurations (T, nq)."""
+    """Compute the positions (T, 3), m, of a chain's frame and of its elbow, which the page traces.
+
+    ``rows`` (T, nq) are configurations of the whole robot.
+    """
     part = np.array([chain.task.from_robot(q) for q in rows])
     return chain.task.positions(part), np.array(
         [chain.task.joint_origins(q)[chain.elbow] for q in part]

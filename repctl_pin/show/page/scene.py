@@ -1,4 +1,9 @@
-"""Scene of the animation page: arms side by side, each with traces of its cycles."""
+"""Scene of the animation page: arms side by side, each with traces of its cycles.
+
+A pane is the part of the page that shows one arm. A shape is a body of the arm as it is drawn. A
+sample is a moment of the motion whose configuration the page holds; between samples it
+interpolates. The tip is the frame of the task.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +41,7 @@ _CLOSE = 2e-4
 @dataclass(frozen=True, eq=False)
 @read_only
 class Frames:
-    """The samples of a motion that are shown.
+    """The samples of a motion that are shown, moments whose configurations the page holds.
 
     Attributes
     ----------
@@ -57,7 +62,7 @@ class Frames:
 @dataclass(frozen=True, eq=False)
 @read_only
 class FirstViolation:
-    """First violation of a limit, or first collision, of one motion.
+    """First violation of a limit, or first collision, of one motion, which the page marks.
 
     Attributes
     ----------
@@ -80,7 +85,9 @@ class FirstViolation:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Arm:
-    """Arm in one pane of the page, and its motion.
+    """Arm in one pane of the page, and its motion under one controller.
+
+    The arrays hold T samples, the moments of the motion that the page shows.
 
     Attributes
     ----------
@@ -91,7 +98,7 @@ class Arm:
     placements : (T, S, 4, 4) array
         Rigid, unscaled transforms of S shapes at T samples.
     tip, elbow : (T, K, 3) arrays
-        Positions of the frame and of the elbow of K chains, m.
+        Positions, m, of the frame and of the elbow of K chains, one for each frame of the task.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
     points : tuple of (P, 3) arrays
@@ -122,9 +129,9 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    If there are more than 24 cycles, the first and the last are shown, and every k-th one
-    before the last. Within a cycle, the samples are evenly spaced if its number of steps has a
-    suitable divisor, and nearly so otherwise.
+    A page with all samples would be too large. If there are more than 24 cycles, the first and the
+    last are shown, and every k-th one before the last. Within a cycle, the samples are evenly
+    spaced if its number of steps has a suitable divisor, and nearly so otherwise.
 
     Parameters
     ----------
@@ -157,7 +164,7 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
     Parameters
     ----------
     motions : sequence of (T + 1, nq) arrays
-        Configurations, rad or m.
+        Configurations of the whole robot, rad or m.
     cycles
         Number of cycles of each motion.
     """
@@ -171,7 +178,12 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 
 
 def _missed(Q: Array, frames: Frames) -> float:
-    """Evaluate how far the cubic misses a motion half-way between samples: the largest error."""
+    """Evaluate the largest error, rad or m, of the motion as the page draws it.
+
+    From it follows whether there are enough samples. The page draws a cubic through neighbouring
+    samples; the error is evaluated half-way between them. ``Q`` (T + 1, nq) holds all
+    configurations of the robot.
+    """
     index = frames.index.reshape(-1, frames.per_cycle)
     if index.shape[1] < 4:
         return 0.0
@@ -202,6 +214,8 @@ def animation_page(
 ) -> str:
     """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
 
+    All pages with arms are made here: animations of motions, and the live viewer.
+
     Parameters
     ----------
     arms
@@ -217,7 +231,8 @@ def animation_page(
     title, caption
         Robot and task, in words; any text. Line breaks of the caption are kept.
     part : (str, str)
-        Link of the part that the page points at, and its display name.
+        Link of the part at which the page points, usually the one that drifts most, and its display
+        name.
     planar
         True if the arms are seen from above, as in a drawing.
     headline
@@ -229,7 +244,8 @@ def animation_page(
         Display name of the part that each shape belongs to, by the name of the shape; only for live
         poses.
     own
-        Numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; None without.
+        Numbers with which the page follows a closed path that its visitor draws, see
+        :func:`.own_loop.own_loop`; None leaves that out.
 
     Returns
     -------
@@ -265,7 +281,12 @@ def animation_page(
 
 
 def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
-    """List, for each shape, the joint on which its link rides; all None without a loop."""
+    """List, for each shape, where its link is mounted: index of the joint and name of the part.
+
+    The index is −1 for a link fixed to the base; None stands for a shape of the surroundings.
+    ``own`` holds the numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; without them
+    all are None.
+    """
     return [None] * len(arm.shapes) if own is None else own["links"]
 
 
@@ -279,7 +300,9 @@ def _describe(
 ) -> dict[str, Any]:
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
-    Shapes that ``rides`` marks (S,) can move, although they may not in this motion.
+    ``library`` holds the number of each body in the viewer's library, ``link`` is the link of the
+    part that the page points at. Shapes that ``rides`` marks (S,) can move, although they may not
+    in this motion.
 
     The arrays are the poses of M moving bodies (T, M, 7), tips and elbows (T, K, 3), the origin of
     a violation (T, 3), if there is one, and the points (P, 3) of each moving body.
@@ -332,12 +355,18 @@ def _describe(
 
 
 def is_planar(points: Array) -> bool:
-    """Test if points (K, 3) lie in one horizontal plane; such a robot is shown from above."""
+    """Test if points (K, 3), m, lie in one horizontal plane, so that their z values agree.
+
+    The points are of a robot and its path; such a robot is shown from above, as in a drawing.
+    """
     return bool(np.ptp(points[:, 2]) < 1e-9)
 
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:
-    """Find which of S shapes move, from placements (T, S, 4, 4): mask (S,)."""
+    """Find which of S shapes move, from placements (T, S, 4, 4) at T samples: mask (S,).
+
+    Shapes that stand still are written with one pose, which keeps the page small.
+    """
     return (
         np.ptp(placements, axis=0)
         .reshape(placements.shape[1], -1)
@@ -349,8 +378,9 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
 def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    The order is x y z, qx qy qz qw. A rotation has two quaternions, ±q; the one nearer to that of
-    the previous sample is taken.
+    The page stores these, since they are shorter. The order is x y z, qx qy qz qw. A rotation has
+    two quaternions, ±q; the one nearer to that of the previous sample is taken, so that the page
+    can interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

@@ -1,4 +1,8 @@
-"""Still figure of motions: the arm as a stick figure at the start and at the end."""
+"""Still figure of motions: the arm as a stick figure at the start and at the end.
+
+It stands for the animation where a page is printed. Stations are points (P, 3), m, by which the
+view is chosen: the arm's joints and frame, and the path.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +26,17 @@ _START = "#9aa4ae"
 
 
 def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the arm as a polyline: the origins of its joints and of its frame, (n + 1, 3), m."""
+    """Compute the arm at q (n,) as a polyline, for a drawing as a stick figure: (n + 1, 3), m.
+
+    Its points are the origins of the joints and that of the task's frame.
+    """
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
 
 def still(
     ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False
 ) -> Axes:
-    """Draw the arm at the start (grey) and at the end of the motion, the path, and the elbow's
-    trace.
+    """Draw the arm at the start (grey) and at the end of a motion, the path, and the elbow's trace.
 
     Parameters
     ----------
@@ -71,7 +77,11 @@ def still(
 
 
 def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
-    """Make the still figure of an animation: label, motion and colour of each pane."""
+    """Make the still figure of an animation, one panel per motion.
+
+    ``motions`` lists the label, motion and colour of each. An arm that moves in a horizontal plane
+    is drawn in two dimensions.
+    """
     first = motions[0][1]
     joint = elbow(first.task, first.q[0])
     stations = np.vstack([bones(first.task, first.q[0]), first.path.points(16)])
@@ -92,7 +102,11 @@ def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
 def viewed(
     figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat: bool
 ) -> Figure:
-    """Label all axes of a figure and give them one view, in which stations (P, 3) are seen best."""
+    """Label all axes of a figure, and give them one view in which the arm and path are seen best.
+
+    ``stations`` (P, 3), m, are points of the arm and of the path; ``flat`` is True for drawings of
+    x and y only. All axes get equal limits, so that the panels can be compared.
+    """
     for ax in axes:
         ax.set_xlabel("x (m)")
         ax.set_ylabel("y (m)")
@@ -106,7 +120,11 @@ def viewed(
 
 
 def _same_room(axes: list[Any], flat: bool) -> None:
-    """Set equal limits on all axes, with one scale for all directions; ``flat`` leaves out z."""
+    """Set equal limits on all axes, with one scale for all directions, so that panels compare.
+
+    ``flat`` leaves out z. A direction in which little happens keeps a fifth of the largest range,
+    so that its numbers do not overlap.
+    """
     names = "xy" if flat else "xyz"
     ends = np.array(
         [[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names]
@@ -132,7 +150,10 @@ def _same_room(axes: list[Any], flat: bool) -> None:
 
 
 def _azimuth(stations: NDArray[np.float64]) -> float:
-    """Choose the azimuth of the view, degrees, from the side on which the arm works."""
+    """Choose the azimuth of the view, degrees, from the side on which the arm works.
+
+    ``stations`` (P, 3) are points of the arm and the path; the last is taken as where it works.
+    """
     tip = stations[-1]
     middle = stations.mean(axis=0)
     return float(np.degrees(np.arctan2(tip[1] - middle[1], tip[0] - middle[0]))) - 50.0

@@ -1,8 +1,8 @@
 """Live viewer of a control loop, shown in the browser; keys and the mouse move its target.
 
 Configurations are sent over a websocket by a server that is a thread of this process on 127.0.0.1.
-It ends with the process, and leaves no open port behind. Only a page that it served itself may
-connect.
+Only this host can reach it. It ends with the process, and leaves no open port behind. Only a page
+that it served itself may connect.
 """
 
 from __future__ import annotations
@@ -196,7 +196,10 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
-        """Check that there is one configuration per controller; return them as an array (K, n)."""
+        """Check that there is one configuration per controller; return them as an array (K, n).
+
+        InputError is raised for another number of configurations, or one of another size than n.
+        """
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
         configurations = list_of(
@@ -210,7 +213,7 @@ class Viewer:
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
     def open(self) -> bool:
-        """Open the page in the browser; return False without a screen."""
+        """Open the page in the browser; return False if there is no screen to show it."""
         screen = (
             sys.platform in ("darwin", "win32")
             or os.environ.get("DISPLAY")
@@ -236,7 +239,11 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """Write the page; the start and two shifted configurations show which bodies move."""
+        """Write the HTML page of the viewer, and note which bodies move.
+
+        They are found from three configurations, the start q0 (n,) and two that are shifted by 0.3
+        in each joint. Only bodies that move are sent later.
+        """
         task = self.task
         Q = np.array(
             [
@@ -289,6 +296,10 @@ class Viewer:
         )
 
     def _serve(self, sockets: Any, page: str) -> None:
+        """Run the server until its loop is stopped, then close it.
+
+        This is the function of the viewer's thread.
+        """
         asyncio.set_event_loop(self._loop)
         handlers: list[Any] = [
             ("/", _Page, {"page": page}),
@@ -304,11 +315,16 @@ class Viewer:
         self._loop.close()
 
     def _send(self) -> None:
+        """Send the newest poses to every browser that shows the page."""
         for client in tuple(self._clients):
             client.give(self._last)
 
     def _moved(self, message: str) -> None:
-        """Move the target as a message of the page asks; ignore an invalid message."""
+        """Move the target by a message of the page, in JSON: ``"home"``, or [x, y, z], m.
+
+        Each may be at most 0.1 m, and the target at most an arm's length away. An invalid message
+        is ignored.
+        """
         try:
             move = json.loads(message)
         except ValueError:
@@ -324,12 +340,17 @@ class Viewer:
 
 
 def _only_this_host(request: RequestHandler) -> None:
-    """Refuse a request to another host's name: another site's name may be made to point here."""
+    """Refuse a request, with status 403, that names another host than this one.
+
+    Another site's name may be made to point here, and its pages could then read the poses.
+    """
     if request.request.host_name not in (_HOST, "localhost"):
         request.send_error(403)
 
 
 class _Page(RequestHandler):
+    """Request handler that serves the page."""
+
     prepare = _only_this_host
 
     def initialize(self, page: str) -> None:
@@ -341,6 +362,8 @@ class _Page(RequestHandler):
 
 
 class _Poses(WebSocketHandler):
+    """Websocket of one browser: sends poses to it, and receives moves of the target from it."""
+
     prepare = _only_this_host
 
     def initialize(self, viewer: Viewer) -> None:
@@ -366,7 +389,11 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send the newest poses once; a slow browser skips some poses, but always gets the last."""
+        """Send the newest poses to the browser, unless an earlier message is still on its way.
+
+        A slow browser skips some poses, but always gets the last. ``poses`` are the bytes of
+        :meth:`Viewer.show`.
+        """
         if self.busy or poses is self.sent:
             return
         try:

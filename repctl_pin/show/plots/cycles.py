@@ -1,4 +1,8 @@
-"""Figures of cycles: joint speed, joint-limit margin, body distance, and orbits in joint space."""
+"""Figures of cycles: joint speed, joint-limit margin, body distance, and orbits in joint space.
+
+An orbit is the curve of a motion in joint space, one joint drawn against another; it closes if the
+motion does. The joint-limit margin is the distance of a joint from its nearer limit.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,8 @@ from .motions import axis_label, legend_below, liveliest_joints, quiet, titled
 
 def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the joint speed ‖q̇‖ over the first cycle, and dashed over the last.
+
+    The figure compares what the controllers ask of the joints.
 
     Parameters
     ----------
@@ -49,6 +55,8 @@ def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
 
 def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the smallest joint-limit margin in each cycle; below 0 a limit is violated.
+
+    The margin is the distance, rad or m, of a joint from its nearer limit.
 
     Parameters
     ----------
@@ -95,7 +103,10 @@ def _bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) ->
 def _least_over_cycles(
     ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int
 ) -> None:
-    """Draw lines of label, colour and minimum per cycle, and shade the range below 0 in grey."""
+    """Draw lines of a minimum per cycle, and shade the range below 0 in grey: a violation.
+
+    Each line is a label, a colour and an array (cycles,), such as the minimum body distance, m.
+    """
     ax.set_xlim(0.5, cycles + 0.5)
     ax.set_xlabel("cycle")
     if not lines:
@@ -119,6 +130,10 @@ def _least_over_cycles(
 
 
 def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
+    """Find the minimum of values in each cycle of a motion, both ends included: (cycles,).
+
+    ``values`` are at equal steps over the whole motion, with one more at its end.
+    """
     steps = (len(values) - 1) // motion.cycles
     return np.array(
         [values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)]
@@ -126,7 +141,11 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Draw the figure of joint speed, limit margins and, if there are bodies, body distance."""
+    """Draw the figure of joint speed, limit margins and, if there are bodies, body distance.
+
+    ``motions`` lists the label, motion and colour of each controller. The report of a study shows
+    it.
+    """
     bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
@@ -145,9 +164,10 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 def orbit(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int
 ) -> Axes:
-    """Draw one joint against another over all cycles: a projection along the other joints' axes.
+    """Draw one joint against another over all cycles: a view of the motion in joint space.
 
-    A disc marks the end of each motion, and a cross the start.
+    A motion that repeats is a closed curve. A disc marks the end of each motion, and a cross the
+    start.
 
     Parameters
     ----------
@@ -180,7 +200,11 @@ def orbit(
 
 
 def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels."""
+    """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels.
+
+    ``motions`` lists the label, motion and colour of each controller. An orbit that is one closed
+    curve shows a motion that repeats.
+    """
     i, j, k = liveliest_joints(motions)
     figure = titled(10, 3.9, title)
     axes = figure.subplots(1, 3)
@@ -190,9 +214,10 @@ def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 
 
 def phase_figure(timed: TimedMotion) -> Figure:
-    """Draw the figure of ‖q̇‖ against the length of the joint path, from rest to rest.
+    """Draw the figure of joint speed ‖q̇‖ against the length of the joint path, from rest to rest.
 
-    :func:`repctl_pin.timed` keeps three cycles of a longer motion.
+    It shows where along the path the joints are slow or stop. :func:`repctl_pin.timed` keeps three
+    cycles of a longer motion.
     """
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     ax = figure.add_subplot()

@@ -1,4 +1,10 @@
-"""Figures of a design: cost against degree, distance from the desired inverse, and leaf margin."""
+"""Figures of a design: cost against degree, distance from the desired inverse, and leaf margin.
+
+The desired inverse G_d, usually J⁺, is the one that the repeatable inverse G_r of the design comes
+near to; the cost is their mean squared distance over Ω, the region of the design. The leaf margin
+is the distance from an algorithmic singularity: 1 is best, 0 is singular. Maps show values over two
+joints, with the others at the centre of Ω.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +29,20 @@ def cost_against_degree(
     degrees: Sequence[tuple[int, float, float]],
     baselines: Sequence[Baseline] = (),
 ) -> Axes:
-    """Draw the cost on held-out nodes against the degree of the potentials, with other repeatable
-    inverses.
+    """Draw the cost of designs against the degree of their polynomials, with other inverses.
+
+    The cost is the mean squared distance from the desired inverse on held-out nodes, configurations
+    that were not used in the fit. The figure shows whether a higher degree is worth its time.
 
     Parameters
     ----------
     ax
         Axes to draw on.
     degrees
-        Degree, cost and standard error of each design.
+        Degree, cost and standard error of the cost of each design.
     baselines
-        Other repeatable inverses, drawn as horizontal lines; those that are singular in Ω are only
-        named in the legend.
+        Other repeatable inverses, drawn as horizontal lines; those that are singular in Ω, the
+        region of the design, are only named in the legend.
     """
     d, cost, error = (np.array(column, float) for column in zip(*degrees, strict=True))
     ax.errorbar(
@@ -73,7 +81,9 @@ _VARIATION = 0.05
 
 
 def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
-    """Check whether values over two joints vary enough to be drawn as a map.
+    """Check whether values over two joints vary enough to be drawn as a map: by 5 % of its scale.
+
+    A map of one colour would take space and say nothing.
 
     Parameters
     ----------
@@ -96,10 +106,10 @@ def joint_map(
     label: str,
     top: float | None = None,
 ) -> Axes:
-    """Draw values over a grid of two joints, with contour lines, a colour bar, and a cross at the
-    centre of Ω.
+    """Draw values over a grid of two joints as colours, with contour lines and a colour bar.
 
-    Bright means good and dark means bad in every map.
+    A cross marks the centre of Ω, the region of the design, where all other joints are. Bright
+    means good and dark means bad in every map.
 
     Parameters
     ----------
@@ -158,6 +168,9 @@ def design_figure(
 ) -> Figure:
     """Draw the figure ``design.png``: cost against degree, and maps over two joints.
 
+    The maps show where in Ω, the region of joint space that it is made for, the design is far from
+    the desired inverse, and where it is nearly singular.
+
     Parameters
     ----------
     design
@@ -194,12 +207,19 @@ _Map = tuple[NDArray[np.float64], str, float | None]
 
 
 def maps_that_vary(*maps: _Map) -> list[_Map]:
-    """Select the maps that vary enough to be drawn; the first one if none does."""
+    """Select the maps that vary enough to be drawn; the first one if none does.
+
+    Each map holds values over two joints, its label, and the best value if large is good, else
+    None.
+    """
     return [one for one in maps if varies(one[0], one[2])] or [maps[0]]
 
 
 def _plain_log_ticks(ax: Axes) -> None:
-    """Label a log axis that may span less than a decade with plain numbers."""
+    """Label a log axis with plain numbers, and extend it upwards to make space for the legend.
+
+    It may span less than a decade, where powers of ten would leave it without labels.
+    """
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend
     span = high / low

@@ -1,4 +1,8 @@
-"""Figures of motions: drift and joint positions over the cycles."""
+"""Figures of motions: drift and joint positions over the cycles.
+
+A figure shows several motions from one start: for each a label, the motion and a colour, listed as
+``motions``. The drift is the distance of the joints from the start after a cycle.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,10 @@ _BEYOND: dict[str, Any] = {
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
-    """List the label, motion and colour of every strategy of a study that has a motion."""
+    """List the label, motion and colour of every controller of a study that has a motion.
+
+    All figures of a study are drawn from this list.
+    """
     colour = colours(study)
     return [
         (plain(names_of(row.label)["title"]), row.motion, colour[row.key])
@@ -45,7 +52,11 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 class _Curve(NamedTuple):
-    """Line of one motion in a figure: a value (cycles,) after each cycle, and the last in words."""
+    """Line of one motion in a figure, its name and its colour.
+
+    ``values`` (cycles,) holds a value after each cycle, in the unit of the axis, and ``words`` the
+    last value with its unit, for the label at the line's end.
+    """
 
     label: str
     motion: Motion
@@ -55,7 +66,10 @@ class _Curve(NamedTuple):
 
 
 def _drifts(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
-    """Make the curves of the joint drift."""
+    """Make the curves of the joint drift, rad or m, one for each motion.
+
+    A drift of 0 is replaced by 1e-17, because a log scale has no 0.
+    """
     curves = []
     for label, motion, colour in motions:
         last = number(float(motion.drift[-1]))
@@ -68,7 +82,10 @@ def _drifts(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
 
 
 def _displacements(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
-    """Make the curves of the displacement, cm, of the part that is off most."""
+    """Make the curves of the displacement, cm, of the part that is farthest from its start.
+
+    They show the drift in space, which a reader can imagine better than a norm over the joints.
+    """
     curves = []
     for label, motion, colour in motions:
         off = cycle_displacements(motion)
@@ -95,7 +112,10 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
 
 
 def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
-    """Draw curves on a linear scale, with name and last value at the end of each line."""
+    """Draw curves on a linear scale from 0, with name and last value at the end of each line.
+
+    The scale is cut if one large drift would flatten the others, see :func:`_top`.
+    """
     _drift_lines(ax, curves)
     ax.set_ylim(0, _top(curves) or ax.get_ylim()[1])
     ax.set_xlim(0.6, curves[0].motion.cycles + 0.3)
@@ -105,7 +125,10 @@ def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
 
 
 def _drift_lines(ax: Axes, curves: Sequence[_Curve], size: float = 4.0) -> None:
-    """Draw the values after each cycle, and crosses at the first violations."""
+    """Draw the values of curves after each cycle, and crosses at the first violations.
+
+    A violation is a joint limit exceeded, or a collision. ``size`` is that of the markers, points.
+    """
     for curve, marker in zip(curves, "osD^vPX" * len(curves), strict=False):
         motion, values = curve.motion, curve.values
         ax.plot(
@@ -128,7 +151,10 @@ _LEAST = 1e-17
 
 
 def _top(curves: Sequence[_Curve]) -> float | None:
-    """Choose the upper end of a linear axis for the motions of :func:`_near`; None if all are."""
+    """Choose the upper end of a linear axis so that one large drift does not flatten the rest.
+
+    Curves that :func:`_near` leaves out then rise above the axis. None if no curve is left out.
+    """
     kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
     if len(kept) == len(curves):
         return None
@@ -138,7 +164,9 @@ def _top(curves: Sequence[_Curve]) -> float | None:
 def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
     """Leave out motions that would hide the drift of the others on a linear scale.
 
-    These are motions that move far away in cycle 1 and stay there.
+    These motions move far away in cycle 1, to more than four times the others' drift, and stay
+    there, as a controller does that is drawn to another posture. ``motions`` lists the label,
+    motion and colour of each.
     """
     rest = max(
         (float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)),
@@ -152,12 +180,18 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
 
 
 def _stays(drift: NDArray[np.float64]) -> bool:
-    """Check whether nearly all of a drift (cycles,) occurs in the first of several cycles."""
+    """Check whether nearly all of a drift (cycles,) occurs in the first of several cycles.
+
+    Such a motion goes to another configuration and closes there, instead of drifting on.
+    """
     return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
 
 def _end_labels(ax: Axes, curves: Sequence[_Curve]) -> None:
-    """Write each motion's name, last value and first violations at the end of its line."""
+    """Write each motion's name, last value and first violations at the end of its line.
+
+    Labels that would overlap are shifted, and joined to their lines.
+    """
     high = ax.get_ylim()[1]
     to_axes = ax.transData + ax.transAxes.inverted()
     order = sorted(curves, key=lambda one: float(one.values[-1]))
@@ -187,8 +221,10 @@ _LINE = 0.058
 
 
 def _end_words(curve: _Curve, high: float) -> str:
-    """Write the label at the end of a line: name, last value and first violations; ``high`` is the
-    upper end of the axis."""
+    """Write the label at the end of a line: name, last value and first violations.
+
+    ``high`` is the upper end of the axis; an arrow says that the line ends above it.
+    """
     above = " ↑" if curve.values[-1] > high else ""
     beyond = "".join(
         f"\n× {'limit' if len(it.names) == 1 else 'collision'} in cycle {it.cycle}"
@@ -198,7 +234,11 @@ def _end_words(curve: _Curve, high: float) -> str:
 
 
 def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
-    """Shift the rising heights of labels so that no label covers another or leaves the axes."""
+    """Shift labels so that none covers another or leaves the axes; return their new positions.
+
+    ``rising`` are the heights at which their lines end, sorted, and ``heights`` those of their
+    texts, all as fractions of the axes.
+    """
     places = []
     floor = -np.inf
     for own, height in zip(rising, heights, strict=True):
@@ -214,9 +254,10 @@ def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
 def _joint_over_cycles(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int
 ) -> Axes:
-    """Draw one joint against time in cycles, with nearby limits as dashed lines.
+    """Draw the position of one joint against time in cycles, with nearby limits as dashed lines.
 
-    A cross marks where a motion first exceeds a joint limit, if it is the limit of this joint.
+    ``joint`` is its index, from 0. A cross marks where a motion first exceeds a joint limit, if it
+    is the limit of this joint.
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
@@ -253,7 +294,9 @@ def _joint_over_cycles(
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure ``drift.png``: how far the arm is off after each cycle.
 
-    The part that is off most counts. The joint drift on a log scale is an inset.
+    What counts is the part of the arm that is farthest from where it began, in cm. The joint drift,
+    a norm over the joints, is an inset on a log scale. ``motions`` lists the label, motion and
+    colour of each controller.
     """
     figure = Figure(figsize=(8.6, 4.4))
     ax, curves = figure.add_subplot(), _displacements(motions)
@@ -282,9 +325,10 @@ _INSET = (0.38, 0.3)
 
 
 def _free_corner(ax: Axes, curves: Sequence[_Curve]) -> tuple[float, float] | None:
-    """Find the highest place, on the left or else on the right, where the inset covers no line.
+    """Find a place for the inset in the figure of the drift where it covers no line.
 
-    Return its lower left corner, as fractions of the axes; None if there is no such place.
+    It is the highest such place on the left, or else on the right. Returned is the inset's lower
+    left corner, as fractions of the axes; None if there is no such place, and then no inset.
     """
     to_axes = ax.transData + ax.transAxes.inverted()
     shares = np.linspace(0, 1, 101)
@@ -308,7 +352,9 @@ _SHOWN_JOINTS = 4
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure ``joints.png``: the positions of the joints that drift most, over all cycles.
 
-    A motion that moves away in cycle 1 and would hide the others' drift is left out."""
+    ``motions`` lists the label, motion and colour of each controller. A motion that moves away in
+    cycle 1 and would hide the others' drift is left out.
+    """
     motions = _near(motions)
     n = motions[0][1].task.n
     joints = liveliest_joints(motions, _SHOWN_JOINTS)
@@ -334,7 +380,8 @@ def liveliest_joints(
 ) -> list[int]:
     """Find the joints that drift most at the ends of cycles; return their indices, sorted.
 
-    Motions that move away in the first cycle and then stay count only if all motions do.
+    A figure has space for ``count`` of them. Motions that move away in the first cycle and then
+    stay count only if all motions do.
     """
     going = [motion for _, motion, _ in motions if not _stays(motion.drift)]
     ends = [
@@ -349,7 +396,10 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def _power_of_ten(value: float, _: object = None) -> str:
-    """Label a tick of a log scale in plain text, without matplotlib's slow parser of formulas."""
+    """Write a power of ten as ``10⁻³``, the label of a tick of a log scale.
+
+    It is plain text, because matplotlib's parser of formulas is slow.
+    """
     return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS)
 
 
@@ -359,7 +409,10 @@ def plain(text: str) -> str:
 
 
 def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
-    """Draw a figure as the bytes of a PNG file, with options of matplotlib's ``savefig``."""
+    """Draw a figure as the bytes of a PNG file, with options of matplotlib's ``savefig``.
+
+    The layout is computed first, without drawing, so that nothing is drawn twice.
+    """
     layout = figure.get_layout_engine()
     if layout is not None and "bbox_inches" not in options:
         figure.set_dpi(dpi)
@@ -440,7 +493,10 @@ def _arrange(
 
 
 def legend_below(figure: Figure, ax: Axes) -> Figure:
-    """Add a legend of the axes below the figure, in one row."""
+    """Add a legend of the axes below the figure, in one row; return the figure.
+
+    All axes of the figure have the same lines, so one legend serves for all.
+    """
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(
         handles,
@@ -454,14 +510,20 @@ def legend_below(figure: Figure, ax: Axes) -> Figure:
 
 
 def axis_label(task: Task, joint: int) -> str:
-    """Write the label of an axis: a joint and its unit."""
+    """Write the label of an axis: a joint's name and its unit, as ``joint4 (rad)``.
+
+    ``joint`` is its index, from 0.
+    """
     return (
         f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
     )
 
 
 def quiet(ax: Axes, *, whole: bool = False) -> Axes:
-    """Style axes with a light grid and no box; ``whole`` puts integer ticks on the x axis."""
+    """Style axes with a light grid and no box at the top and right; return the axes.
+
+    ``whole`` puts ticks of the x axis at integers only, as for a number of cycles.
+    """
     if whole:
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.spines[["top", "right"]].set_visible(False)

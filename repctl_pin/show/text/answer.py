@@ -1,4 +1,10 @@
-"""First answer of a study: a sentence and a short table, for a terminal of 24 rows."""
+"""First answer of a study: a sentence and a short table, for a terminal of 24 rows.
+
+A span is a piece of text with a tone (``bad``, ``good``, ``near``), which a terminal shows as
+colour. A row is the result of one strategy, such as J⁺, in the study; a summary holds the numbers
+of its motion. A part is off by the distance between where it is after all cycles and where it
+began.
+"""
 
 from __future__ import annotations
 
@@ -83,17 +89,25 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
 
 
 def _proved(study: Study) -> list[str]:
-    """Write what is proved of closed paths near the one that was followed, if it closes itself."""
+    """Write the line on the proved closing radius of the design: a list of one text.
+
+    Every closed path within that distance of the start, or of the path that was followed, is proved
+    to close in joint space. The list is empty if nothing was proved.
+    """
     closes = study.design.proof and study.design.proof.closes
     return [f"{closes.words}: proved"] if closes else []
 
 
 def _title(row: Row) -> str:
+    """Return the heading of a strategy's column in the short table: ``usual control`` for J⁺."""
     return _TITLES.get(row.key, row.label)
 
 
 def _about(study: Study) -> str:
-    """Write one line that names the arm, its task, its path and the number of cycles."""
+    """Write one line that names the arm, its task, its path and the number of cycles.
+
+    It follows the sentence with which the answer begins.
+    """
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
     times = counted(cycles, "cycle")
@@ -104,7 +118,11 @@ def _about(study: Study) -> str:
 
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
-    """Format the short table; the text of a bad or good value has that tone."""
+    """Format the short table, with a column for each strategy, a compared controller such as J⁺.
+
+    Bad and good values have that tone, which is shown as colour. A line below the table counts the
+    bodies that are not checked for collisions, if there are any.
+    """
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = [[Span(name), *line] for name, line in _cells(study, rows)]
     out = [*table_spans(header, cells), Span("\n")]
@@ -120,18 +138,27 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Format how far the hand and the farthest part are off, for every strategy."""
+    """Format how far the hand and the farthest part are off, for every controller.
+
+    The report puts these two rows above its table: the maximum distance of the hand from its path,
+    and the displacement at the end of the part that drifted most. Each is a name, and a text per
+    controller.
+    """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
 
 
 def _unchecked(study: Study) -> int:
-    """Count the bodies that are not checked for collisions."""
+    """Count the bodies that are not checked for collisions, because their shape is unknown."""
     return len(bodies_of(study.task).unchecked)
 
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
-    """List the rows of the short table: name of a quantity, and its value for every strategy."""
+    """List the rows of the short table: name of a quantity, and its value for every controller.
+
+    A value is a span, a text with a tone. A controller that stopped has the word ``stopped`` in
+    each row. The distance of the closest links is left out if no body could be checked.
+    """
     summaries = [row_summary(row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
     unit = "" if some is None else f", {some.task.unit}"
@@ -168,7 +195,11 @@ def _column(
     usual: MotionSummary | None,
     ends: Sequence[str],
 ) -> list[Span]:
-    """Format the values of one strategy, in the order of the rows of the short table."""
+    """Format the values of one controller, in the order of the rows of the short table.
+
+    ``usual`` is the summary of J⁺, with which the joint speed is compared; None if J⁺ stopped.
+    ``ends`` holds the link of another end effector that is not back where it began, or nothing.
+    """
     off = float(motion.tracking_error.max())
     drift = number(float(motion.drift[-1]))
     return [
@@ -184,13 +215,20 @@ def _column(
 
 
 def _part(summaries: Sequence[MotionSummary | None]) -> str:
-    """Name the part that is displaced most; "farthest part" if strategies differ in it."""
+    """Name the part that is displaced most under every controller; "farthest part" if they differ.
+
+    Motions in which all parts return are left out, and None stands for a strategy that stopped.
+    """
     names = {one.part for one in summaries if one is not None and not one.back}
     return names.pop() if len(names) == 1 else "farthest part"
 
 
 def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
-    """Format the joint speed relative to that of J⁺; a dash if either motion leaves the path."""
+    """Format the extra joint speed relative to J⁺, as ``+3 %``; a dash where it means nothing.
+
+    That is so for J⁺ itself, whose summary is ``usual``, if J⁺ stopped, and if either motion leaves
+    its path.
+    """
     if usual is None or summary is usual or not usual.speed > 0:
         return Span("–")
     if usual.path_loss or summary.path_loss:
@@ -199,6 +237,10 @@ def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
 
 
 def _limits(summary: MotionSummary) -> Span:
+    """Format in which cycle a motion first violates a joint limit, or by how much a speed limit.
+
+    The text is ``kept`` if it violates none.
+    """
     if summary.limit_violation:
         return Span(f"cycle {summary.limit_violation[0]}!", "bad")
     if summary.speed_ratio > TOO_FAST:
@@ -207,6 +249,7 @@ def _limits(summary: MotionSummary) -> Span:
 
 
 def _links(summary: MotionSummary) -> Span:
+    """Format the minimum body distance of a motion, ``collide!``, or ``not checked``."""
     if summary.body_distance is None:
         return Span("not checked", "near")
     if summary.collision_cycle:
@@ -215,7 +258,11 @@ def _links(summary: MotionSummary) -> Span:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """List the notes of a study that are not already said in the sentence or below the table."""
+    """List the notes of a study that are not already said in the sentence or in the lines above.
+
+    First come the reasons of strategies that stopped, except J⁺ and the repeatable one, then the
+    others by :func:`_rank`: the last ones are left out if the terminal has no space for all.
+    """
     said = {
         f"{row.label}: {violation}"
         for row in rows
@@ -231,12 +278,15 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
 
 
 def _rank(note: str) -> int:
-    """Sort key of notes: those that come first, those between, and those left out first."""
+    """Rank a note by its first words: 0 for those that come first, 1, or 2 for the last.
+
+    The last are left out first if the terminal has too few rows.
+    """
     return 0 if note.startswith(_FIRST) else 2 if note.startswith(_LAST) else 1
 
 
 def _meanings(study: Study) -> list[str]:
-    """Explain the letters and units of the short table."""
+    """Explain the letters and units of the short table, in texts that follow the other notes."""
     said = ["the usual control is the pseudoinverse J⁺, r the number of spare joints"]
     if study.task.unit == "rad and m":
         said.append(
@@ -246,7 +296,10 @@ def _meanings(study: Study) -> list[str]:
 
 
 def _as_many(notes: Sequence[str], rows: int) -> list[str]:
-    """Take as many notes as fit into a number of rows, and add how many are left out."""
+    """Take as many notes as fit into a number of terminal rows, and say how many are left out.
+
+    Without this, the sentence and the table would scroll out of a small terminal.
+    """
     taken = list(notes)
     if _height_of(taken) <= rows:
         return taken
@@ -257,5 +310,5 @@ def _as_many(notes: Sequence[str], rows: int) -> list[str]:
 
 
 def _height_of(lines: Sequence[str]) -> int:
-    """Count the rows that lines of text take in a terminal of 80 columns."""
+    """Count the rows that lines of text take in a terminal of 80 columns, with those it wraps."""
     return sum(fitted(line, COLUMNS).count("\n") + 1 for line in lines)

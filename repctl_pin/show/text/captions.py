@@ -1,5 +1,7 @@
-"""Sentences of the report: its glossary, and a description of each figure for readers who cannot
-see it."""
+"""Sentences of the report: its glossary, and a description of each figure.
+
+The descriptions are alternative texts, for readers who cannot see the figures.
+"""
 
 from __future__ import annotations
 
@@ -40,14 +42,20 @@ GLOSSARY = {
 
 
 def _amount(motion: Motion, cycle: int) -> str:
-    """Format the drift after a cycle with its unit, 0 if closed; −1 is the last cycle."""
+    """Format the joint drift after a cycle with its unit, such as ``0.21 rad``; 0 if closed.
+
+    ``cycle`` counts from 0, and −1 is the last.
+    """
     if motion.closes:
         return "0"
     return f"{number(float(motion.drift[cycle]))} {motion.task.unit}"
 
 
 def drift_words(study: Study) -> str:
-    """Describe the figure of the drift, for readers who cannot see it."""
+    """Describe the figure of the drift: how far the farthest part is off under each controller.
+
+    The text is its alternative text, for readers who cannot see the figure.
+    """
     parts = []
     for label, motion in _moved(study):
         first, last = (
@@ -61,7 +69,10 @@ def drift_words(study: Study) -> str:
 
 
 def joints_words(study: Study) -> str:
-    """Describe the figure of the joints, for readers who cannot see it."""
+    """Describe the figure of the joints: how far each has drifted under the first controller.
+
+    The text is its alternative text, for readers who cannot see the figure.
+    """
     label, motion = _moved(study)[0]
     off = motion.q[-1] - motion.q[0]
     parts = [
@@ -74,7 +85,10 @@ def joints_words(study: Study) -> str:
 
 
 def orbits_words(study: Study) -> str:
-    """Describe the figure of the orbits, for readers who cannot see it."""
+    """Describe the figure of orbits, the motions in joint space: which close, and which drift.
+
+    The text is its alternative text, for readers who cannot see the figure.
+    """
     said = [
         f"{label}: one closed loop"
         if motion.closes
@@ -88,7 +102,10 @@ def orbits_words(study: Study) -> str:
 
 
 def cycles_words(study: Study) -> str:
-    """Describe the figure of speeds and margins, for readers who cannot see it."""
+    """Describe the figure of speeds and margins: peak speed, limit margin, and body distance.
+
+    The text is its alternative text, for readers who cannot see the figure.
+    """
     parts = []
     for label, motion in _moved(study):
         margin = float(motion.limit_margin.min())
@@ -107,7 +124,12 @@ def cycles_words(study: Study) -> str:
 
 
 def maps_words(study: Study, maps: ReportMaps) -> str:
-    """Describe the maps over two joints, for readers who cannot see it."""
+    """Describe the maps of a design over two joints by their ranges of values.
+
+    The text is their alternative text, for readers who cannot see them. The maps show the defect of
+    J⁺ (0 where it is repeatable), the distance of the design from J⁺, and its leaf margin (0 if
+    singular).
+    """
     i, j = maps.grid.joints
     with np.errstate(invalid="ignore"):
         distance = maps.grid.distance / maps.grid.reference
@@ -134,7 +156,10 @@ def maps_words(study: Study, maps: ReportMaps) -> str:
 
 
 def still_words(study: Study) -> str:
-    """Describe the still picture of the animation, for readers who cannot see it."""
+    """Describe the still picture of the animation: how far the arm is off under both controllers.
+
+    The text is its alternative text, for readers who cannot see the picture.
+    """
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
         row.failure
@@ -151,6 +176,10 @@ def still_words(study: Study) -> str:
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
+    """List the title and the motion of every controller that has one, except ``without``.
+
+    ``without`` is the key of a controller that a figure leaves out, or empty.
+    """
     return [
         (names_of(row.label)["title"], row.motion)
         for row in study.rows

@@ -1,6 +1,9 @@
 """Headline of a page and of a terminal: which part of the arm has drifted, and how far.
 
-Its notes give the extra joint speed of the repeatable controller, the limits and the bodies.
+Its notes give the extra joint speed of the repeatable controller, the limits and the bodies. A part
+is off by the distance between where it is after all cycles and where it began; it is back if that
+is less than 0.1 mm. A summary holds the numbers of one motion. A span is a piece of text with a
+tone (``bad``, ``good``), which is shown as colour.
 """
 
 from __future__ import annotations
@@ -51,14 +54,18 @@ _END_NAMES = (
 
 
 def hands_are(count: int) -> str:
-    """Write the subject of a sentence on the frames of a task, with its verb."""
+    """Write the subject of a sentence on the frames of a task, with its verb: ``the hand is``."""
     known = {1: "the hand is", 2: "both hands are"}
     return known.get(count, f"all {count} hands are")
 
 
 @dataclass(frozen=True)
 class Headline:
-    """Sentence on the drift of the arm, and notes on joint speed, limits and bodies."""
+    """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
+
+    Both are spans, pieces of text with tones, since a page and a terminal colour them. As a text
+    they are joined, without colours.
+    """
 
     sentence: tuple[Span, ...]
     notes: tuple[Span, ...]
@@ -73,15 +80,19 @@ NO_HEADLINE = Headline((), ())
 
 
 def under(label: str) -> str:
-    """Return how a sentence names a controller, from its label."""
+    """Return how a sentence names a controller: ``the usual control`` for the label J⁺.
+
+    A controller of the user keeps its label.
+    """
     return _UNDER.get(label, label)
 
 
 def names_of(label: str) -> dict[str, str]:
-    """Collect what a page writes about a controller, from its label.
+    """Collect what a page writes about a controller, from its label, such as ``J⁺``.
 
-    These are the title of its pane, the technical name that follows the title in brackets, what
-    the controller does, and how a sentence names it; the second and third can be empty.
+    The keys are ``title``, that of its pane; ``law``, the technical name that follows it in
+    brackets; ``about``, what the controller does; and ``under``, how a sentence names it. The
+    second and third can be empty.
     """
     return {
         "title": _TITLES.get(label, label),
@@ -92,19 +103,29 @@ def names_of(label: str) -> dict[str, str]:
 
 
 def stopped_words(label: str, failure: str) -> str:
-    """Write a sentence that there is no motion, and why; ``failure`` is :attr:`.Row.failure`."""
+    """Write a sentence that a controller has no motion to show, and why.
+
+    ``label`` is that of the controller, ``failure`` its :attr:`.Row.failure`.
+    """
     if failure.startswith(UNRESOLVED):
         return f"{capital(under(label))} {UNRESOLVED}."
     return f"{_TITLES.get(label, label)} {failure}."
 
 
 def stopped_cell(row: Row) -> str:
-    """Write the cell of a table for a row without a motion."""
+    """Write the cell of a table for a row without a motion: ``stopped``, or a dash.
+
+    The dash is for a motion that depends on the number of steps, and so is no result.
+    """
     return "–" if row.stopped.startswith(UNRESOLVED) else "stopped"
 
 
 def study_headline(study: Study) -> Headline:
-    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse."""
+    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse.
+
+    The report, the page and the terminal begin with it. A strategy that stopped has its own
+    sentence.
+    """
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [
         stopped_words(row.label, row.failure) for row in rows if row.motion is None
@@ -122,6 +143,9 @@ def headline_of(
     hands: int = 1,
 ) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
+
+    A page and a terminal begin with it. The cost is the joint speed that the last motion takes more
+    than the first.
 
     Parameters
     ----------
@@ -159,19 +183,24 @@ def headline_of(
 
 
 def _whole(text: str) -> str:
-    """Keep a text on one line, by no-break spaces."""
+    """Keep a text, such as "32 cm off", on one line, by no-break spaces in place of spaces."""
     return text.replace(" ", "\u00a0")
 
 
 def _is_open(one: MotionSummary) -> bool:
-    """Return whether the hand follows its path, but does not end where it began."""
+    """Return whether the hand does not end where it began, although it does not leave its path.
+
+    The path is then not closed, or it is unknown, as for a motion that was read from a file.
+    """
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
 
 def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
     """Write which part or joint is off, and by how much under each controller.
 
-    ``after`` says after how many cycles, if the sentence before does not say it.
+    The part is the one that is off most under any of them. If no part is off by 1 cm or more, a
+    joint is named that is off by 0.1 rad or more. ``after`` says after how many cycles, if the
+    sentence before does not say it; else it is empty.
     """
     worst = max(summaries, key=lambda one: one.off)
     subject = worst.part if worst.part[:4] == "arm " else f"{worst.part} of the arm"
@@ -198,17 +227,27 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
 
 
 def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
-    """Write under which controller, to end a phrase; empty if there is only one."""
+    """Write under which controller, as the end of a phrase: " under the usual control".
+
+    Empty if there is only one controller.
+    """
     return f" under {under(one.label)}" if len(summaries) > 1 else ""
 
 
 def _alone(one: MotionSummary) -> str:
-    """Name a controller without one to compare it with: the repeatable *control*, not *one*."""
+    """Name a controller that a sentence does not compare with another one.
+
+    It is then "the repeatable control", because "the repeatable one" refers to another control.
+    """
     return under(one.label).replace("repeatable one", "repeatable control")
 
 
 def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that the path winds around the first joint's axis, if a motion along it is not back."""
+    """Write that the path winds around the first joint's axis, if a motion along it is not back.
+
+    Such a path cannot be shrunk to a point, so even a repeatable controller need not close it. The
+    list of texts is empty otherwise.
+    """
     turns, joint = summaries[-1].winding if summaries else (0, "")
     if not turns or all(one.back and not one.turned for one in summaries):
         return []
@@ -218,16 +257,21 @@ def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def end_name(link: str) -> str:
-    """Name what a link at the end of another branch is: other hand, foot, head, or other end."""
+    """Name what a link at the end of another branch is: other hand, foot, head, or other end.
+
+    The task does not control that branch, but it may move with the arm. The word is found in the
+    link's name.
+    """
     spoken = set(link_words(link))
     found = next((name for name, known in _END_NAMES if spoken & known), "end")
     return f"other {found}" if found in ("hand", "end") else found
 
 
 def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
-    """List the other end effectors that are not back under some controller.
+    """List the other end effectors, by link, that are off by 1 cm or more under some controller.
 
-    Hands come first, then those that are off most.
+    The task does not control them, but the arm moves them. Hands come first, then those that are
+    off most.
     """
     most: dict[str, float] = {}
     for one in summaries:
@@ -238,7 +282,11 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
 
 
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write which other end effectors are not back, and how far they are off."""
+    """Write which other end effectors, moved by the arm but not its task, are off, and how far.
+
+    They are off by the distance from where they began, m. The list of texts is empty if all are
+    back.
+    """
     ends = ends_off(summaries)
     if not ends:
         return []
@@ -260,7 +308,11 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
-    """Write under which controllers the hand leaves its path or is not back; empty without any."""
+    """Write under which controllers the hand leaves its path or is not back at the end.
+
+    ``times`` is the number of cycles in words, ``10 cycles``. The list of texts is empty if all
+    motions follow the path and end where they began.
+    """
     said = []
     for one in summaries:
         if one.path_loss is not None:
@@ -281,7 +333,7 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
 
 
 def off_of(one: MotionSummary) -> Span:
-    """Format the displacement of the part that is displaced most.
+    """Format by how much the part is off that is displaced most at the end of all cycles.
 
     The tone is ``good`` for 0, and ``bad`` from 1 cm up.
     """
@@ -290,14 +342,20 @@ def off_of(one: MotionSummary) -> Span:
 
 
 def _exact(one: MotionSummary) -> str:
+    """Write the link that is farthest from where it began, and how far, m, with three digits.
+
+    It is the exact value of a rounded text, for readers who want to know.
+    """
     return f"{one.link}: {one.off:.3g} m"
 
 
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
-    """Format the displacement under each controller.
+    """Format by how much the farthest part is off, m, under each controller, one text per summary.
 
-    ``unit`` follows each value, except a 0 that is not the first. Where the controllers differ in
-    the part that is off most, the smaller values name theirs.
+    It is off by the distance from where it began.
+
+    ``unit`` is the text after each value (" off"), except a 0 that is not the first. Where the
+    controllers differ in the part that is off most, the smaller values name theirs.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -310,14 +368,20 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
 
 def _turned(one: MotionSummary) -> Span:
-    """Format by how much a joint is displaced although parts are not, or hardly."""
+    """Format by how much a joint is displaced at the end, rad, although parts are not, or hardly.
+
+    The tone is ``bad`` from 0.1 rad up.
+    """
     angle = one.joint_displacement[0]
     value = "0" if angle < _UNTURNED else _whole(radians(angle))
     return Span(value, "bad" if angle >= TURNED else "good")
 
 
 def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write the extra joint speed, present and predicted limit violations, and body distances."""
+    """Write the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
+
+    The limits are those violated, and those that will be if the drift goes on.
+    """
     return [
         *_extra_speed(summaries[0], summaries[-1]),
         *_limits(summaries),
@@ -327,7 +391,11 @@ def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
-    """Write how much more joint speed the last motion takes than the first; empty if unknown."""
+    """Write how much more joint speed (rms, cycle 1) the last motion takes than the first.
+
+    This is what repeatability costs if the first motion is that of J⁺. Returned is a list of one
+    text; it is empty if there is one motion, or one of them leaves its path.
+    """
     if last is first or not first.speed > 0 or first.path_loss or last.path_loss:
         return []
     cost = percent(last.speed / first.speed - 1)
@@ -338,7 +406,12 @@ def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
 
 
 def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write which limits are violated, and which will be if an arm drifts on."""
+    """Write which joint and speed limits are violated, and which will be if an arm drifts on.
+
+    Each is one text, with a tone.
+
+    Without a violation it says that the joint limits are kept, ``so far`` if one will be.
+    """
     said = []
     for one in summaries:
         by = _by(one, summaries)
@@ -363,7 +436,11 @@ def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write collisions and the minimum body distance; links are named if they are near."""
+    """Write collisions and the minimum body distance, one text for each.
+
+    Links are named if they collide or are less than 2 cm apart; otherwise one text gives the
+    minimum over all motions.
+    """
     known = [one for one in summaries if one.body_distance is not None]
     free = [one for one in known if not one.collision_cycle]
     said = [
@@ -394,11 +471,15 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _distance(one: MotionSummary) -> str:
+    """Format the minimum body distance of a motion, such as ``6.7 mm``, kept on one line."""
     return _whole(metres(one.body_distance or 0.0))
 
 
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write how many bodies are not checked for collisions; empty without any."""
+    """Write how many bodies without a shape are not checked for collisions, a list of one text.
+
+    Without it, the user could take such bodies for free of collisions. Empty if all are checked.
+    """
     count = max(one.unchecked for one in summaries)
     said = Span(f"Collisions not checked: {without_shape(count)}.", "near")
     return [said] if count else []

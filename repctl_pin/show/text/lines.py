@@ -20,7 +20,11 @@ _COLOURS = {"bad": "31", "good": "32"}
 
 
 class Span(NamedTuple):
-    """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value."""
+    """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value.
+
+    A terminal and a page show a tone as colour. The exact value is that of a rounded text, such as
+    ``elbow_link: 0.0321 m``, or empty.
+    """
 
     text: str
     tone: str = ""
@@ -35,8 +39,9 @@ def capital(text: str) -> str:
 def coloured(spans: Iterable[Span]) -> str:
     """Join pieces of text; on a terminal with the colours of their tones.
 
-    The environment's ``NO_COLOR``, and ``TERM=dumb``, switch colours off. Control sequences within
-    a piece are escaped."""
+    ``bad`` is red and ``good`` green. The environment variable ``NO_COLOR``, and ``TERM=dumb``,
+    switch colours off. Control sequences within a piece are escaped.
+    """
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     colours = {} if plain or not on_terminal(sys.stdout) else _COLOURS
     return "".join(
@@ -48,9 +53,10 @@ def coloured(spans: Iterable[Span]) -> str:
 
 
 def wrapped(spans: Sequence[Span]) -> list[Span]:
-    """Wrap a sentence made of pieces to the width of the terminal.
+    """Wrap a sentence made of pieces to the width of the terminal, and return the pieces.
 
-    A no-break space keeps two words on one line.
+    Each piece keeps its tone, although a line break may fall into it. A no-break space keeps two
+    words on one line.
     """
     text = "".join(span.text for span in spans).rstrip(" ")
     letters = list(text)
@@ -77,14 +83,14 @@ def terminal_width() -> int:
 
 
 def on_terminal(stream: TextIO | None) -> bool:
-    """Check whether a stream is a terminal; it may be closed."""
+    """Check whether a stream is a terminal; False for None, or if the stream is closed."""
     return stream is not None and not stream.closed and stream.isatty()
 
 
 def fitted(text: str, width: int | None = None) -> str:
-    """Wrap lines that are wider than the terminal, or than a given width.
+    """Wrap lines that are wider than the terminal, or than a given width in characters.
 
-    After a label, continuation lines are indented to the start of the text.
+    After a label such as ``note: ``, continuation lines are indented to the start of the text.
     """
     columns = width or terminal_width()
     return "\n".join(
@@ -93,6 +99,10 @@ def fitted(text: str, width: int | None = None) -> str:
 
 
 def _wrapped(line: str, width: int) -> list[str]:
+    """Wrap one line to a width, as :func:`fitted` does; a line with a longer word stays whole.
+
+    Such a word is usually a path, which the user wants to copy.
+    """
     if (
         len(line) <= width or max(map(len, line.split())) > width
     ):  # a path, to be copied

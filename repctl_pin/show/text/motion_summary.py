@@ -1,4 +1,8 @@
-"""Summaries of motions, for headlines and tables: displacement, speed, limits, bodies."""
+"""Summaries of motions, for headlines and tables: displacement, speed, limits, bodies.
+
+A part of the arm is off by its displacement: the distance between where it is at the end of all
+cycles and where it began. The outlook is where the drift leads if it goes on at this rate.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +31,9 @@ TURNED = 0.1
 @dataclass(frozen=True)
 class MotionSummary:
     """The quantities of one motion that headlines and short tables report.
+
+    Each is evaluated once, for a page and for a terminal. A part is off by the distance between
+    where it is at the end of all cycles and where it began.
 
     Attributes
     ----------
@@ -92,12 +99,18 @@ class MotionSummary:
 
     @property
     def back(self) -> bool:
-        """True if every part of the arm is back where it began, within a tenth of a millimetre."""
+        """True if every part of the arm is back where it began, within a tenth of a millimetre.
+
+        A headline then says so, and names no part.
+        """
         return self.off < NOTHING
 
     @property
     def turned(self) -> bool:
-        """True if a joint is displaced although no part is."""
+        """True if a revolute joint is displaced by 0.1 rad or more although no part is by 1 cm.
+
+        A headline then names the joint, since the arm looks as if it had not drifted.
+        """
         return self.off < SMALL and self.joint_displacement[0] >= TURNED
 
 
@@ -105,6 +118,8 @@ def motion_summary(
     label: str, motion: JointMotion, moved: tuple[str, float], *, bodies: bool = True
 ) -> MotionSummary:
     """Extract the quantities of a motion that a headline reports, without its outlook.
+
+    The outlook, in which cycle the drift will lead to a limit, is added by :func:`with_outlook`.
 
     Parameters
     ----------
@@ -156,7 +171,10 @@ def motion_summary(
 def with_outlook(
     summary: MotionSummary, played: Sequence[JointMotion]
 ) -> MotionSummary:
-    """Add to the summary of a motion where it leads, and the two links that come nearest.
+    """Add to the summary of a motion its outlook, and the two links that come nearest.
+
+    The outlook is the cycle in which a joint leaves its range if it drifts on at this rate; it
+    warns of a violation after the last cycle shown.
 
     Parameters
     ----------
@@ -175,7 +193,7 @@ def with_outlook(
 
 
 def row_summary(row: Row) -> MotionSummary | None:
-    """Summarise one row of a study; None if its motion stopped."""
+    """Summarise the motion of one controller in a study, for its headline; None if it stopped."""
     motion = row.motion
     if motion is None:
         return None
@@ -184,5 +202,5 @@ def row_summary(row: Row) -> MotionSummary | None:
 
 
 def without_shape(count: int) -> str:
-    """Write how many bodies have no collision shape."""
+    """Write how many bodies have no collision shape, such as ``2 bodies without a shape``."""
     return f"{count} {'body' if count == 1 else 'bodies'} without a shape"

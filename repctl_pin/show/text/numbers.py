@@ -10,7 +10,10 @@ NOTHING = 1e-4
 
 
 def number(value: float) -> str:
-    """Format a number with three digits, or one below 1e-3: 1.75, 0.0238, 2e-11."""
+    """Format a number for a reader with three digits, or with one below 1e-3: 1.75, 0.0238, 2e-11.
+
+    A dash stands for infinity or NaN.
+    """
     if not math.isfinite(value):
         return "–"
     if value == 0:
@@ -22,8 +25,10 @@ def number(value: float) -> str:
 
 
 def metres(value: float) -> str:
-    """Format a length in a suitable unit: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm; 0 below a
-    nanometre."""
+    """Format a length, m, in a suitable unit: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm.
+
+    It has two digits, and is 0 below a nanometre.
+    """
     if value < 1e-9:
         return "0"
     units = (
@@ -37,17 +42,20 @@ def metres(value: float) -> str:
 
 
 def displacement(value: float) -> str:
-    """Format how far a part is off: like :func:`metres`, but 0 below a tenth of a millimetre."""
+    """Format how far a part is off, m: like :func:`metres`, but 0 below a tenth of a millimetre.
+
+    So errors of the integrator do not read as drift.
+    """
     return "0" if value < NOTHING else metres(value)
 
 
 def radians(value: float) -> str:
-    """Format an angle: 3.7 rad, 2e-5 rad."""
+    """Format an angle in rad with two digits: 3.7 rad, 2e-5 rad."""
     return f"{number(float(f'{value:.2g}'))} rad"
 
 
 def percent(share: float) -> str:
-    """Format a change in per cent, with its sign: +0.3 %, −1 %; 0 % below 0.05 %."""
+    """Format a change, a fraction, in per cent, with its sign: +0.3 %, −1 %; 0 % below 0.05 %."""
     if abs(share) < 5e-4:
         return "0 %"
     text = f"{100 * share:+.1f}" if abs(share) < 0.1 else f"{100 * share:+.0f}"

@@ -14,12 +14,16 @@ _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripp
 
 
 def redundant_part(task: Task) -> str:
-    """Write what a task leaves free: the elbow position of an arm with one spare joint."""
+    """Write what a task leaves free to drift: the elbow position of an arm with one spare joint.
+
+    It is "configuration" for any other task than a pose with r = 1, since more than the elbow is
+    free.
+    """
     return "elbow position" if (task.m, task.r) == (6, 1) else "configuration"
 
 
 def part_name(task: Task, q: Array, link: str) -> str:
-    """Find a readable name for a link.
+    """Find a readable name for a link, for sentences about the part of the arm that drifts.
 
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
     returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Else the
@@ -50,27 +54,37 @@ def part_name(task: Task, q: Array, link: str) -> str:
 
 
 def _side(link: str) -> str:
-    """Write on which side a link is, from its name: ``left ``; empty if the name does not say."""
+    """Write on which side a link is, from its name: ``left ``, ``right ``, or an empty text.
+
+    ``l_hand`` counts as left, too. With two arms the word tells equal parts apart.
+    """
     words = set(re.split("[^a-z]+", _words(link).lower()))
     sides = (side for side in ("left", "right") if words & {side, side[0]})
     return next((f"{side} " for side in sides), "")
 
 
 def _words(name: str) -> str:
-    """Split a name into words and numbers: ``panda_link4`` is ``panda link 4``."""
+    """Split a link's name into words and numbers: ``panda_link4`` is ``panda link 4``."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
     return " ".join(re.findall(r"[A-Za-z]+|\d+", parted))
 
 
 def _without_prefix(link: str, links: Sequence[str]) -> str:
-    """Drop the part before the first underscore if most links share it, and a word follows."""
+    """Drop the part of a link's name before the first underscore if most links share it.
+
+    It is usually the robot's name: ``panda_link4`` becomes ``link4``. A letter must follow the
+    underscore. ``links`` are the names of all links.
+    """
     first, _, rest = link.partition("_")
     shared = sum(name.startswith(f"{first}_") for name in links)
     return rest if rest[:1].isalpha() and 2 * shared > len(links) else link
 
 
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
-    """Find the links before and after the elbow joint; empty without one."""
+    """Find the links before and after the elbow joint at q (n,), which are displayed as "elbow".
+
+    They are the parent and child of that joint. Empty if no joint is in the middle of the arm.
+    """
     joint = elbow(task, q)
     if not in_the_middle(task, q)[joint]:
         return ()

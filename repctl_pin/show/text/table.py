@@ -1,4 +1,8 @@
-"""Tables as aligned plain text for a terminal."""
+"""Tables as aligned plain text for a terminal: of any cells, and of a whole study.
+
+A span is a piece of text with a tone, which a terminal shows as colour. A strategy is one of the
+controllers that a study compares; each has a column.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +28,10 @@ NARROW = 10
 def table(
     header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 ) -> str:
-    """Align a table: the first columns to the left, the others to the right; a header may have
-    several lines.
+    """Align a table as text: the first ``left`` columns to the left, the others to the right.
 
-    If the terminal is too narrow, the columns that do not fit follow in further blocks below.
+    A header may have several lines. If the terminal is too narrow, the columns that do not fit
+    follow in further blocks below.
     """
     spans = table_spans(header, [[Span(cell) for cell in row] for row in rows], left)
     text = "".join(span.text for span in spans)
@@ -37,7 +41,11 @@ def table(
 def table_spans(
     header: Sequence[str], rows: Sequence[Sequence[Span]], left: int = 1
 ) -> list[Span]:
-    """Align a table, as :func:`table`, whose cells keep their tones."""
+    """Align a table, as :func:`table`, whose cells are spans and keep their tones.
+
+    ``left`` is the number of columns that are aligned to the left. Returned are spans to print one
+    after the other; they contain the line breaks.
+    """
     high = max(cell.count("\n") for cell in header)
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
     heads = [[Span(name) for name in line] for line in zip(*names, strict=True)]
@@ -60,7 +68,11 @@ def table_spans(
 
 
 def _blocks(widths: Sequence[int]) -> list[list[int]]:
-    """Divide the columns of a table into blocks that fit; each begins with the first column."""
+    """Divide the columns of a table into blocks that fit into the terminal, as lists of indices.
+
+    Each block begins with the first column, which names the rows. ``widths`` are those of the
+    columns, in characters.
+    """
     blocks = [[0]]
     for i in range(1, len(widths)):
         wide = sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2
@@ -71,7 +83,10 @@ def _blocks(widths: Sequence[int]) -> list[list[int]]:
 
 
 def study_table(study: Study) -> str:
-    """Format a study: warnings, verdict, settings, a table of strategies, legend and notes."""
+    """Format a whole study as text: warnings, headline, settings, a table, legend and notes.
+
+    ``repctl study --full`` prints it. The table has one column per strategy, such as J⁺.
+    """
     setting = study.setting | _two_norms(study)
     width = max(map(len, setting))
     loud = outside_words(max(row.outside for row in study.rows))
@@ -87,7 +102,11 @@ def study_table(study: Study) -> str:
 
 
 def _two_norms(study: Study) -> dict[str, str]:
-    """Write the design's cost in the Frobenius and the spectral norm, which differ for r > 1."""
+    """Write the design's cost in the Frobenius and the spectral norm: a text by its label.
+
+    The cost is the mean squared distance of the design from the desired inverse over its region Ω.
+    For r = 1 the two norms agree, and nothing is returned; for r > 1 publications may use either.
+    """
     if study.task.r == 1:
         return {}
     cost = study.design.cost
@@ -97,7 +116,11 @@ def _two_norms(study: Study) -> dict[str, str]:
 
 
 def outside_words(share: float) -> list[str]:
-    """Write a warning that a share of the motion lies outside Ω; empty if the share is 0."""
+    """Write a warning that a share, 0 to 1, of the motion lies outside Ω, as lines of text.
+
+    Ω is the region of joint space of the design; outside, repeatability is not guaranteed. The list
+    is empty if the share is 0.
+    """
     if share <= 0:
         return []
     return [
@@ -109,8 +132,11 @@ def outside_words(share: float) -> list[str]:
 
 
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Format the table of a study: each quantity with its unit, and its value for every
-    strategy."""
+    """Format the table of a study: each quantity with its unit, and its value for every controller.
+
+    Returned are a name and a text per controller for each row. Quantities that the study lacks,
+    such as body distances without bodies, have no row.
+    """
     some = next((row.motion for row in study.rows if row.motion is not None), None)
     unit, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
     units = {JOINTS: unit, "joints/s": f"{unit}/s" if unit in ("rad", "m") else "per s"}
@@ -132,7 +158,11 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 
 
 def _cell(quantity: Quantity, row: Row) -> str:
-    """Format the value of a quantity for one strategy."""
+    """Format the value of a quantity for one controller, with a mark if it is bad.
+
+    ``!`` marks a bad value, and ``≠`` the time of a cycle that does not close. A missing value is
+    the word that the quantity says, such as ``not checked``.
+    """
     motion = row.motion
     if quantity.of is None:
         value = getattr(row, quantity.key)
@@ -150,7 +180,12 @@ def _cell(quantity: Quantity, row: Row) -> str:
 
 
 def study_legend(study: Study) -> str:
-    """Explain the terms and marks of :func:`study_cells`."""
+    """Explain in one paragraph the terms and marks of a study's table, see :func:`study_cells`.
+
+    The marks are ``!`` for a bad value and ``≠`` for a motion that does not close.
+
+    Marks that do not occur in it are left out.
+    """
     desired = _desired(study)
     cells = " ".join(value for _, values in study_cells(study) for value in values)
     bad = (
@@ -174,7 +209,7 @@ def study_legend(study: Study) -> str:
 
 
 def study_notes(study: Study) -> list[str]:
-    """List the notes that belong below a study's table."""
+    """List the notes below a study's table, and why each controller without a motion stopped."""
     return [
         *study.notes,
         *(f"{row.label}: {row.stopped}" for row in study.rows if row.motion is None),
@@ -182,10 +217,14 @@ def study_notes(study: Study) -> list[str]:
 
 
 def _desired(study: Study) -> str:
+    """Return the letters of the desired inverse, to which the design comes near: J⁺ or G_d."""
     return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
 
 
 def _unchecked(study: Study) -> list[tuple[str, list[str]]]:
-    """Make a row on the bodies that are not checked for collisions; an empty list without any."""
+    """Make the table's row that counts the bodies without a shape, not checked for collisions.
+
+    It is a list of one name and its values; empty if all bodies are checked.
+    """
     count = len(bodies_of(study.task).unchecked)
     return [("bodies without a shape", [f"{count}"] * len(study.rows))] * (count > 0)
