@@ -1,4 +1,10 @@
-"""Certificate of a design or of a cell's function: the bounds that were proved."""
+"""Certificate of a design or of a cell's function: the bounds that were proved.
+
+A design is a controller for a region Ω of joint space; a cell is a box of poses covered by one
+function from poses to configurations. A leaf is a set h(q) = c on which the controller keeps the
+arm, and the leaf margin σ_min(Nᵀ V̂) its distance from an algorithmic singularity. Samples cannot
+exclude a singularity between them; a proof over boxes that cover all of Ω does.
+"""
 
 from __future__ import annotations
 
@@ -129,7 +135,11 @@ class ClosingRadius:
         return bool(near.any())
 
     def _near(self, kind: str, T: Array, frame: slice) -> NDArray[np.bool_]:
-        """Test to which poses of one of the frames a placement is near enough, (K,)."""
+        """Test to which poses of one of the frames a placement is near enough: a mask (K,).
+
+        ``kind`` is the kind of the frame's task, T its placement (4, 4), and ``frame`` the columns
+        of the frame in ``positions`` and ``rotations``. Only what the task controls is compared.
+        """
         away = T[:3, 3] - self.positions[:, frame]
         if len(kind) == 2:
             away = away[:, ["xyz".index(c) for c in kind]]
@@ -178,8 +188,9 @@ class ClosingRadius:
 def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
     """Tell whether a closing radius does not cover a configuration of a repeatable inverse.
 
-    It is then on another leaf than the start, or its pose is farther from the start's than the
-    radius.
+    Within the radius of the start, closed paths are proved to close. True means that q is on
+    another leaf than the start, the set h(q) = c, or that its pose is farther from the start's than
+    the radius. A governor reports it while the robot moves.
     """
     if not inverse.same_leaf(q, closes.start):
         return True
@@ -277,7 +288,11 @@ class Proof:
         return 1 / self.leaf_margin - 1 if self.leaf_margin > 0 else np.inf
 
     def sealed(self, subject: str) -> Proof:
-        """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable."""
+        """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable.
+
+        ``subject`` is the fingerprint, a hash, of the design. A proof of another design would be
+        worthless.
+        """
         bound = replace(self, subject=subject, seal="")
         return replace(bound, seal=bound._fingerprint())
 
@@ -338,7 +353,10 @@ class Proof:
         )
 
     def _words(self, value: float) -> str:
-        """Write a bound of a quantity that is never negative: 0 states nothing of it."""
+        """Write a bound of a quantity that is never negative, such as ``> 0.12``.
+
+        A bound of 0 that was not proved states nothing, so it is written as ``no bound``.
+        """
         return self._above(value) if self.proved or value > 0 else "no bound"
 
     @staticmethod
@@ -351,8 +369,9 @@ def own_proof(
 ) -> Proof | None:
     """Return a proof of the subject; None, with a warning, if it proves something else.
 
-    ``subject`` computes the fingerprint of what the proof shall prove, and ``theorem`` is the
-    lowest version of the theorem that bounds the same quantities.
+    A saved or changed design thus never shows a proof that is not its own. ``subject`` computes the
+    fingerprint of what the proof shall prove, and ``theorem`` is the lowest version of the theorem
+    that bounds the same quantities.
     """
     if proof is None:
         return None
@@ -388,7 +407,11 @@ def fingerprint(*parts: Any) -> str:
 
 
 def _pieces(part: Any) -> Iterator[str]:
-    """Yield the texts that describe a part, in order; brackets keep sequences apart."""
+    """Yield the texts that describe a part of a fingerprint, in order.
+
+    A part is a number, a text, None, an array, or a sequence of parts, which brackets keep apart.
+    Equal numbers of different types give the same text.
+    """
     if isinstance(part, (np.ndarray, np.generic)):
         part = part.tolist()
     if isinstance(part, (list, tuple)):
@@ -403,7 +426,7 @@ def _pieces(part: Any) -> Iterator[str]:
 
 
 def _below(value: float, digits: int = 3) -> str:
-    """Format a lower bound with some digits, rounded down."""
+    """Format a lower bound with some digits, rounded down, so that the text is true as well."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
     step = 10.0 ** (np.floor(np.log10(abs(value))) - digits + 1)
@@ -411,7 +434,7 @@ def _below(value: float, digits: int = 3) -> str:
 
 
 def _length_words(value: float) -> str:
-    """Format a length, m, with two digits, rounded down, in m, cm or mm."""
+    """Format a length, m, with two digits, rounded down, in m, cm or mm, such as ``6.4 cm``."""
     for unit, size in (("m", 1.0), ("cm", 1e-2)):
         if value >= size:
             return f"{_below(value / size, 2)} {unit}"
@@ -419,7 +442,11 @@ def _length_words(value: float) -> str:
 
 
 def proved_words(proof: Proof | None) -> str:
-    """Write whether a leaf margin is proved, with its bound, or only found by a search."""
+    """Write whether a leaf margin is proved, with its bound, or only found by a search.
+
+    The leaf margin is the distance from an algorithmic singularity. A search gives the smallest
+    value that it found, and there may be a smaller one.
+    """
     return f"proved > {_below(proof.leaf_margin)}" if proof else "found, not proved"
 
 

@@ -13,7 +13,10 @@ _LONGEST = 800
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    """Escape unprintable characters, such as terminal control sequences; ``lines`` keeps breaks."""
+    """Escape unprintable characters, such as terminal control sequences; ``lines`` keeps breaks.
+
+    Texts from a user's file could otherwise change the terminal.
+    """
     if text.isprintable():
         return text
     return "".join(
@@ -78,7 +81,10 @@ class RepctlError(Exception):
 def _restored(
     kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]
 ) -> RepctlError:
-    """Create an error again from its parts, without calling its constructor."""
+    """Create an error again from its parts, without calling its constructor, which may take others.
+
+    Errors cross from worker processes by pickle. ``args`` and ``parts`` are its attributes.
+    """
     error = kind.__new__(kind, *args)
     vars(error).update(parts)
     return error
@@ -191,7 +197,10 @@ def unknown(
 
 
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
-    """Find up to four known names that contain a name, begin with it, or are spelled alike."""
+    """Find up to four known names that contain a name, begin with it, or are spelled alike.
+
+    ``names`` maps what can be written, aliases too, to the names that are suggested.
+    """
     written = name.strip().lower()
     folded = {k.lower(): v for k, v in names.items()}
     holding = [

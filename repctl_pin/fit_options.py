@@ -1,4 +1,7 @@
-"""Options of a fit: nodes, random seed, memory, parallel work and stopping."""
+"""Options of a fit: nodes, random seed, memory, parallel work and stopping.
+
+Nodes are the configurations at which a fit evaluates its cost; held-out nodes evaluate its result.
+"""
 
 from __future__ import annotations
 

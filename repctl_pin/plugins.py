@@ -65,13 +65,16 @@ class Extension:
     parts: Mapping[str, str] = field(default_factory=dict)
 
     def module(self, name: str) -> Any:
-        """Import a module of the extension."""
+        """Import a module of the extension, given by its name inside the extension's package."""
         return import_module(f"{self.package}.{name}")
 
 
 @cache
 def all_extensions() -> tuple[Extension, ...]:
-    """Find the extensions of this package, in alphabetical order."""
+    """Find the extensions of this package, in alphabetical order; cached.
+
+    Each folder in ``extensions/`` is one. Only its ``__init__`` is imported here.
+    """
     package = import_module("repctl_pin.extensions")
     names = sorted(found.name for found in iter_modules(package.__path__))
     return tuple(
@@ -99,7 +102,10 @@ def parts(place: str) -> list[Any]:
 
 
 def registered(kind: str) -> dict[str, EntryPoint]:
-    """Find the plugins of a kind, by name, without importing them."""
+    """Find the plugins of a kind, by name, without importing them.
+
+    ``kind`` is ``strategies``, ``potentials`` or ``paths``.
+    """
     assert kind in _ONE_OF, kind
     from importlib.metadata import entry_points  # a fifth of the time of --help
 

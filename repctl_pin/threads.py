@@ -1,4 +1,7 @@
-"""Objects per thread, such as memory, and the limit of BLAS to one thread."""
+"""Objects per thread, such as memory, and the limit of BLAS to one thread.
+
+BLAS is the library of matrix operations that NumPy calls; it starts threads of its own.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
 """Sums over the nodes of a fit, in batches: in this process, in other processes, or on a cluster.
 
-The interface is :class:`Batches`, which sums a function of :mod:`criterion` over all batches. An
-implementation decides where the batches are stored. Terms are always added in the order of the
-nodes, so that the result does not depend on the implementation."""
+A node is a configuration of the region at which the cost of a design is evaluated. The interface is
+:class:`Batches`, which sums a function of :mod:`criterion` over all batches. An implementation
+decides where the batches are stored. Terms are always added in the order of the nodes, so that the
+result does not depend on the implementation.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +36,17 @@ Tick = Callable[[float], None]
 
 
 def _silent(share: float) -> None:
-    """Progress callback that does nothing."""
+    """Do nothing: the progress callback of a fit that reports no progress.
+
+    ``share`` is the completed share of a pass over the nodes, 0 to 1.
+    """
 
 
 class Batches(Protocol):
-    """Interface of a set of nodes, stored in batches, over which functions are summed."""
+    """Interface of a set of nodes, stored in batches, over which functions are summed.
+
+    A fit needs only this, so that it runs in one process or on a cluster without change.
+    """
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
@@ -48,7 +56,7 @@ class Batches(Protocol):
 
 
 class Local:
-    """Batches in the memory of this process.
+    """Batches in the memory of this process: the default, if no executor is given.
 
     Parameters
     ----------
@@ -140,7 +148,11 @@ class BarrierCost:
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points.
+
+        ``function`` is one of :mod:`criterion`, such as the cost of coefficients A. The result is
+        one tuple of sums, which a descent uses in place of those over the nodes alone.
+        """
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])
 
@@ -161,7 +173,10 @@ def add(parts: Iterable[Sums]) -> Sums:
 
 
 def over(batches: Iterable[Batch], function: Sum, arguments: tuple[Any, ...]) -> Sums:
-    """Sum the tuples ``function(batch, *arguments)`` of the given batches, item by item."""
+    """Sum the tuples ``function(batch, *arguments)`` of the given batches, item by item.
+
+    This is what a worker evaluates for its own batches. It returns a tuple of the sums.
+    """
     return add(function(b, *arguments) for b in batches)
 
 
@@ -184,7 +199,8 @@ _Answer = tuple[str, dict[int, Sums]]
 class _Piece:
     """Chunk of nodes that one worker evaluates, with the pickled builder of its batches.
 
-    Iteration builds the batches.
+    Q (K, n) are the nodes, ``weights`` (K,) their quadrature weights, and ``batch`` the nodes per
+    batch. Iteration builds the batches: sending the nodes is far cheaper than sending the batches.
     """
 
     builder: bytes
@@ -300,7 +316,12 @@ class _InExecutor:
 def _evaluate_piece(
     run: str, number: int, piece: _Piece, stream: bool, work: _Work
 ) -> _Answer:
-    """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set."""
+    """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set.
+
+    It runs in a worker. ``run`` identifies the fit: batches of an earlier fit are freed. ``number``
+    is the chunk's, and ``work`` sums a function over batches. The result is the worker's name, and
+    the sums by chunk number.
+    """
     if stream:
         return _me(), {number: work(piece)}
     if getattr(_held, "run", None) != run:
@@ -313,10 +334,10 @@ def _evaluate_piece(
 
 
 def _evaluate_held(key: tuple[str, str], work: _Work) -> _Answer:
-    """Evaluate the chunks that this worker stores, once per sum.
+    """Evaluate the chunks that this worker stores, once per sum, so that none is built again.
 
-    ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum returns
-    no sums.
+    ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum, which
+    reached the same worker by chance, returns no sums. The result is as of :func:`_evaluate_piece`.
     """
     run, sum_id = key
     if getattr(_held, "run", None) != run or _held.answered == sum_id:

@@ -1,10 +1,15 @@
 """Continuation in the degree of the potentials, to an optimum without algorithmic singularities.
 
+At an algorithmic singularity the repeatable inverse fails though J has full rank: det(Nᵀ V) = 0,
+where N spans the null space of J, and V = ∂hᵀ/∂q are the gradients of the r potentials h. "V" and
+the coefficients A of the potentials in their basis stand for one candidate design.
+
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
 So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
 to the cost as a barrier, and the descent starts again from a regular V. If no regular V of the full
 degree is found, the degree is raised from 1 step by step, and each fit starts from the optimum of
-the degree below."""
+the degree below.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +73,8 @@ class FitProblem:
 class Continuation:
     """Sequence of descents for one fit, from low degrees to high ones.
 
-    Coefficients A (N', r) refer to the first N' of the independent potentials.
+    Coefficients A (N', r) refer to the first N' of the independent potentials. The coarse nodes are
+    few, so that most descents are cheap; only the last ones use all nodes.
 
     Parameters
     ----------
@@ -93,7 +99,9 @@ class Continuation:
     def margin(self, A: Array) -> LeafMargin:
         """Make the function that measures the signed leaf margin of V = D A over Ω.
 
-        It is positive where det(Nᵀ V) has the sign that it has at the centre of Ω.
+        It takes configurations (K, n) and returns (K,) numbers: σ_min(Nᵀ V̂), the distance from an
+        algorithmic singularity, positive where det(Nᵀ V) has the sign that it has at the centre of
+        Ω. So a search for its minimum finds singularities. D are the gradients of the basis.
         """
         potentials = self.problem.potentials.weighted(self.chosen.spread(A))
         return LeafMargin(
@@ -229,11 +237,16 @@ class Continuation:
         )
 
     def reported(self, step: int, cost: float) -> None:
-        """Pass the step number and the cost of a descent to the progress callback."""
+        """Pass the step number of a descent to the progress callback; the cost is not shown."""
         self.problem.report(f"step {step}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
-        """Yield the regular optima reached by descents from random perturbations of A."""
+        """Yield the regular optima reached by descents from random perturbations of A.
+
+        There are ``options.restarts`` perturbations, by default none. A descent can end in a local
+        minimum; others may be lower. Perturbed coefficients with a singularity at a node are
+        skipped.
+        """
         basis = self.chosen.basis[: len(A), : len(A)]
         for attempt in range(self.problem.options.restarts):
             noise = np.random.default_rng([self.problem.options.seed, attempt]).normal(

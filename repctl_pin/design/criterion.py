@@ -1,9 +1,15 @@
 """Cost of coefficients A of the potentials, its gradient and its Gauss–Newton matrix, per batch.
 
+The cost is the mean of ‖G_r − G_d‖² over Ω: how far the repeatable inverse is from the desired one.
+G_r belongs to the potentials h = Aᵀ (h_1 … h_N) with gradients V = D A, N spans the null space of
+J, and the nodes are the configurations over which the mean is taken. Equation numbers are the
+paper's.
+
 Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
 (34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost` and
 :func:`gauss_newton` take one batch and return its terms of the sums over all batches. If A has
-fewer rows than there are potentials, only the first potentials are used."""
+fewer rows than there are potentials, only the first potentials are used.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +67,7 @@ class Batch:
         return self.EF[:, self.r :]
 
     def first(self, size: int) -> Batch:
-        """Return the batch restricted to the first ``size`` potentials."""
+        """Return the batch restricted to the first ``size`` potentials, for a lower degree."""
         return (
             self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
         )
@@ -108,7 +114,8 @@ def evaluate(
 ) -> tuple[Array, Array, Array]:
     """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at the nodes Q (K, n).
 
-    The potentials' gradients and J G_d = I are checked.
+    N are oriented null-space bases of J, G_d the desired inverse, and D the gradients of the basis
+    of potentials: all that a cost needs of the arm. The gradients and J G_d = I are checked.
 
     Raises
     ------
@@ -162,10 +169,10 @@ def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
 
 
 def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
-    """Factor ``Jᵀ = Q R`` for J (K, m, n) at the configurations Q (K, n).
+    """Factor ``Jᵀ = Q R`` for J (K, m, n) at the configurations Q (K, n), and orient null spaces.
 
-    Return the oriented null-space bases N (K, n, r), the orthogonal factors (K, n, n), and R
-    (K, m, m).
+    Return the null-space bases N (K, n, r) with ``det [J; Nᵀ] > 0``, the orthogonal factors (K, n,
+    n), and R (K, m, m). A SingularityError names the configuration where J loses rank.
     """
     m = J.shape[-2]
     try:
@@ -185,7 +192,10 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class SignCount:
-    """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0."""
+    """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0.
+
+    If both occur, an algorithmic singularity lies between the nodes, and the design is rejected.
+    """
 
     positive: int
     negative: int
@@ -200,8 +210,11 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Evaluate this batch's terms of ``mean EᵀE`` and ``mean FᵀF``, (N, N), and of
-    ``mean Eᵀ NᵀN(center)`` (N, r)."""
+    """Evaluate this batch's terms of the linear problem from which a fit starts.
+
+    They are those of ``mean EᵀE`` and ``mean FᵀF``, (N, N) each, and of ``mean Eᵀ NᵀN(center)`` (N,
+    r), with N(center) the null-space basis at the centre of Ω. See :func:`descend.start`.
+    """
     root = np.sqrt(b.weights)[:, None, None]
     E = (b.E * root).reshape(-1, b.EF.shape[-1])
     F = (b.F * root).reshape(-1, b.EF.shape[-1])
@@ -211,7 +224,8 @@ def linear(b: Batch) -> tuple[Array, Array, Array]:
 def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
     """Evaluate this batch's term of the cost ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38).
 
-    Return it with the number of nodes with either sign of det(E A) = det(Nᵀ V).
+    A (N, r) are the coefficients of the potentials. Return the term with the number of nodes with
+    either sign of det(E A) = det(Nᵀ V), whose zeros are the singularities that a fit must avoid.
     """
     X, _, sides = _difference(b.first(len(A)), A)
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides

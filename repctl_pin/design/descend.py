@@ -35,7 +35,7 @@ _EMPHASIS = (1.0, 0.1, 0.01)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """Result of :func:`descend`.
+    """Result of :func:`descend`: the coefficients of a design, its cost, and how the descent ended.
 
     Attributes
     ----------
@@ -181,9 +181,11 @@ matrix, and the number of nodes with either sign of det(Nᵀ V)."""
 class _PenalisedCost:
     """Penalised cost as a least-squares problem in the coordinates ``x = B⁻¹ A``.
 
-    In these coordinates the gradients of the potentials are orthonormal over Ω. A step solves
-    ``(H + μ I) dx = −g``, with the penalty included in H and g. If potentials are nearly dependent,
-    B is large, and the rounding errors of ``Bᵀ H B`` determine the smallest useful μ.
+    It is the problem that :func:`levenberg_marquardt` solves. A (N, r) are the coefficients of the
+    potentials, and B is ``basis`` (N, N), chosen so that the gradients of the potentials are
+    orthonormal over Ω in x. A step solves ``(H + μ I) dx = −g``, with the penalty included in H and
+    g. If potentials are nearly dependent, B is large, and the rounding errors of ``Bᵀ H B``
+    determine the smallest useful μ.
     """
 
     def __init__(
@@ -196,14 +198,21 @@ class _PenalisedCost:
         self.null_alignment = basis.T @ begin.null_alignment
 
     def evaluate(self, x: Array) -> Point[_Evaluated]:
-        """Evaluate the cost, half its gradient and its Gauss–Newton matrix in one pass."""
+        """Evaluate the cost at x, half its gradient and its Gauss–Newton matrix in one pass.
+
+        The pass over the nodes takes most of the time. The merit of the point includes the penalty,
+        and the point is allowed if det(Nᵀ V) has one sign at all nodes.
+        """
         total = self.batches.total(criterion.gauss_newton, self.basis @ x)
         cost, gradient, blocks, sides = total
         merit = cost + self._closeness(x)
         return Point(merit, cost, sides.uniform, (gradient, blocks, sides), x)
 
     def merit(self, x: Array) -> float:
-        """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs."""
+        """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs.
+
+        The line search rejects such x: a singularity lies between the nodes.
+        """
         cost, sides = self.batches.total(criterion.cost, self.basis @ x)
         return cost + self._closeness(x) if sides.uniform else np.inf
 
@@ -230,7 +239,11 @@ class _PenalisedCost:
         return Step(x.reshape(self.r, -1).T, predicted, used)
 
     def _closeness(self, x: Array) -> float:
-        """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant."""
+        """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant, at ``A = B x``.
+
+        It draws V towards the projection of N(center), the null space at the centre of Ω, onto that
+        at each node. τ is its weight.
+        """
         quadratic = np.sum(x * (self.EE @ x))
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
 
@@ -261,9 +274,10 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:
-    """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``.
+    """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``, for a least-squares start.
 
-    The matrix (N, N) is symmetric positive semidefinite.
+    The matrix (N, N) is symmetric positive semidefinite; eigenvalues below 1e-13 of the largest one
+    count as 0, so that dependent potentials do no harm.
     """
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-13 * values[-1]

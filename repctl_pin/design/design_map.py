@@ -1,4 +1,9 @@
-"""Maps of a design over two joints, the defect of its G_d there, and cost against the degree."""
+"""Maps of a design over two joints, the defect of its G_d there, and cost against the degree.
+
+A report plots them. G_r is the repeatable inverse of the design, G_d the desired one, and Ω the
+region of joint space. The defect of G_d is its failure of the Lie bracket condition: where it is
+large, G_d drifts.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +90,10 @@ def design_map(
 
 
 def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
-    """List the configurations of a grid over two joints, row by row: (k², n)."""
+    """List the configurations of a grid over two joints, row by row: (k², n).
+
+    x and y (k,) are the values of the two joints; all other joints are those of ``center`` (n,).
+    """
     Q = np.tile(center, (len(x) * len(y), 1))
     Q[:, joints] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     return Q
@@ -138,7 +146,7 @@ def degree_curve(
 @dataclass(frozen=True, eq=False)
 @read_only
 class ReportMaps:
-    """Maps and curves of a design for a report.
+    """Maps and curves of a design for a report, all evaluated before anything is plotted.
 
     Attributes
     ----------
@@ -163,7 +171,8 @@ class ReportMaps:
 def report_maps(design: Design) -> ReportMaps:
     """Evaluate what a report plots: the design and the defect of G_d over two joints, and costs.
 
-    The grid has 41 × 41 configurations.
+    The grid has 41 × 41 configurations. Costs of lower degrees and of simpler inverses show whether
+    the degree is worthwhile.
     """
     grid = design_map(design, points=_POINTS)
     Q = _grid(design.region.center, grid.joints, grid.x, grid.y)
@@ -205,13 +214,20 @@ def _distance(design: Design, Q: Array) -> Array:
 
 
 def _defects(design: Design, Q: Array) -> Array:
-    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), nan if singular."""
+    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), nan if singular.
+
+    The defect is that of the Lie bracket condition; 0 means that G_d is repeatable there.
+    """
     found = _with_gaps(lambda Q: measure(design.desired, Q).norm[:, None], Q, 1)
     return found[:, 0]
 
 
 def _with_gaps(evaluate: Callable[[Array], Array], Q: Array, width: int) -> Array:
-    """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities."""
+    """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities.
+
+    A function on many rows fails as a whole if one row is singular. So the rows are halved until
+    each failing one is alone.
+    """
     try:
         return evaluate(Q)
     except SingularityError:

@@ -1,4 +1,9 @@
-"""Evaluation of a repeatable inverse, and of two simpler ones, over Ω on held-out nodes."""
+"""Evaluation of a repeatable inverse, and of two simpler ones, over Ω on held-out nodes.
+
+Ω is the region of joint space of a design. Held-out nodes are configurations that the fit did not
+use, so that a fit to too few nodes is seen. They are drawn in 32 replicates, independent random
+sets, whose spread gives the standard error of the cost.
+"""
 
 from __future__ import annotations
 
@@ -184,7 +189,8 @@ class Baseline:
 def _constant_rows(task: Task, center: Array) -> RepeatableInverse:
     """Make the repeatable inverse whose V is constant, ``V = N(center)``: linear potentials.
 
-    N(center) is the null-space basis at the configuration ``center`` (n,).
+    N(center) is the null-space basis at the configuration ``center`` (n,). It is the simplest
+    repeatable inverse, with which a design is compared.
     """
     N = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
     linear = Polynomial(center, 1)

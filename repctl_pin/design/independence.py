@@ -28,6 +28,9 @@ _DEPENDENT = 1e-8
 class Independent:
     """The independent potentials of a basis, which a fit uses.
 
+    Dependent ones leave the coefficients undetermined, and functions of x = f(q) alone cannot tell
+    the configurations of one pose apart.
+
     Attributes
     ----------
     kept : (N',) array of int
@@ -48,8 +51,12 @@ class Independent:
     size: int
 
     def spread(self, A: Array) -> Array:
-        """Convert coefficients A of the first independent potentials to those of the whole basis,
-        (N, r), with zeros for all other potentials."""
+        """Convert coefficients A of the first independent potentials to those of the whole basis.
+
+        A (N', r) has a row for each of the first N' independent potentials. The result (N, r) is 0
+        in all other rows. A fit works with A, and a saved design with the coefficients of the whole
+        basis.
+        """
         whole = np.zeros((self.size, A.shape[1]))
         whole[self.kept[: len(A)]] = A
         return whole
@@ -126,7 +133,9 @@ def independent(
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
     """Factor the columns of a square matrix by QR, and skip those that depend on earlier columns.
 
-    Return R of the remaining columns, and their indices.
+    Return R of the remaining columns, and their indices. Earlier potentials have lower degrees and
+    are kept. A column is dependent if less than 1e-8 of its norm is perpendicular to earlier
+    columns.
     """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))

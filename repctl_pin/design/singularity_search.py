@@ -1,4 +1,10 @@
-"""Search of a region Ω for singularities of the arm and algorithmic singularities of potentials."""
+"""Search of a region Ω for singularities of the arm and algorithmic singularities of potentials.
+
+At a singularity of the arm J loses rank. At an algorithmic one the repeatable inverse fails though
+J has full rank, because J_V = [J; Vᵀ] loses rank, with V the gradients of the potentials. A design
+is valid only in a region without either. A measure is a function of q that is 0 at a singularity;
+the search minimises it.
+"""
 
 from __future__ import annotations
 
@@ -100,7 +106,7 @@ class Lowest:
 class Dexterity:
     """Measure of the distance from a singularity of the arm: ``σ_min(J) / σ_max(J)``.
 
-    Values of 1e-5 and less are set to 0.
+    Values of 1e-5 and less are set to 0, because a search rarely hits a singularity exactly.
     """
 
     def __init__(self, task: Task) -> None:
@@ -157,7 +163,7 @@ class LeafMargin:
         return margin
 
     def _augmented(self, Q: Array) -> tuple[Array, Array]:
-        """Evaluate J_V (K, n, n) and V (K, n, r)."""
+        """Evaluate J_V = [J; Vᵀ] (K, n, n) and the gradients V of the potentials (K, n, r)."""
         J = self.task.jacobians(Q)
         V = self.potentials.gradients(Q)
         return np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1), V

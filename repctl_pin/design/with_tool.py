@@ -68,7 +68,11 @@ def for_task(design: Any, task: Task) -> Any:
 
 
 def _desired(desired: Inverse, task: Task) -> Inverse:
-    """Convert a desired inverse: ``G_d' = G_d A⁻¹``, which for J⁺ is the J⁺ of the new task."""
+    """Convert a desired inverse: ``G_d' = G_d A⁻¹``, where ``J' = A J`` is the tool's Jacobian.
+
+    A depends on the tool's offset. For J⁺ and a weighted inverse this is the same kind of inverse
+    of the new task, which is made; other inverses are multiplied by A⁻¹ at each configuration.
+    """
     if isinstance(desired, Pseudoinverse):
         return Pseudoinverse(task)
     if isinstance(desired, WeightedInverse):
@@ -100,8 +104,9 @@ def _proof(proof: Proof, tool: pin.SE3) -> Proof:
 def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
     """Convert a closing radius ρ, α to a λρ, λα that the same proof covers.
 
-    The frame's origin is ``p = p' − R t``, so ``|p − p₀| ≤ λρ + 2 sin(λα/2) |t| ≤ λ (ρ + α|t|)``,
-    which is ρ for ``λ = ρ / (ρ + α|t|)``: metres are measured at another point of the body.
+    Within the closing radius, ρ metres and α radians from the start pose, each closed path is
+    proved to close. The frame's origin is ``p = p' − R t``, t the offset of the tool, so ``|p − p₀|
+    ≤ λρ + 2 sin(λα/2) |t| ≤ λ (ρ + α|t|)``, which is ρ for ``λ = ρ / (ρ + α|t|)``.
     """
     length = float(np.linalg.norm(tool.translation))
     angle = (closes.radians or 0.0) + _SAME_ANGLE

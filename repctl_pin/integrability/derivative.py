@@ -30,7 +30,7 @@ _ENOUGH = 1e-6
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Derivative:
-    """Inverse G and its derivative ∂G/∂q at K configurations.
+    """Inverse G and its derivative ∂G/∂q at K configurations, which Lie brackets need.
 
     Attributes
     ----------
@@ -109,8 +109,8 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
 def inside_limits(task: Task, Q: Array) -> Array:
     """Compute the scale of difference steps at every row of Q (K, n): (K, n), smaller near limits.
 
-    The first step is 1/16 of the scale, and moves no joint further than half its distance to a
-    limit. Outside the limits the scale is not reduced.
+    The inverse may not be defined beyond a limit. The first step is 1/16 of the scale, and moves no
+    joint further than half its distance to a limit. Outside the limits the scale is not reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
     with np.errstate(divide="ignore"):
@@ -123,7 +123,10 @@ def inside_limits(task: Task, Q: Array) -> Array:
 
 
 def require_inverse(strategy: Inverse) -> Inverse:
-    """Check that a strategy is an inverse, with a G(q), and return it."""
+    """Require an inverse, a strategy with a matrix G(q), and return it; InputError otherwise.
+
+    Repeatability tests differentiate G, which a posture control, for instance, does not have.
+    """
     require_type(strategy, Inverse, "strategy", AN_INVERSE)
     return strategy
 
@@ -131,7 +134,8 @@ def require_inverse(strategy: Inverse) -> Inverse:
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
     """Estimate the rounding error of ∂G/∂q_k, (K, n), by a formula that inverts a matrix (K, a, n).
 
-    ``L`` (n,) is the unit of each joint.
+    The error grows with the condition number of the matrix, J or J_V. ``L`` (n,) is the unit of
+    each joint, 1 rad or the arm's length. A test compares defects with it.
     """
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]

@@ -1,4 +1,9 @@
-"""Lie brackets of the columns of G, their defects Δ, and the drift predicted from Δ."""
+"""Lie brackets of the columns of G, their defects Δ, and the drift predicted from Δ.
+
+The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motion left after a small
+loop of the frame along a, b, −a, −b. Its part in the null space of J, the defect, is drift: the
+frame has returned, and the joints have not.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +54,7 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Defects:
-    """Defects of an inverse at K configurations.
+    """Defects of an inverse at K configurations, which are 0 where it is repeatable.
 
     Attributes
     ----------
@@ -196,5 +201,5 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
 
 
 def _one(strategy: Inverse, q: ArrayLike) -> Array:
-    """Check a configuration, and convert it to an array of one row: (1, n)."""
+    """Check a configuration, and convert it to an array of one row, (1, n), for :func:`measure`."""
     return vector(q, require_inverse(strategy).task.n, "q")[None]

@@ -1,6 +1,8 @@
 """Candidate and stable surfaces of an inverse that is not repeatable.
 
-On a stable surface, its motions are repeatable nevertheless.
+The defects of G (see :mod:`lie_bracket`) can vanish on a surface s(q) = 0 of joint space, the
+candidate. If motions of G that begin on it also stay on it, it is stable, and these motions are
+repeatable nevertheless.
 """
 
 from __future__ import annotations
@@ -126,7 +128,8 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
     """Create the function s(q), divided by its median norm over the regular rows of Q.
 
-    Tolerances on it then do not depend on the arm's size.
+    s are the stacked defects, which are 0 on a candidate surface. Tolerances on it then do not
+    depend on the arm's size. The result maps Q (K, n) to s (K, pairs · n) and its error (K,).
     """
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
@@ -214,10 +217,11 @@ def stable_surface(
 def _search(
     strategy: Inverse, function: _Surface, region: Region, Q: Array
 ) -> tuple[Array, Array]:
-    """Move start points Q (K, n) to s = 0 by Gauss–Newton.
+    """Move start points Q (K, n) to s = 0 by Gauss–Newton steps with a line search.
 
-    Returns the points reached on s = 0, and the points at which J became singular; both only inside
-    the region.
+    ``function`` is s with its error. Returns the points reached on s = 0, (·, n), and the points at
+    which J became singular, (·, n); both only inside the region. Points that no step improves are
+    dropped.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])
@@ -279,7 +283,10 @@ def _newton_step(
 
 
 def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
-    """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular."""
+    """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular.
+
+    Inf makes a line search reject such points.
+    """
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
     if regular.any():
@@ -288,7 +295,11 @@ def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
 
 
 def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
-    """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each."""
+    """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each.
+
+    It is the rate at which motions of G leave the surface s = 0: 0 on a stable surface. The
+    tolerance is what the errors of s and of its derivative can produce.
+    """
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
     basis = np.linalg.qr(strategy.batch(Q) / L[:, None])[0]  # (K, n, m)
@@ -346,7 +357,10 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
 
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
-    """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units."""
+    """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units: (K,).
+
+    It is 0 at a singularity, near which defects cannot be evaluated.
+    """
     return inverse_condition_number(
         strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0])
     )

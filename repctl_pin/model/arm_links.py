@@ -1,4 +1,7 @@
-"""Links of the arm that a task moves, and the other end effectors that move with it."""
+"""Links of the arm that a task moves, and the other end effectors that move with it.
+
+On a robot with two arms on one waist, the task of one arm also moves the other: studies report it.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +57,7 @@ def other_ends(task: Task) -> tuple[str, ...]:
 
 
 def _driven(task: Task) -> Array:
-    """Mark the joints of the robot's model (N,) that the task's joints drive."""
+    """Mark the joints of the robot's model (N,) that the task's joints drive, also mimics."""
     columns = [task.robot.joint_names.index(name) for name in task.robot_joints]
     return (task.robot.coupling.S[:, columns] != 0).any(axis=1)
 

@@ -31,7 +31,7 @@ _MADE_LOCK = Lock()
 
 @dataclass(frozen=True)
 class Nearest:
-    """The closest pair of bodies and its distance.
+    """The closest pair of bodies and its distance, as reports name them.
 
     Attributes
     ----------
@@ -214,7 +214,10 @@ class Bodies:
 
 
 def _beside(task: Task, surroundings: str | Path) -> Task:
-    """Return a copy of a task whose robot has other surroundings."""
+    """Return a copy of a task whose robot has other surroundings; the task itself is not changed.
+
+    ``surroundings`` is a URDF file of fixed shapes, such as a table.
+    """
     moved, robot = copy(task), copy(task.robot)
     around, folders = read_surroundings(surroundings, robot.package_dirs)
     robot.surroundings = around
@@ -225,7 +228,10 @@ def _beside(task: Task, surroundings: str | Path) -> Task:
 
 @dataclass(frozen=True)
 class _NoBodies:
-    """Collision model of a robot without collision geometry and surroundings: it has no pairs."""
+    """Collision model of a robot without collision geometry and surroundings: it has no pairs.
+
+    It has the members of the real model, which needs coal and takes long to import.
+    """
 
     links: tuple[str, ...] = ()
     standing: frozenset[str] = frozenset()
@@ -266,7 +272,10 @@ def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
 
 
 def _listed(pairs: list[Pair]) -> str:
-    """Format pairs of links as text for a note: the first three, and the number of the others."""
+    """Format pairs of links as text for a note: the first three, and the number of the others.
+
+    The text reads ``a and b, c and d, e and f and 4 more pairs``.
+    """
     few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
     return (
         few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"

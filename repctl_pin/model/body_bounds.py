@@ -1,4 +1,8 @@
-"""Bounds on pairwise body distances: from below, and on how fast each joint changes them."""
+"""Bounds on pairwise body distances: from below, and on how fast each joint changes them.
+
+Exact distances take long. The bounds tell which of the many pairs can be the closest one, so that
+few distances are computed; and they let a proof cover a whole box of configurations.
+"""
 
 from __future__ import annotations
 
@@ -161,9 +165,10 @@ class BodyBounds:
         return bounds
 
     def _extent(self, R: Array, k: _Index, body: _Index, u: Array) -> Array:
-        """Bound how far bodies (M,) extend from their centres along unit vectors u (M, 3): (M,), m.
+        """Bound how far M bodies extend from their centres along unit vectors u (M, 3): (M,), m.
 
-        R are the rotations of all joints, and ``k`` (M,) the configuration of each body.
+        R are the rotations of all joints at all configurations, ``k`` (M,) the number of each
+        body's configuration, and ``body`` (M,) that of the body.
         """
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
@@ -199,7 +204,7 @@ class BodyBounds:
 
 
 def _stroke(joint: Joint) -> float:
-    """Bound the position of a prismatic joint, m; infinite for a mimic joint."""
+    """Bound the position of a prismatic joint, m, by its limits; infinite for a mimic joint."""
     if joint.mimic is not None:
         return float(np.inf)
     return max(abs(joint.lower), abs(joint.upper))

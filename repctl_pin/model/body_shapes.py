@@ -32,7 +32,10 @@ _CONVEX = 1e-6
 
 
 class UnusableShape(InputError):
-    """Raised for an unusable collision shape; the message gives the cause and the remedy."""
+    """Raised for an unusable collision shape; the message gives the cause and the remedy.
+
+    A robot is loaded without it, with a note; in the surroundings it is an error.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,10 @@ class BodyShape:
 
     @cached_property
     def exact(self) -> coal.CollisionGeometry:
-        """The exact geometry: the mesh itself if it is not convex."""
+        """The exact geometry: the mesh itself if it is not convex, else the convex shape.
+
+        It decides whether bodies collide whose convex hulls overlap.
+        """
         if self.points is None or self.faces is None:
             return self.hull
         mesh = coal.BVHModelOBBRSS()
@@ -92,7 +98,7 @@ class BodyShape:
 
     @cached_property
     def interior(self) -> _MeshInterior | None:
-        """Interior of a mesh, for containment tests.
+        """Interior of a mesh, to test whether it contains a body whose surface it does not meet.
 
         None for a convex body, which coal treats as solid, and for a mesh of the surroundings
         without closed parts.
@@ -231,7 +237,11 @@ def _from_mesh(
 
 
 def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.intp]]:
-    """Read the vertices (V, 3), m, and the triangles (F, 3) of a mesh file, scaled."""
+    """Read the vertices (V, 3), m, and the triangles (F, 3) of a mesh file, scaled.
+
+    ``scale`` has a factor for each axis. Vertices that no triangle has are dropped. UnusableShape
+    is raised for a file that is too large, cannot be read, or has no triangles.
+    """
     import trimesh
 
     size = path.stat().st_size
@@ -269,7 +279,10 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
 
 
 def _convex_hull(vertices: Array) -> Any:
-    """Compute the convex hull of vertices (V, 3), which are thickened if they are flat."""
+    """Compute the convex hull of vertices (V, 3), as a trimesh mesh; flat ones are thickened.
+
+    UnusableShape is raised if there is none.
+    """
     import trimesh
 
     try:
@@ -287,7 +300,10 @@ def _volume(points: Array, faces: NDArray[np.intp]) -> float:
 
 
 def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
-    """Test whether a mesh is the surface of its convex hull, with outward normals."""
+    """Test whether a mesh is the surface of its convex hull, with outward normals.
+
+    Its area and its volume are compared with those of ``hull``. The hull alone then represents it.
+    """
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     same = abs(area - hull.area) <= _CONVEX * hull.area
@@ -345,7 +361,7 @@ _DIRECTIONS = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3, 3)))[0]
 @dataclass(frozen=True, eq=False)
 @read_only
 class _MeshParts:
-    """Connected parts of a mesh, with coincident vertices merged.
+    """Connected parts of a mesh, with coincident vertices merged, for containment tests.
 
     Attributes
     ----------
@@ -370,7 +386,11 @@ class _MeshParts:
 
 
 def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
-    """Split a mesh into connected parts, after merging coincident vertices."""
+    """Split a mesh into connected parts, after merging coincident vertices.
+
+    STL files store each triangle with its own vertices, so that nothing is connected before. A part
+    is closed if each edge is passed as often in one direction as in the other.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

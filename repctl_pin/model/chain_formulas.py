@@ -73,7 +73,11 @@ def axis_turn(R: Array, goal: Array) -> Array:
 
 
 def axis_turns(R: Array, goals: Array) -> Array:
-    """Compute :func:`axis_turn` of tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad."""
+    """Compute :func:`axis_turn` of tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad.
+
+    It is the orientation error of an axis task, which commands the direction of the tool's z axis
+    alone.
+    """
     aim = np.einsum("Kab,Ka->Kb", R, goals[..., :, 2])  # the goal's axis in tool axes
     sine = np.hypot(aim[:, 0], aim[:, 1])
     angle = np.arctan2(sine, aim[:, 2])
@@ -84,7 +88,11 @@ def axis_turns(R: Array, goals: Array) -> Array:
 
 
 def rotation_vectors(R: Array) -> Array:
-    """Compute the rotation vectors of rotations (K, 3, 3): (K, 3), rad, angles from 0 to π."""
+    """Compute the rotation vectors of rotations (K, 3, 3): (K, 3), rad, angles from 0 to π.
+
+    It is Pinocchio's ``log3`` for many rotations at once; near a half turn ``log3`` itself is
+    called.
+    """
     axis = 0.5 * (
         R[:, [2, 0, 1], [1, 2, 0]] - R[:, [1, 2, 0], [2, 0, 1]]
     )  # sin(angle) times it

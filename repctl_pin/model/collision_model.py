@@ -1,4 +1,9 @@
-"""Collision model: the bodies of a chain, the pairs that can collide, and their distances."""
+"""Collision model: the bodies of a chain, the pairs that can collide, and their distances.
+
+A pair is two bodies between which a joint moves. Each body of the robot is represented by its
+convex hull. A collision-only pair, such as neighbouring links, is tested for collisions without a
+distance, because its bodies are always close.
+"""
 
 from __future__ import annotations
 
@@ -143,7 +148,10 @@ class _CollisionModel:
         return self._bounds.reach(self._joints)
 
     def kept(self, distance: float) -> Array:
-        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked."""
+        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked.
+
+        ``distance`` is the minimum body distance asked for. Neighbouring links cannot keep it.
+        """
         return np.where(self._only_contact, 0.0, distance)
 
     def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
@@ -232,6 +240,8 @@ class _CollisionModel:
         """Compute the signed distance of pair k at the current placements, m.
 
         The robot's bodies are represented by their hulls, the surroundings by their exact shapes.
+        Below 0 it is the penetration depth, or minus the distance from the surface of a body that
+        contains one.
         """
         if k < self._own_pairs:
             return float(
@@ -285,7 +295,10 @@ class _CollisionModel:
     # ---- bodies --------------------------------------------------------------------------------
 
     def _add_robot(self, task: Task) -> dict[str, Pair]:
-        """Add the robot's bodies; return its unusable shapes: link and cause, by name."""
+        """Add the robot's bodies; return its unusable shapes: (link, cause), by file or shape name.
+
+        They are left out, and a note tells the user so.
+        """
         description = task.robot.description
         links = link_frames(self._model)
         unusable = {}
@@ -302,7 +315,11 @@ class _CollisionModel:
         return unusable
 
     def _add_surroundings(self, task: Task) -> None:
-        """Add the bodies of the surroundings, placed relative to the robot's root."""
+        """Add the bodies of the surroundings, placed relative to the robot's root.
+
+        A body gets the name of its link, with ``surroundings/`` before it if the robot has such a
+        link. InputError is raised for an unusable shape: a missing obstacle would be dangerous.
+        """
         around = task.robot.surroundings
         own = set(task.robot.description.links)
         if around is None:
@@ -329,7 +346,13 @@ class _CollisionModel:
     # ---- pairs ---------------------------------------------------------------------------------
 
     def _choose_pairs(self, task: Task) -> None:
-        """Choose the pairs to check, and list the names of all pairs by how they are treated."""
+        """Choose the pairs to check, and list the names of all pairs by how they are treated.
+
+        Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
+        between them, are checked for collisions only, and not at all if they collide at the
+        reference pose or at a quarter of the sampled configurations. The same order is described at
+        :class:`Bodies`.
+        """
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {
             frozenset((joint.parent, joint.child))
@@ -383,7 +406,10 @@ class _CollisionModel:
         return np.concatenate([inner, outer]).astype(np.intp)
 
     def _are_in(self, links: set[frozenset[str]]) -> _Mask:
-        """Mark the pairs of the robot's own bodies (P,) that belong to the given pairs of links."""
+        """Mark the pairs of the robot's own bodies that belong to the given pairs of links.
+
+        Return a mask (P,) of all pairs; those with the surroundings are not marked.
+        """
         found = np.zeros(len(self.pairs), bool)
         if links:
             found[: self._own_pairs] = [
@@ -455,9 +481,10 @@ class _CollisionModel:
 
 
 def _sample_configurations(task: Task) -> Array:
-    """Sample configurations (K, N) of the bodies' model: the reference pose, then random ones.
+    """Sample configurations (K, N) of the bodies' model: the reference pose, then 100 random ones.
 
-    The random ones are within the joint limits.
+    The random ones are within the joint limits, and at most π rad (m) from the reference pose. They
+    are the same in each call.
     """
     lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
     q0 = task.joints(task.reference)
@@ -470,7 +497,10 @@ def _sample_configurations(task: Task) -> Array:
 
 
 def collision_model(task: Task) -> _CollisionModel:
-    """Return the collision model of a task, cached by robot, files and joints."""
+    """Return the collision model of a task, cached by robot, files and joints.
+
+    Reading meshes and computing their hulls can take seconds. The last eight models are kept.
+    """
     key = _key(task)
     with _MODELS_LOCK:
         if key not in _MODELS:
@@ -482,7 +512,7 @@ def collision_model(task: Task) -> _CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """Return the cache key of a task's collision model.
+    """Return the cache key of a task's collision model, which changes if the model would.
 
     It contains the descriptions, the files with their times and sizes, and the fixed joints.
     """

@@ -52,7 +52,7 @@ class Kind(str):
     tool_axes: bool
 
     def __new__(cls, name: str, *rows: int, words: str) -> Kind:
-        """Make a kind from its name, its rows and its words."""
+        """Make a kind from its name, its rows of the twist (v, ω) and its words for messages."""
         kind = super().__new__(cls, name)
         kind.rows = np.array(rows)
         kind.linear = kind.rows % 6 < 3
@@ -87,7 +87,7 @@ class Kind(str):
         """Evaluate the task error (m,) from a placement (R, p) to a target (R*, p*), m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
-        shortest rotation from the tool axis to the target's.
+        shortest rotation from the tool axis to the target's. Newton steps and feedback remove it.
         """
         p = target.translation - here.translation
         if not self.turns:
@@ -112,7 +112,10 @@ class Kind(str):
 
     @staticmethod
     def in_tool_axes(twist: Array, R: Array) -> Array:
-        """Select ẋ (5,) of an axis task from a twist (6,), or J (5, n) from the frame's (6, n)."""
+        """Select ẋ (5,) of an axis task from a twist (6,), or J (5, n) from the frame's (6, n).
+
+        R (3, 3) is the frame's rotation. The rotation about the tool's own z axis is left out.
+        """
         return np.concatenate([twist[:3], R.T[:2] @ twist[3:]])
 
     def __reduce__(self) -> tuple[Callable[[str], Kind], tuple[str]]:
@@ -134,7 +137,7 @@ KINDS: Mapping[str, Kind] = {
 
 
 def _kind_again(name: str) -> Kind:
-    """Make the kind of one frame or of several from its name."""
+    """Make the kind of one frame or of several from its name; needed to unpickle a kind."""
     kinds = [KINDS[each] for each in name.split(_AND)]
     return kinds[0] if len(kinds) == 1 else Kind.stacked(kinds)
 

@@ -80,7 +80,10 @@ def elbow(task: Task, q: Array) -> int:
 
 
 def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
-    """Mark the revolute joints (n,) in the middle of the arm, of which one is the elbow."""
+    """Mark the revolute joints (n,) in the middle of the arm, of which one is the elbow.
+
+    The middle is from 0.3 to 0.7 of the arm's length, along its joints at q.
+    """
     share = _along_arm(task, q)
     return (_MIDDLE[0] <= share) & (share <= _MIDDLE[1]) & task.revolute
 

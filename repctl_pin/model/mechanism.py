@@ -19,7 +19,9 @@ from .urdf import Description, Joint
 @dataclass(frozen=True, eq=False)
 @read_only
 class Coupling:
-    """Map from n free joints to all N joints of a model.
+    """Map from n free joints to all N joints of a model, the mimic joints among them.
+
+    A mimic joint follows a free one: ``θ = S q + offset``. A task computes with q alone.
 
     Attributes
     ----------
@@ -51,7 +53,10 @@ class Coupling:
         return J if self.identity else J @ self.S
 
     def leader(self, joint: int) -> int:
-        """Return the index of the free joint that drives joint number ``joint`` of the model."""
+        """Return the index of the free joint that drives joint number ``joint`` of the model.
+
+        It is the joint itself, or the one that it mimics.
+        """
         return int(np.argmax(self.S[joint] != 0))
 
 
@@ -213,7 +218,10 @@ def pose(
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a value within joint limits: by a full turn if revolute, else to the nearer limit."""
+    """Move a value within joint limits: by a full turn if revolute, else to the nearer limit.
+
+    ``turns`` is True for a revolute joint. A value inside is returned as it is.
+    """
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]
     return float(inside[0] if inside else np.clip(value, lower, upper))

@@ -1,4 +1,7 @@
-"""Helpers for Pinocchio models: frames by name, placements, locked joints, chains, Jacobians."""
+"""Helpers for Pinocchio models: frames by name, placements, locked joints, chains, Jacobians.
+
+Frames and joints are given by their ids in the model. A link is a frame of type BODY.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +64,7 @@ def frame_placements(
 
 
 def origin(solid: Shape) -> pin.SE3:
-    """Compute the placement of a shape relative to its link."""
+    """Compute the placement of a shape relative to its link, from its xyz, m, and rpy, rad."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
 
 
@@ -100,7 +103,11 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
 def frame_jacobian(
     model: pin.Model, data: pin.Data, frame: int
 ) -> Callable[[Array], Array]:
-    """Create the function q → Jacobian of a frame (6, nv), world axes."""
+    """Create the function q → Jacobian of a frame (6, nv), world axes: rows of v, then of ω.
+
+    ``data`` is its scratch memory, so that each thread needs a function of its own. Pinocchio
+    returns a vector for a single joint; here it is a column.
+    """
     evaluate = pin.computeFrameJacobian
 
     def jacobian(q: Array) -> Array:

@@ -86,7 +86,10 @@ class SeveralFrames(Task):
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Frames that share joints, directly or through others; several groups fall apart."""
+        """Frames that share joints, directly or through others: one tuple of names per group.
+
+        Several groups are independent tasks, which would better be studied one by one.
+        """
         groups: list[tuple[set[str], list[str]]] = []
         for spec in self.specs:
             joints, frames = set(spec.joints), [spec.frame]
@@ -191,7 +194,11 @@ class SeveralFrames(Task):
     # ---- inside ----
 
     def _of_joints(self, q: ArrayLike, name: str) -> Array:
-        """Evaluate a method of the tasks of one frame that has a row per joint: (n, 3)."""
+        """Evaluate a method of the tasks of one frame that has a row per joint: (n, 3).
+
+        ``name`` is the method's, such as ``axes``. A joint that moves several frames gets the row
+        in the robot's own base, if a frame is placed there.
+        """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))
         for single in sorted(self._singles, key=lambda one: one.robot is self.robot):
@@ -208,7 +215,10 @@ class SeveralFrames(Task):
 
 
 def based(robot: _Robot, base: str | None) -> _Robot:
-    """Return the robot, or a copy that places frames relative to a link."""
+    """Return the robot, or a copy that places frames relative to the link ``base``.
+
+    With it a hand can be controlled relative to the other hand. None returns the robot itself.
+    """
     if base is None:
         return robot
     own = copy(robot)
@@ -217,7 +227,10 @@ def based(robot: _Robot, base: str | None) -> _Robot:
 
 
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
-    """List the tasks of one frame of a task, each with its own q."""
+    """List the tasks of one frame of a task, each with its own q (of the joints that move it).
+
+    Lengths and elbows are those of single arms. A task of one frame is returned with its q.
+    """
     if not isinstance(task, SeveralFrames):
         return [(task, np.asarray(q, float))]
     whole = task.to_robot(q)

@@ -45,7 +45,7 @@ _MANY = 48
 @dataclass(frozen=True, eq=False)
 @read_only
 class Surface:
-    """Triangle mesh in its own frame, V vertices and F faces.
+    """Triangle mesh in its own frame, V vertices and F faces, ready to be drawn.
 
     Attributes
     ----------
@@ -155,7 +155,10 @@ def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
 
 
 def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
-    """Parse a mesh file with trimesh, without merging or reordering its vertices."""
+    """Parse a mesh file with trimesh, without merging or reordering its vertices.
+
+    ``file_type`` is the suffix without a dot, and ``resolver`` reads the files that the mesh names.
+    """
     import trimesh  # type: ignore[import-untyped, unused-ignore]
 
     file = io.BytesIO(data)
@@ -191,7 +194,10 @@ def _read_bytes(path: Path) -> bytes:
 
 
 class _Beside:
-    """Resolver for trimesh: reads textures and buffers of a mesh from regular files near it."""
+    """Resolver for trimesh: reads textures and buffers of a mesh from regular files near it.
+
+    A mesh file must not make the program read other files of the computer.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -302,7 +308,8 @@ def _by_pairs(
     """Write averaged normals of some corners, given with their points, into ``normals``.
 
     Each corner averages the normals of the faces at its point that are within the crease angle of
-    its own.
+    its own. ``corner`` and ``point`` (K,) are numbers of face corners and of the points that they
+    share, and ``flat`` (F, 3) the normals of the faces, as long as twice their areas.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]
@@ -366,7 +373,11 @@ def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp
 
 
 def _join(points: Array, normals: Array, colors: Array, scale: float) -> Surface:
-    """Make the surface of face corners (3F, 3), with each distinct vertex stored once."""
+    """Make the surface of face corners (3F, 3), with each distinct vertex stored once.
+
+    Vertices are distinct if position, normal or colour differ. Positions are rounded to 2⁻¹⁷ of the
+    mesh's size; ``scale`` is the unit of the file in m.
+    """
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0
     steps = np.hstack([points / lattice, normals * 127, colors * 255])

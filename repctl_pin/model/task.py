@@ -160,7 +160,10 @@ class Task:
         self._body_drive = self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling:
-        """Create the map from q to the joints of a model."""
+        """Create the map from q to the joints of a model, whose mimic joints follow others.
+
+        With joint coordinates ψ, it maps ψ.
+        """
         rows = [
             self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]
         ]
@@ -481,9 +484,10 @@ class Task:
     # ---- inside --------------------------------------------------------------------------------
 
     def _first_driven(self) -> list[int]:
-        """Find, for each of the n joints, the first joint of the model that it drives: (n) ids.
+        """Find, for each of the n joints, the id of the first joint of the model that it drives.
 
         It is the first one on the path to the frame: the joint itself, or one that mimics it.
+        Origins and axes of joints are those of this one.
         """
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]
@@ -560,7 +564,7 @@ class Task:
 
 
 class _Scratch:
-    """Pinocchio data of a task, for one thread."""
+    """Pinocchio data of a task, its scratch memory, for one thread."""
 
     def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
         self.data = model.createData()
@@ -571,7 +575,7 @@ class _Scratch:
 def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
     """Lock all joints of a robot at the reference pose, except those with ids in ``moving``.
 
-    Returns the reduced model.
+    Returns the reduced model, in which other joints cost no time.
     """
     still = [j for j in range(1, robot.model.njoints) if j not in moving]
     return lock_joints(robot.model, still, robot.coupling.joints(robot.reference))
@@ -585,5 +589,8 @@ def require_task(value: Any) -> Task:
 
 
 def own_task(value: Any) -> Task:
-    """Copy a task with separate scratch memory; model and limits are shared."""
+    """Copy a task with separate scratch memory; model and limits are shared.
+
+    A strategy keeps such a copy, so that two strategies can run in two threads.
+    """
     return copy(require_task(value))

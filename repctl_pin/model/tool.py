@@ -93,7 +93,11 @@ def require_pose(task: Task) -> Task:
 
 
 def rigid(placement: Placement) -> pin.SE3:
-    """Check the placement of a tool, and make its rotation exact where it is not."""
+    """Check the placement of a tool, and make its rotation exact where it is not.
+
+    A rotation that is written with few digits is replaced by the nearest rotation. InputError is
+    raised if it is none, or if the position is not finite.
+    """
     tool = as_placement(placement, "placement")
     if not np.isfinite(tool.translation).all():
         raise InputError("the position of the tool must be finite numbers, m")

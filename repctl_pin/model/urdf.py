@@ -210,7 +210,11 @@ def _is_mjcf(data: bytes) -> bool:
 def _joint(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> Joint:
-    """Read a joint; a missing range or speed limit counts as unlimited, with a note."""
+    """Read a joint; a missing range or speed limit counts as unlimited, with a note.
+
+    ``joints`` are the elements of all joints by name, for the one that a mimic joint follows;
+    ``notes`` receives the notes. A limit beyond 1000 also counts as none.
+    """
     name = element.get("name")
     kind = element.get("type")
     limit = element.find("limit")
@@ -301,7 +305,12 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
-    """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree."""
+    """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree.
+
+    ``joints`` are those that were read, with mimic joints and missing limits resolved. Only joints,
+    links and inertias remain, and each joint has one coordinate, so that Pinocchio has nothing left
+    to reject or to interpret.
+    """
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
         for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):
@@ -336,7 +345,7 @@ def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _one_line(text: str) -> str:
-    """Fold a message into one printable line."""
+    """Fold a message into one printable line, whatever it quotes from a file."""
     return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))
 
 
@@ -404,7 +413,11 @@ def _replace(
     steps: tuple[_Step, ...],
     names: list[str],
 ) -> None:
-    """Replace a joint by a chain of single-axis joints, with massless links between them."""
+    """Replace a joint by a chain of single-axis joints, with massless links between them.
+
+    A step is the suffix, the type and the axis of a joint; ``names`` has the name of each. The
+    chain stands where the joint was, with its line number for messages.
+    """
     at = robot.index(joint)
     parent = joint.find("parent").get("link")
     robot.remove(joint)

@@ -1,4 +1,8 @@
-"""Rules that a URDF must keep, checked on a plain XML tree."""
+"""Rules that a URDF must keep, checked on a plain XML tree.
+
+Each rule that is broken raises a UrdfError with the line, the element, the fact and the remedy.
+Limits of size keep a bad file from taking all memory or time.
+"""
 
 from __future__ import annotations
 
@@ -355,7 +359,10 @@ def _check_range(limit: etree._Element) -> None:
 def _check_tree(
     links: Sequence[etree._Element], joints: Sequence[etree._Element]
 ) -> str:
-    """Check that links form a tree with one root and a limited depth; return the root."""
+    """Check that links form a tree with one root and a limited depth; return the root's name.
+
+    UrdfError is raised for a link with two parents, a loop, two roots, or a chain that is too long.
+    """
     above: dict[str, etree._Element] = {}
     below: dict[str, list[etree._Element]] = {}
     for joint in joints:

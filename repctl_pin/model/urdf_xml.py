@@ -83,7 +83,11 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
 
 
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
-    """Parse XML, accepting only parser errors that change no element."""
+    """Parse XML, accepting only parser errors that change no element.
+
+    Such an error adds a note to ``notes``. Others raise UrdfError, because the parser would
+    silently drop what it cannot read. Nothing is fetched from the network.
+    """
     parser = etree.XMLParser(
         recover=True,
         resolve_entities=False,
@@ -152,7 +156,11 @@ def _local(element: etree._Element) -> str:
 
 
 def _refuse_other_files(data: bytes) -> None:
-    """Refuse other kinds of files that are often given as a URDF, before XML parsing."""
+    """Refuse other kinds of files that are often given as a URDF, before XML parsing.
+
+    These are empty files, Git LFS pointers, binary files, web pages and other texts. UrdfError says
+    which it is; an error of the XML parser would not.
+    """
     if not data.strip():
         raise UrdfError("the file is empty; give a .urdf file")
     if data.startswith(b"version https://git-lfs"):
@@ -175,7 +183,10 @@ def _refuse_other_files(data: bytes) -> None:
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check the root element, nesting and attribute count; refuse xacro and SRDF files."""
+    """Check the root element, nesting and attribute count; refuse xacro and SRDF files.
+
+    UrdfError is raised with the kind of file, and what to give instead.
+    """
     tag = _local(root)
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])

@@ -159,6 +159,8 @@ def _skeleton(
 ) -> Iterator[_Placed]:
     """Iterate over the shapes that stand in for links without meshes: tubes, and joints.
 
+    Without them such links would be invisible.
+
     Parameters
     ----------
     robot
@@ -209,7 +211,7 @@ def _joint_bones(
 def _joint_origin(
     model: pin.Model, links: dict[str, pin.Frame], joint: Joint
 ) -> pin.SE3:
-    """Compute a joint's origin in its parent link's frame."""
+    """Compute a joint's origin in its parent link's frame, also for a fixed joint."""
     parent = links[joint.parent]
     child = links[joint.child]
     if (
@@ -247,7 +249,11 @@ def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[A
 
 
 def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
-    """Collect the corners of a shape's convex hull before scaling: (P, 3)."""
+    """Collect the corners of a shape's convex hull before scaling: (P, 3).
+
+    The corners suffice for the bounding box and for the point that moves most. Those of a mesh are
+    cached by file and time; an unreadable mesh has one corner, at its origin.
+    """
     if shape.kind != "mesh":
         return _primitive_corners(shape)
     assert shape.path is not None

@@ -77,7 +77,10 @@ class JointMotion:
 
     @property
     def _gaps(self) -> Array:
-        """Distance of the ends of all cycles from the start: (cycles + 1,), rad or arm lengths."""
+        """Distance of the ends of all cycles from the start: (cycles + 1,), rad or arm lengths.
+
+        The first entry is 0, that of the start itself.
+        """
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
         return np.linalg.norm(gaps, axis=1)
 
@@ -128,7 +131,7 @@ class JointMotion:
 
     @property
     def _speed_shares(self) -> Array:
-        """Ratio of speed to limit for each of the robot's joints: (T + 1, n)."""
+        """Ratio of speed to limit for each of the robot's joints: (T + 1, n); 0 without a limit."""
         return np.abs(self.task.joints(self.qdot)) / self.task.joint_limits[2]
 
     @property
@@ -176,7 +179,11 @@ class JointMotion:
     def _first(
         self, broken: NDArray[np.bool_], margins: Array
     ) -> tuple[float, str] | None:
-        """Find the first violation: time in cycles, joint with the smallest margin; or None."""
+        """Find the first violation: time in cycles, and joint with the smallest margin; or None.
+
+        ``broken`` (T + 1, n) tells at each sample which joints violate a limit. ``margins`` (T + 1,
+        n) are compared to choose one joint: the smallest is the worst.
+        """
         if not broken.any():
             return None
         row = int(np.argmax(broken.any(axis=1)))
@@ -198,7 +205,10 @@ class JointMotion:
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
 
     def thinned(self, most: int) -> Self:
-        """Return the motion at no more than ``most`` points per cycle, cycle ends included."""
+        """Return the motion at no more than ``most`` points per cycle, cycle ends included.
+
+        Body distances take far longer per point than the motion itself.
+        """
         rows = rows_of(self, as_int(most, "most", 1))
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         kept: dict[str, Any] = {
@@ -214,7 +224,11 @@ class JointMotion:
         return self.thinned(_COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) from the task's ψ to the robot's joints."""
+        """Convert positions or velocities (..., n) from the task's ψ to the robot's joints.
+
+        ψ are the coordinates in which the task computes, such as absolute angles; limits are those
+        of the robot's own joints.
+        """
         (values,) = as_matrices(("values", values, f"{self.task.n}"))
         return self.task.joints(values)
 
@@ -225,7 +239,10 @@ def cycle_of(moment: float, cycles: int) -> int:
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select the indices of at most ``most`` rows per cycle of a motion, cycle ends included."""
+    """Select the indices of at most ``most`` rows per cycle of a motion, cycle ends included.
+
+    Plots, files and collision checks need fewer samples than the integration has.
+    """
     cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(
         np.intp
     )[:-1]
@@ -287,6 +304,8 @@ def violations_of(
 
 def refuse_violations(motion: JointMotion, remedy: str) -> None:
     """Raise InputError for a motion with a limit violation or a collision.
+
+    It keeps a trajectory that would damage a robot from being written. ``remedy`` ends the message.
 
     Raises
     ------

@@ -1,4 +1,8 @@
-"""Leaf lock: Newton steps from point to point of a path, on a leaf h(q) = c."""
+"""Leaf lock: Newton steps from point to point of a path, on a leaf h(q) = c.
+
+A leaf is the set of configurations on which the potentials h keep the level c. A repeatable inverse
+stays on it up to integration errors; the leaf lock removes these errors in each step.
+"""
 
 from __future__ import annotations
 

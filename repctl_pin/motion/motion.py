@@ -26,7 +26,7 @@ ON_PATH = 1e-3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Motion(JointMotion):
-    """Motion of a strategy on a closed path.
+    """Motion of a strategy on a closed path, with its drift and its errors.
 
     On arms with revolute and prismatic joints, norms of q weight 1 rad and 1 m equally.
 
@@ -85,7 +85,10 @@ class Motion(JointMotion):
 
     @property
     def outside(self) -> float | None:
-        """Share of the motion outside Ω, where repeatability is not guaranteed; None without Ω."""
+        """Share of the motion outside Ω, where repeatability is not guaranteed; None without Ω.
+
+        Ω is the region of joint space for which the design was made.
+        """
         return (
             None
             if self.region is None
@@ -96,7 +99,10 @@ class Motion(JointMotion):
     def beyond_closing_radius(self) -> float | None:
         """Share of the samples beyond the proved closing radius; None without such a radius.
 
-        Nothing is wrong there, but a loop that goes there is not proved to close."""
+        The closing radius is a distance of poses from those of the design. Every closed path within
+        it is proved to end in the configuration it began in. Beyond it nothing is wrong, but not
+        proved either.
+        """
         closes = self.closing_radius
         if not closes:
             return None
@@ -178,7 +184,8 @@ def motion_along(
 ) -> Motion:
     """Create a motion along a path, and evaluate its drift and the errors of the frame.
 
-    ``targets`` are the placements on the path at the points of one cycle, with both ends.
+    ``t`` (T + 1,), ``q`` and ``qdot`` (T + 1, n) are its samples, with equal numbers of steps per
+    cycle. ``targets`` are the placements on the path at the points of one cycle, with both ends.
     """
     steps = len(targets) - 1
     cycles = (len(q) - 1) // steps

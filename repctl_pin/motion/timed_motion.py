@@ -79,7 +79,10 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Time of a steady cycle, s; the mean over all cycles if there are fewer than three."""
+        """Time of a steady cycle, s: that of the second; the mean if there are fewer than three.
+
+        The first and the last cycle begin or end at rest, so that they take longer.
+        """
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
 

@@ -70,7 +70,7 @@ def write_motion(
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
     """Return a motion with the velocities that a strategy commands at its points, ``q̇ = G ẋ``.
 
-    They replace the mean velocities per step.
+    They replace the mean velocities per step, so that a file has what the controller would send.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0
@@ -127,7 +127,10 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
 
 
 def _quoted(name: str) -> str:
-    """Quote a name for YAML, with line breaks and other control characters as escapes."""
+    """Quote a name for YAML, with line breaks and other control characters as escapes.
+
+    Joint names come from a URDF and can hold any character.
+    """
     if name.isprintable():
         return "'" + name.replace("'", "''") + "'"
     plain = (

@@ -175,7 +175,11 @@ class ArmAngle(PotentialBasis):
         return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
 
     def _zero(self, w_hat: Array) -> tuple[Array, Array]:
-        """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3)."""
+        """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3).
+
+        ``w_hat`` is ŵ, the unit vector from the shoulder to the wrist. ψ is the angle of the elbow
+        about it, counted from y.
+        """
         r, t = self.reference, self.singular
         if t is None:
             return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(

@@ -1,6 +1,8 @@
 """Potentials h(q), whose level sets are leaves, and bases h_1 … h_N of them (35).
 
-The base class of bases, joined bases ``a + b``, and the weighted sums that a basis makes.
+A repeatable controller keeps r potentials h = Aᵀ (h_1 … h_N) constant; a design chooses the
+coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients. Here are the base class of bases,
+joined bases ``a + b``, and the weighted sums that a basis makes.
 """
 
 from __future__ import annotations
@@ -43,7 +45,11 @@ class Potentials(Protocol):
 
 @runtime_checkable
 class CurvedPotentials(Potentials, Protocol):
-    """Potentials with second derivatives, which an exact Lie bracket requires."""
+    """Potentials with second derivatives, which an exact Lie bracket requires.
+
+    The Lie bracket condition tests repeatability; without second derivatives it is computed by
+    differences.
+    """
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
@@ -51,6 +57,8 @@ class CurvedPotentials(Potentials, Protocol):
 
 def check_joints(potentials: object, n: int) -> None:
     """Check that potentials are of n joints, as many as a task has, or take any number.
+
+    Otherwise a design for another arm would fail later, with an error about array shapes.
 
     Raises
     ------
@@ -93,7 +101,10 @@ def coefficients(A: ArrayLike, size: int) -> Array:
 
 
 class SumMap(Potentials):
-    """Sum of several maps of r potentials each: ``h = h_a + h_b + …``"""
+    """Sum of several maps of r potentials each: ``h = h_a + h_b + …``.
+
+    It is what a joined basis of different kinds makes of its coefficients.
+    """
 
     def __init__(self, maps: Sequence[Potentials]) -> None:
         self.maps, self.n = tuple(maps), _common_joints(maps)
@@ -108,7 +119,10 @@ class SumMap(Potentials):
 
 
 class _CurvedSumMap(SumMap):
-    """Sum of several maps of r potentials each, all with second derivatives."""
+    """Sum of several maps of r potentials each, all with second derivatives.
+
+    It is a class of its own, because the method ``hessian`` tells that second derivatives exist.
+    """
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
         super().__init__(maps)
@@ -170,7 +184,10 @@ class PotentialBasis(ABC):
 
 
 class CustomMap(Potentials):
-    """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis."""
+    """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis.
+
+    It serves bases that have no faster map; polynomials and Fourier series have their own.
+    """
 
     def __init__(self, basis: PotentialBasis, A: Array) -> None:
         self.basis, self.A, self.n = basis, A, basis.n

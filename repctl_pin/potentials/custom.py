@@ -101,7 +101,10 @@ class CustomPotentials(PotentialBasis):
 
     @property
     def numerical(self) -> tuple[bool, ...]:
-        """True if each gradient is computed by differences: (N,)."""
+        """True if each gradient is computed by differences: (N,), one per potential.
+
+        Names and reports say so, because differences are less accurate and slower.
+        """
         return tuple(g is None for g in self._gradients)
 
     @property

@@ -160,7 +160,10 @@ class FourierMap(Potentials):
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the series; waves without coefficients are left out."""
+        """Create the struct :data:`PART` of the series, with which C evaluates h and its gradients.
+
+        Waves without coefficients are left out; one wave is kept if none has any.
+        """
         used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
         used[0] |= not used.any()
         weight = np.stack([self.sines[used], self.cosines[used]], axis=-1)
@@ -170,7 +173,10 @@ class FourierMap(Potentials):
 
 
 def _sum(k: NDArray[np.int_]) -> str:
-    """Write the sum k · u as text, such as ``2 u_0 − u_3``."""
+    """Write the sum k · u as text, such as ``2 u_0 − u_3``, for the names of potentials.
+
+    k (n,) are whole numbers, not all 0.
+    """
     text = ""
     for i in np.flatnonzero(k):
         size = "" if abs(k[i]) == 1 else f"{abs(k[i])} "

@@ -174,7 +174,11 @@ class Polynomial(PotentialBasis):
         return PolynomialMap(center, scale, d, terms, joints, self.n)
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1)."""
+        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1).
+
+        u are the scaled joint coordinates, and k = 0 … d is the last axis. All potentials are
+        products of these numbers. The derivatives are by u, not by q.
+        """
         u = (
             as_configurations(Q, self.n, "this polynomial basis") - self.center
         ) / self.scale
@@ -266,7 +270,11 @@ class PolynomialMap(Potentials):
         return hessian
 
     def _powers(self, U: Array) -> Array:
-        """Evaluate the monomials of the table at U (K, k): (count, K)."""
+        """Evaluate the monomials u^β of the table at U (K, k): (count, K).
+
+        U are scaled coordinates of the k joints of the potentials. Each monomial is an earlier one,
+        its parent, times one coordinate.
+        """
         M = np.ones((len(self._parent), len(U)))
         factors = U.T
         for rows in self._rising:
@@ -274,7 +282,7 @@ class PolynomialMap(Potentials):
         return M
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the polynomials."""
+        """Create the struct :data:`PART` of the polynomials, with which C evaluates them."""
         indices = {"joint": self.joints, "parent": self._parent, "factor": self._factor}
         reals = {
             "center": self.center,

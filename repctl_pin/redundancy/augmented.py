@@ -1,5 +1,9 @@
-"""Augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and its distance from an
-algorithmic singularity."""
+"""Augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and the leaf margin.
+
+V are the gradients of the r potentials that a repeatable inverse keeps constant. Where J_V is
+singular though J has full rank, an algorithmic singularity, this inverse does not exist. The leaf
+margin is the distance from there.
+"""
 
 from __future__ import annotations
 

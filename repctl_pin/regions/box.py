@@ -146,7 +146,10 @@ class Box(Region):
         )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
-        """Intersect the box with limits, such as ``task.lower`` and ``task.upper``."""
+        """Intersect the box with limits, such as ``task.lower`` and ``task.upper``.
+
+        A design then does not spend its accuracy on configurations that the arm cannot reach.
+        """
         low, high = (
             limits(values, self.n, "the limits of this box")
             for values in (lower, upper)

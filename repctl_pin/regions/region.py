@@ -1,4 +1,8 @@
-"""Design regions Ω of joint space: base class, Sobol points and densities."""
+"""Design regions Ω of joint space: base class, Sobol points and densities.
+
+Nodes are the configurations at which a design evaluates its cost; with weights, their sum
+approximates the mean over Ω. A density gives some configurations more weight than others.
+"""
 
 from __future__ import annotations
 
@@ -106,7 +110,10 @@ def span(widths: Array, sign: str = "") -> str:
 
 
 def sobol(n: int, count: int, seed: int) -> Array:
-    """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up."""
+    """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up.
+
+    They fill the cube more evenly than random points, so that a mean needs fewer of them.
+    """
     count = as_int(count, "the number of nodes", 1, MOST_NODES)
     seed = as_int(seed, "seed")
     return scrambled_points(n, int(np.ceil(np.log2(max(count, 2)))), seed)
@@ -142,7 +149,7 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
 
 
 def normalised(weights: Array) -> Array:
-    """Scale weights (K,) so that their sum is 1."""
+    """Scale weights (K,) so that their sum is 1; InputError if all of them are 0."""
     total = float(weights.sum())
     if not total > 0:
         raise InputError(

@@ -114,7 +114,8 @@ class Tube(Region):
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """Find the sample nearest to each row of Q: its index and its distance, (K,) each.
 
-        The distance is the maximum over the joints, in units of the radius.
+        The distance is the maximum over the joints, in units of the radius: at most 1 inside the
+        tube.
         """
         Q = as_configurations(Q, self.n, "this tube")
         distance, which = self._tree.query(Q / self.radius, p=np.inf)

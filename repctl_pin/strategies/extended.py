@@ -82,7 +82,11 @@ class ExtendedJacobian(RepeatableInverse):
 
 
 class _ExtendedMap(Potentials):
-    """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
+    """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients V = ∂hᵀ/∂q.
+
+    With them an extended Jacobian is an ordinary repeatable inverse. U is the function whose
+    stationary points the arm should keep, and N the basis of the null space of J.
+    """
 
     def __init__(
         self, task: Task, potential: _Posture | _Given, N_reference: Array
@@ -136,7 +140,10 @@ class _ExtendedMap(Potentials):
     def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:
         """Evaluate the basis N (K, n, r) that is closest to N_ref, and ``S = Nᵀ N_ref`` (K, r, r).
 
-        N is chosen so that S is symmetric.
+        N spans the null space of J, and N_ref is the basis at the reference configuration. A
+        factorisation returns an arbitrary basis, which jumps from q to q; this one is smooth. N is
+        chosen so that S is symmetric. A SingularityError is raised where the null space is
+        perpendicular to the reference.
         """
         N = nullspace(J)
         alignment = np.swapaxes(N, -1, -2) @ self.N_reference
@@ -156,7 +163,7 @@ class _ExtendedMap(Potentials):
 
 
 class _Posture:
-    """Potential ``U = ½ ‖q − posture‖²``."""
+    """Potential ``U = ½ ‖q − posture‖²``, which keeps an extended Jacobian near a posture."""
 
     def __init__(self, posture: Array) -> None:
         self.posture = posture
@@ -171,7 +178,11 @@ class _Posture:
 
 
 class _Given:
-    """Potential U given as a function, with given or numerical derivatives."""
+    """Potential U given as a function, with given or numerical derivatives.
+
+    It has the methods of :class:`_Posture`. ``gradient`` returns ∇U (n,) and ``hessian`` (n, n);
+    None means central differences.
+    """
 
     def __init__(
         self,

@@ -137,7 +137,11 @@ class WeightedInverse:
         return weighted_pseudoinverse(J, self._weights(Q))
 
     def _weights(self, Q: Array) -> Array:
-        """Evaluate the weight matrix M at every row of Q: (K, n, n), or (n, n) if constant."""
+        """Evaluate the weight matrix M at every row of Q: (K, n, n), or (n, n) if constant.
+
+        M is the inertia matrix of the arm, a user's function of q, or a constant, as the weight was
+        given.
+        """
         if isinstance(self.weight, str):
             return self.task.inertias(Q)
         if callable(self.weight):
@@ -246,9 +250,9 @@ def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array
 
 
 def redundant(value: Any) -> Task:
-    """Copy a task with separate scratch memory, see :func:`own_task`.
+    """Copy a task with separate scratch memory, and require r ≥ 0; see :func:`own_task`.
 
-    Raises InputError if it has fewer joints than coordinates, r < 0.
+    InputError is raised if it has fewer joints than coordinates: then no inverse has J G = I.
     """
     task = own_task(value)
     if task.r < 0:

@@ -1,7 +1,8 @@
 """A repeatable inverse G_r: its motions keep h(q) constant.
 
 So a closed path ends in the configuration it began in, if it can be shrunk to a point through
-closed paths whose motions all stay in Ω.
+closed paths whose motions all stay in Ω, the region of joint space of the design. h are r
+potentials, functions of q; the set h(q) = c is a leaf, and c its level.
 """
 
 from __future__ import annotations
@@ -49,7 +50,10 @@ _EDGE = 1e-9
 
 @runtime_checkable
 class Bounded(Protocol):
-    """A region of joint space that can tell how far inside or outside configurations lie."""
+    """A region of joint space that can tell how far inside or outside configurations lie.
+
+    This is all that a controller needs of its region Ω, to warn outside it.
+    """
 
     def ratio(self, Q: Array) -> Array:
         """Factor by which the region would have to be scaled for each row of Q to lie on its
@@ -276,7 +280,11 @@ class RepeatableInverse:
         return Step(following, *law.report())
 
     def _check_region(self, q: ArrayLike, outside: str) -> None:
-        """Warn or raise, as ``outside`` says, if q lies outside Ω."""
+        """Warn or raise, as ``outside`` says, if q lies outside Ω.
+
+        Repeatability is not guaranteed there. ``outside`` is "warn" or "raise". InputError is
+        raised if the inverse has no region.
+        """
         require_choice(outside, _ACTIONS, "action outside Ω")
         if self.region is None:
             raise InputError(
@@ -293,7 +301,10 @@ class RepeatableInverse:
             )
 
     def _check_limits(self, q: ArrayLike, what: str, outside: str) -> None:
-        """Warn or raise, as ``outside`` says, if q (called ``what``) violates a joint limit."""
+        """Warn or raise, as ``outside`` says, if q (called ``what``) violates a joint limit.
+
+        ``outside`` is "warn" or "raise".
+        """
         try:
             self.task.check(q, what)
         except InputError as error:
@@ -355,7 +366,11 @@ class RepeatableInverse:
 
 
 def _laws(task: Task, potentials: Potentials) -> Callable[[], NativeLaw | NumPyLaw]:
-    """Return a function that makes the control law for one thread, in C or else in NumPy."""
+    """Return a function that makes the control law for one thread, in C or else in NumPy.
+
+    A law holds scratch memory, so that each thread needs its own; the C struct of the arm is
+    shared.
+    """
     shared_arm = cache(partial(library_arm, task, potentials))
 
     def law() -> NativeLaw | NumPyLaw:

@@ -37,7 +37,10 @@ class Step:
 
 @runtime_checkable
 class Strategy(Protocol):
-    """A control strategy: joint velocities for a task velocity."""
+    """A control strategy: joint velocities for a task velocity.
+
+    :func:`follow` integrates any object with these two members, a user's too.
+    """
 
     @property
     def task(self) -> Task:
@@ -55,7 +58,10 @@ def described(strategy: object, task: Task, details: str = "") -> str:
 
 @runtime_checkable
 class Inverse(Strategy, Protocol):
-    """A strategy of the form ``q̇ = G(q) ẋ`` (3) with ``J G = I``."""
+    """A strategy of the form ``q̇ = G(q) ẋ`` (3) with ``J G = I``.
+
+    Repeatability tests and designs need the matrix G itself, not only velocities.
+    """
 
     def __call__(self, q: Array) -> Array:
         """Evaluate G (n, m)."""
