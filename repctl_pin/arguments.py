@@ -186,7 +186,10 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
 
 
 def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
-    """Convert finite configurations, one per row, to an array (K, n); with n = None, any n."""
+    """Convert finite configurations, one per row, to an array (K, n); with n = None, any n.
+
+    ``whose`` begins the message. A single q is refused, with the hint to write [q].
+    """
     array = as_numbers(values)
     if (
         array is None

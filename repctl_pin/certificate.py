@@ -297,6 +297,7 @@ class Proof:
         return replace(bound, seal=bound._fingerprint())
 
     def _fingerprint(self) -> str:
+        """Compute the fingerprint of all fields but the seal, which any change breaks."""
         names = [n for n in self.__dataclass_fields__ if n not in ("seal", "closes")]
         own = [getattr(self, name) for name in names]
         if self.closes is not None:

@@ -121,6 +121,9 @@ class UrdfError(InputError):
 class SingularityError(RepctlError):
     """J, or J_V at an algorithmic singularity, loses rank, so there is no inverse.
 
+    J is the Jacobian of the task, and J_V = [J; Vᵀ] with the gradients V of the potentials that a
+    repeatable inverse keeps constant.
+
     Examples
     --------
     >>> try:

@@ -102,7 +102,10 @@ class FitOptions:
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:
-    """Check the given options of a fit; return the defaults for None."""
+    """Check the given options of a fit; return the defaults for None.
+
+    InputError is raised for another type, such as a dictionary.
+    """
     if given is None:
         return FitOptions()
     return require_type(

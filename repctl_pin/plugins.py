@@ -83,7 +83,9 @@ def all_extensions() -> tuple[Extension, ...]:
 
 
 def parts(place: str) -> list[Any]:
-    """Import what extensions add to a place of the core.
+    """Import what extensions add to a place of the core, such as notes of a study.
+
+    The core asks for a place by name and does not know the extensions.
 
     Parameters
     ----------

@@ -162,6 +162,11 @@ def _format(file: Path) -> str:
 
 
 def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
+    """Read a CSV file, given as bytes, into columns by name; whole numbers become integers.
+
+    The kinds of the columns are those of the first row: numbers, or text. InputError names the line
+    that does not fit.
+    """
     text = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline="")
     try:
         names = [
@@ -198,6 +203,10 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
 
 
 def _check_header(file: Path, names: list[str], first: list[str]) -> None:
+    """Check that the header names each column once, and that the first row has as many fields.
+
+    ``names`` is the header and ``first`` the first row; InputError if not.
+    """
     if any(";" in name for name in names):
         raise InputError(
             f"{file}: separate the columns by commas, and use decimal points"
@@ -246,6 +255,10 @@ def _is_number(text: str) -> bool:
 
 
 def _csv_text(columns: Mapping[str, Column]) -> bytes:
+    """Write columns as the bytes of a CSV file, in blocks of rows that keep the memory small.
+
+    A column of several numbers per row becomes ``name_0``, ``name_1``, and so on.
+    """
     flat: dict[str, Column] = {}
     for name, values in columns.items():
         wide = values.reshape(len(values), -1)

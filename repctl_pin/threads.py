@@ -46,6 +46,8 @@ def one_blas_thread() -> Iterator[None]:
 class PerThread(threading.local, Generic[T]):
     """Value that is created once per thread, on first use, and again in a copy or another process.
 
+    Scratch memory of Pinocchio and of C cannot be shared between threads, nor pickled.
+
     Parameters
     ----------
     make

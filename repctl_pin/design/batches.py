@@ -49,7 +49,11 @@ class Batches(Protocol):
     """
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
+
+        ``function`` is one of :mod:`criterion`, such as the cost, and ``arguments`` are the
+        coefficients A. The result is one tuple of sums.
+        """
 
     def close(self) -> None:
         """Free the memory of the batches."""
@@ -91,7 +95,10 @@ class Local:
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
+
+        Batches that are not stored (``stream``) are built again, one after the other.
+        """
         return over(
             self._build() if self._kept is None else self._kept, function, arguments
         )
@@ -143,7 +150,10 @@ class BarrierCost:
             self.guard(Q)
 
     def guard(self, Q: Array) -> None:
-        """Add the configurations Q (K, n) to the barrier points."""
+        """Add the configurations Q (K, n), near which V is singular, to the barrier points.
+
+        V are the gradients of the potentials. The next descent keeps away from these points.
+        """
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
@@ -277,7 +287,11 @@ class _InExecutor:
         self._workers: set[str] = set()  # those that store chunks
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
+
+        First each worker is asked for the chunks that it stores; then the missing chunks are built.
+        The chunks are added in their order, so that the result does not depend on the workers.
+        """
         work = partial(over, function=function, arguments=arguments)
         submit = self._executor.submit
         found: dict[int, Sums] = {}

@@ -49,6 +49,8 @@ _COARSE_TOLERANCE = 1e-4
 class FitProblem:
     """Arguments of a fit of potentials over one region; see :func:`nearest_repeatable`.
 
+    A fit in a smaller region, or of another degree, is a copy with that argument replaced.
+
     Attributes
     ----------
     desired, potentials, region
@@ -261,7 +263,10 @@ class Continuation:
                 yield found
 
     def _start(self, size: int) -> Start:
-        """Solve the linear problem of :func:`start` with the first ``size`` potentials; cached."""
+        """Solve the linear problem of :func:`start` with the first ``size`` potentials; cached.
+
+        Its solution is the starting point of descents, and the reference of their penalty.
+        """
         if size not in self._starts:
             self._starts[size] = start(
                 self.coarse.batches, self.chosen.basis[:size, :size], self.moments

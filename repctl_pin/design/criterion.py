@@ -58,12 +58,20 @@ class Batch:
 
     @property
     def E(self) -> Array:
-        """``E = Nᵀ D`` (K, r, N): null-space components of the gradients of the potentials."""
+        """``E = Nᵀ D`` (K, r, N): null-space components of the gradients of the potentials.
+
+        D = [∇h_1 … ∇h_N], and N spans the null space of J. det(E A) = 0 is an algorithmic
+        singularity.
+        """
         return self.EF[:, : self.r]
 
     @property
     def F(self) -> Array:
-        """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d."""
+        """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d.
+
+        D = [∇h_1 … ∇h_N], and G_d is the desired inverse. If F A = 0, G_d itself keeps h = Aᵀ (h_1
+        … h_N).
+        """
         return self.EF[:, self.r :]
 
     def first(self, size: int) -> Batch:
@@ -76,7 +84,9 @@ class Batch:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Builder:
-    """Factory of batches; it can be pickled and sent to another process.
+    """Factory of batches, which holds what is common to all nodes of a fit.
+
+    It can be pickled and sent to another process, which then builds the batches of its own nodes.
 
     Attributes
     ----------
@@ -94,7 +104,11 @@ class Builder:
     N_center: Array
 
     def __call__(self, Q: Array, weights: Array) -> Batch:
-        """Build the batch of the nodes Q (K, n), with quadrature weights (K,)."""
+        """Build the batch of the nodes Q (K, n), with quadrature weights (K,).
+
+        It evaluates the arm and the potentials once; every cost of the batch is linear algebra
+        after that.
+        """
         task = self.desired.task
         N, G, D = evaluate(self.desired, self.potentials, Q)
         if len(self.kept) < D.shape[-1]:
@@ -202,7 +216,7 @@ class SignCount:
 
     @property
     def uniform(self) -> bool:
-        """True if det(Nᵀ V) has the same sign at all nodes."""
+        """True if det(Nᵀ V) has the same sign at all nodes: no singularity is seen between them."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:

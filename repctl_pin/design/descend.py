@@ -67,6 +67,8 @@ class Descent:
 class Start:
     """Starting point of a descent, and the data of the penalty that keeps V near the null space.
 
+    V are the gradients of the potentials; farther from the null space of J, singularities are near.
+
     Attributes
     ----------
     A : (N, r) array
@@ -217,7 +219,11 @@ class _PenalisedCost:
         return cost + self._closeness(x) if sides.uniform else np.inf
 
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Array]:
-        """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x."""
+        """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x.
+
+        ``at`` is an evaluated point with its sums over the nodes, so that no further pass is
+        needed.
+        """
         basis, r = self.basis, range(self.r)
         half_gradient, blocks, _ = at.data
         pull = self.tau * (self.EE @ at.x - self.null_alignment)
@@ -232,7 +238,11 @@ class _PenalisedCost:
         return gradient.T.ravel(), H
 
     def step(self, model: tuple[Array, Array], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I."""
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I.
+
+        ``model`` is (g, H), half the gradient and the Gauss–Newton matrix. The damping used can be
+        larger than asked for, if the matrix is not positive definite.
+        """
         g, H = model
         H, x, used = _damped_step(H, g, damping)
         predicted = -2 * float(g @ x) - float(x @ (H @ x))

@@ -31,6 +31,9 @@ _POINTS = 41
 class DesignMap:
     """Distance and leaf margin of a design over two joints; all other joints at the centre of Ω.
 
+    Ω is the region of joint space of the design. The distance is ‖G_r − G_d‖, from the desired
+    inverse; the leaf margin, from 0 to 1, is how far an algorithmic singularity is.
+
     Attributes
     ----------
     joints : (int, int)
@@ -203,7 +206,10 @@ def _liveliest(design: Design) -> tuple[int, int]:
 
 
 def _distance(design: Design, Q: Array) -> Array:
-    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K, 2), nan if singular."""
+    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K, 2), nan if singular.
+
+    G_r is the repeatable inverse of the design, and G_d the desired one.
+    """
 
     def evaluate(Q: Array) -> Array:
         G_d = design.desired.batch(Q)

@@ -220,6 +220,8 @@ class Design:
     def summary(self, baselines: Sequence[Baseline] = ()) -> str:
         """Return the figures of the design as text of several lines; nothing is computed.
 
+        ``repctl design`` prints it.
+
         Parameters
         ----------
         baselines

@@ -33,7 +33,7 @@ fewer nodes, the search has nodes of its own."""
 @dataclass(frozen=True, eq=False)
 @read_only
 class Evaluation:
-    """Figures of one repeatable inverse G_r over one region Ω.
+    """Figures of one repeatable inverse G_r over one region Ω: its cost and its margins.
 
     Attributes
     ----------
@@ -66,7 +66,9 @@ def evaluate_design(
     samples: int,
     seed: int,
 ) -> Evaluation:
-    """Evaluate a repeatable inverse against a desired one, on held-out nodes.
+    """Evaluate a repeatable inverse against a desired one, on held-out nodes of a region.
+
+    A fit can be good at its own nodes and bad between them; these nodes are others.
 
     Parameters
     ----------
@@ -161,7 +163,7 @@ def spectral_cost(
 
 @dataclass(frozen=True)
 class Baseline:
-    """Evaluation of a simpler repeatable inverse over the same Ω.
+    """Evaluation of a simpler repeatable inverse over the same Ω, with which a design is compared.
 
     Attributes
     ----------

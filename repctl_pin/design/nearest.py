@@ -226,7 +226,11 @@ def _check(
     region: Region,
     degree: int | str | None,
 ) -> None:
-    """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not."""
+    """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not.
+
+    The task must be redundant, the region must have its joints and overlap their limits, and either
+    potentials or a degree must be given. A long fit does not start with a mistake.
+    """
     task = desired.task
     if task.r < 1:
         raise InputError(

@@ -51,7 +51,7 @@ usable."""
 
 
 class SingularRegionError(SingularityError):
-    """The design region Ω contains a singularity.
+    """The design region Ω contains a singularity, so that no design is valid in all of it.
 
     Attributes
     ----------
@@ -85,7 +85,9 @@ class SingularRegionError(SingularityError):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Lowest:
-    """Smallest value of a measure that a search of a region found.
+    """Smallest value of a measure that a search of a region found, and where.
+
+    The measure is a distance from a singularity; 0 or less means that one was found.
 
     Attributes
     ----------
@@ -113,7 +115,7 @@ class Dexterity:
         self.task = task
 
     def __call__(self, Q: Array) -> Array:
-        """Evaluate the measure (K,) at every row of Q (K, n)."""
+        """Evaluate σ_min / σ_max of J (K,) at every row of Q (K, n); 0 at a singularity."""
         values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
         return np.where(
             values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0
@@ -153,7 +155,7 @@ class LeafMargin:
         self.side = float(np.sign(np.linalg.det(J_V)).item())
 
     def __call__(self, Q: Array) -> Array:
-        """Evaluate the measure (K,) at every row of Q (K, n)."""
+        """Evaluate the signed leaf margin (K,) at every row of Q (K, n); 0 at a singularity."""
         J_V, V = self._augmented(Q)
         det = np.linalg.det(J_V)
         margin = np.zeros(len(Q))
@@ -169,7 +171,7 @@ class LeafMargin:
         return np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1), V
 
     def _size(self, J_V: Array, V: Array) -> Array:
-        """Evaluate ``σ_min(Nᵀ V̂)`` (K,) from regular J_V and V."""
+        """Evaluate ``σ_min(Nᵀ V̂)`` (K,), the leaf margin, from regular J_V (K, n, n) and V."""
         n, m = self.task.n, self.task.m
         X = np.linalg.solve(J_V, np.eye(n)[:, m:])
         if n - m == 1:

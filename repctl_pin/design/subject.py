@@ -39,7 +39,10 @@ def check_configurations(task: Task) -> Array:
 
 
 def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
-    """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m."""
+    """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m.
+
+    They tell in a fingerprint or a saved file where the frames are, whatever their names.
+    """
     ids = [frame_id(task.model, name) for name in frames]
     return frame_placements(task.model, ids, task._matrix(Q))[:, :, :3, 3]
 

@@ -58,6 +58,9 @@ class _Derivative:
 def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
 
+    Lie brackets, which tell whether an inverse is repeatable, are made of them. J⁺ and repeatable
+    inverses have formulas; all others are differentiated numerically, with an error estimate.
+
     Raises
     ------
     InputError
@@ -213,6 +216,11 @@ def differentiate(
 def _extrapolate(
     function: Callable[[Array], Array], Q: Array, first: Array
 ) -> tuple[Array, Array]:
+    """Extrapolate central differences of a function at Q (K, n), from steps ``first`` (K, n).
+
+    Return the slopes (K, …, n) and their estimated errors (K, n), by Romberg's table as
+    :func:`differentiate` describes it.
+    """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)
     moves = steps[..., None] * np.eye(n)

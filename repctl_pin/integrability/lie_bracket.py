@@ -80,7 +80,10 @@ class _Defects:
 
     @property
     def norm(self) -> Array:
-        """Norm of the relative defects, ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``: (K,)."""
+        """Norm of the relative defects, ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``: (K,).
+
+        It is 0 if and only if the Lie bracket condition holds there.
+        """
         return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
 
 

@@ -41,6 +41,8 @@ _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface
 class Surfaces:
     """Points found on surfaces s(q) = 0, with the stacked defects s of an inverse, and their kinds.
 
+    The defects measure how far the inverse is from repeatable: they are 0 where it can be.
+
     Attributes
     ----------
     points : (K, n) array
@@ -68,12 +70,12 @@ class Surfaces:
 
     @property
     def stable(self) -> Array:
-        """Points on stable surfaces (·, n)."""
+        """Points on stable surfaces (·, n), on which motions stay and are repeatable."""
         return self.points[self.kind == _STABLE]
 
     @property
     def candidate(self) -> Array:
-        """Points on candidate surfaces that are not stable (·, n)."""
+        """Points on candidate surfaces that are not stable (·, n): motions leave them."""
         return self.points[self.kind == _CANDIDATE]
 
     @property
@@ -264,7 +266,12 @@ def _search(
 def _newton_step(
     strategy: Inverse, function: _Surface, Q: Array, s: Array, L: Array
 ) -> Array:
-    """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long."""
+    """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long.
+
+    ``s`` (K, pairs · n) are the values at Q (K, n), and L (n,) the unit of each joint, rad or m.
+    The derivative is by central differences. s is first projected onto the null space of J, in
+    which all defects lie, so that no equation is counted twice.
+    """
     K, n = Q.shape
     h = 1e-4
     moves = h * np.diag(L)

@@ -248,7 +248,10 @@ class _NoBodies:
 
 
 def _model_of(task: Task) -> Any:
-    """Return the collision model of a task; it is imported if the robot has bodies."""
+    """Return the collision model of a task, which holds its bodies and their pairs.
+
+    The library coal is imported only if the robot has bodies; without any, the model is empty.
+    """
     robot = task.robot
     if not robot.description.collisions and robot.surroundings is None:
         return _NoBodies()
@@ -258,7 +261,11 @@ def _model_of(task: Task) -> Any:
 
 
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
-    """List the links that should have a body and have none, see :attr:`Bodies.unchecked`."""
+    """List the links that should have a body and have none, see :attr:`Bodies.unchecked`.
+
+    ``with_body`` are the links that have one. Links that no joint separates count as one body, and
+    the first of them is listed.
+    """
     description = task.robot.description
     frames = link_frames(task.robot.model)
     joint = {link: frames[link].parentJoint for link in description.links}
@@ -283,7 +290,10 @@ def _listed(pairs: list[Pair]) -> str:
 
 
 def bodies_of(task: Task) -> Bodies:
-    """Return the cached :class:`Bodies` of a task; the first call creates them."""
+    """Return the cached :class:`Bodies` of a task; the first call creates them.
+
+    That takes long, so that motions of one task share them.
+    """
     with _MADE_LOCK:
         if task not in _MADE:
             _MADE[task] = Bodies(task)

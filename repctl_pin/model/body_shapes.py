@@ -43,6 +43,8 @@ class UnusableShape(InputError):
 class BodyShape:
     """Collision body: a convex shape, or a mesh and its convex hull.
 
+    Distances between convex shapes are fast; the mesh decides whether bodies collide.
+
     Attributes
     ----------
     hull

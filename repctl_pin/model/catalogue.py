@@ -27,7 +27,7 @@ _DATA = "share/example-robot-data/robots"
 
 @dataclass(frozen=True)
 class Entry:
-    """Catalogue entry of one robot.
+    """Catalogue entry of one robot: its files, its usual frames and its start pose.
 
     Attributes
     ----------

@@ -172,7 +172,10 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
 
 
 class Placements(tuple[pin.SE3, ...]):
-    """Placements of several frames, as one target of all of them."""
+    """Placements of several frames, as one target of all of them.
+
+    It has the attributes of a single placement that messages and C code use.
+    """
 
     @property
     def translation(self) -> Array:

@@ -144,7 +144,10 @@ class _CollisionModel:
         return found, which
 
     def reach(self) -> Array:
-        """Bound how far each joint moves the bodies of a pair, see :meth:`BodyBounds.reach`."""
+        """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
+
+        See :meth:`BodyBounds.reach`. A proof uses it to cover a box of configurations.
+        """
         return self._bounds.reach(self._joints)
 
     def kept(self, distance: float) -> Array:
@@ -265,7 +268,10 @@ class _CollisionModel:
         )
 
     def _collide(self, k: int) -> bool:
-        """Test whether the two bodies of pair k, whose hulls overlap, collide."""
+        """Test whether the two bodies of pair k, whose hulls overlap, collide.
+
+        Two convex bodies do then; for meshes the exact surfaces are compared.
+        """
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         if one.convex and other.convex:
@@ -418,7 +424,10 @@ class _CollisionModel:
         return found
 
     def _one_joint_between(self) -> _Mask:
-        """Mark the pairs of the robot's own bodies (P,) with one movable joint between them."""
+        """Mark the pairs of the robot's own bodies (P,) with one movable joint between them.
+
+        Such neighbours nearly touch by design, so that their distance says nothing.
+        """
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
         return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)

@@ -51,7 +51,10 @@ class _JointChain:
 
 
 def joint_chain(task: Task) -> _JointChain:
-    """Extract the serial chain of a task from its Pinocchio model."""
+    """Extract the serial chain of a task from its Pinocchio model, as plain arrays.
+
+    InputError is raised for a task of several frames.
+    """
     model = one_frame(task, "a joint chain").model
     frame = model.frames[task._frame_id]
     joints = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
@@ -68,6 +71,8 @@ def joint_chain(task: Task) -> _JointChain:
 @read_only
 class _JointTree:
     """All N joints that a task moves, those beside its chain included, from the base outward.
+
+    A page in the browser moves the whole arm with it, also links beside the chain.
 
     Attributes
     ----------
@@ -102,7 +107,7 @@ class _JointTree:
 def joint_tree(task: Task) -> _JointTree:
     """Extract the tree of the joints that a task moves; the robot's base is its root.
 
-    Unlike a chain it has the branches beside the frame, whose bodies move too and can collide.
+    Unlike a chain it has the branches beside the frame, whose links move too and are drawn.
     """
     model, drive = one_frame(task, "this figure").bodies_model()
     frame = model.frames[frame_id(model, task.frame)]
@@ -241,7 +246,10 @@ def _z_along(axis: Array) -> Array:
 def joint_axes(
     model: pin.Model, joints: Sequence[int]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute."""
+    """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute (P,).
+
+    ``joints`` are ids of the model. Axes are unit vectors, of rotation or of translation.
+    """
     data = model.createData()
     neutral = pin.neutral(model)
     screws = np.array(

@@ -26,7 +26,7 @@ KindName = Literal["pose", "axis", "position", "xy", "xz", "yz"]
 
 
 class Kind(str):
-    """Kind of a task: its name, and all that depends on it.
+    """Kind of a task: its name, and all that depends on it, such as which coordinates it commands.
 
     Attributes
     ----------
@@ -66,7 +66,11 @@ class Kind(str):
 
     @classmethod
     def stacked(cls, kinds: Sequence[Kind]) -> Kind:
-        """Make the kind of a task of several frames: rows of their twists, one below the other."""
+        """Make the kind of a task of several frames: rows of their twists, one below the other.
+
+        Row i of frame k is row 6 k + i of the twists (v, ω) of all frames. The name joins theirs by
+        " + ".
+        """
         rows = (6 * k + int(row) for k, one in enumerate(kinds) for row in one.rows)
         words = "; ".join(one.words for one in kinds)
         kind = cls(_AND.join(kinds), *rows, words=words)
@@ -80,7 +84,10 @@ class Kind(str):
 
     @property
     def planes(self) -> tuple[str, ...]:
-        """Planes that a path can lie in, in the order in which to try them."""
+        """Planes that a path can lie in, in the order in which to try them: ``xy``, ``yz``, ``xz``.
+
+        A task of two coordinates has its own plane only.
+        """
         return (str(self),) if self.m == 2 else ("xy", "yz", "xz")
 
     def error(self, here: pin.SE3, target: pin.SE3) -> Array:
@@ -100,7 +107,10 @@ class Kind(str):
         return np.concatenate([p, turn])
 
     def errors(self, p: Array, R: Array, p_goal: Array, R_goal: Array) -> Array:
-        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to p_goal, R_goal."""
+        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to p_goal, R_goal, m and rad.
+
+        It is :meth:`error` for many placements at once; targets must be rotations already.
+        """
         away = p_goal - p
         if not self.turns:
             return away[:, self.rows]

@@ -37,7 +37,10 @@ def arm_length(task: Task, q: Array) -> float:
 
 
 def arm_reach(task: Task, q: Array) -> float:
-    """Compute the arm length plus the strokes of the prismatic joints that have limits, m."""
+    """Compute the arm length plus the strokes of the prismatic joints that have limits, m.
+
+    Default sizes of paths are shares of it.
+    """
     strokes = (task.upper - task.lower)[~task.revolute]
     return arm_length(task, q) + float(strokes[np.isfinite(strokes)].sum())
 
@@ -89,7 +92,10 @@ def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
 
 
 def _along_arm(task: Task, q: Array) -> Array:
-    """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame."""
+    """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame.
+
+    Distances between successive joints count, at q. The elbow is searched in the middle.
+    """
     if len(task.frames) > 1:
         shares = np.zeros(task.n)
         for single, own in of_singles(task, q):

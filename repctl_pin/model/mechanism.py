@@ -36,7 +36,10 @@ class Coupling:
 
     @cached_property
     def identity(self) -> bool:
-        """True if all joints are free, in this order; the methods then return their argument."""
+        """True if all joints are free, in this order; the methods then return their argument.
+
+        Most arms have no mimic joint, and a control loop saves the multiplications.
+        """
         same = np.array_equal(self.S, np.eye(self.S.shape[1]))
         return same and not self.offset.any()
 
@@ -131,7 +134,10 @@ class Mechanism:
 def couple(
     names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]
 ) -> Coupling:
-    """Create the coupling of a model's joints (N names) to its free joints (n names)."""
+    """Create the coupling of a model's joints (N names) to its free joints (n names).
+
+    ``joints`` gives each joint by name; one that is not free must mimic a free one.
+    """
     S = np.zeros((len(names), len(free)))
     offset = np.zeros(len(names))
     for row, name in enumerate(names):

@@ -21,7 +21,10 @@ _Robot = TypeVar("_Robot", bound=Mechanism)
 
 
 class FrameSpec(NamedTuple):
-    """One of several frames: its link, its kind, the link it is relative to, its joints."""
+    """One of several frames: its link, its kind, the link it is relative to, its joints.
+
+    The kind tells which coordinates are controlled. ``base`` None is the robot's own base.
+    """
 
     frame: str
     kind: Kind
@@ -159,11 +162,11 @@ class SeveralFrames(Task):
     # ---- batches ----
 
     def jacobians(self, Q: ArrayLike) -> Array:
-        """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
+        """Evaluate J, of all frames one below the other, at every row of Q (K, n): (K, m, n)."""
         return np.concatenate([part.jacobians(Q) for part in self.parts], axis=1)
 
     def hessians(self, Q: ArrayLike) -> Array:
-        """Evaluate H at every row of Q (K, n): an array (K, m, n, n)."""
+        """Evaluate H, the derivative of J, at every row of Q (K, n): an array (K, m, n, n)."""
         return np.concatenate([part.hessians(Q) for part in self.parts], axis=1)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
@@ -238,7 +241,7 @@ def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
 
 
 def one_frame(task: Task, what: str) -> Task:
-    """Return a task of one frame; ``what`` takes no other.
+    """Return a task of one frame; raise InputError for several, which ``what`` does not take.
 
     Raises
     ------

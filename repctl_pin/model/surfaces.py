@@ -136,7 +136,10 @@ def _read(path: Path, most: int) -> Surface:
 
 
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
-    """Read each mesh file of some shapes once: its surface, or the error if it cannot be drawn."""
+    """Read each mesh file of some shapes once: its surface, or the error if it cannot be drawn.
+
+    Files after the first two million triangles get an error too, so that a page stays usable.
+    """
     found: Surfaces = {}
     budget = _MOST_IN_ALL
     for path in dict.fromkeys(shape.path for shape in shapes if shape.kind == "mesh"):
@@ -203,7 +206,10 @@ class _Beside:
         self.path = path
 
     def get(self, name: str) -> bytes:
-        """Read a file that the mesh names; trimesh ignores the error for a missing one."""
+        """Read a file that the mesh names; trimesh ignores the error for a missing one.
+
+        InputError is raised for a file outside the folder of the mesh and the one above it.
+        """
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
@@ -214,7 +220,10 @@ class _Beside:
 
 
 def unit(data: bytes) -> float:
-    """Read the unit of length of a COLLADA file, in metres."""
+    """Read the unit of length of a COLLADA file, in metres; 1 if the file names none.
+
+    InputError is raised if it is not a positive number.
+    """
     found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:20_000])
     try:
         meters = float(found[1].replace(b",", b".")) if found else 1.0
@@ -249,7 +258,10 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Arr
 
 
 def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Read the colours (3F, 3) of face corners, from 0 to 1; a texture is sampled there."""
+    """Read the colours (3F, 3) of face corners, from 0 to 1; a texture is sampled there.
+
+    ``corners`` (3F,) are the vertex numbers of the corners. A mesh without colours is grey.
+    """
     from trimesh.visual.color import uv_to_color
 
     visual = mesh.visual

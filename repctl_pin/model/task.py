@@ -117,7 +117,10 @@ class Task:
     def _take_joints(
         self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
     ) -> None:
-        """Set the attributes that depend on the joints and the kind alone."""
+        """Set the attributes that depend on the joints and the kind alone: limits, sizes, names.
+
+        Tasks of one frame and of several share it.
+        """
         self.robot = robot
         self.frame = frame
         self.kind = kind
@@ -142,7 +145,7 @@ class Task:
         self.r = self.n - self.m
 
     def _driven(self) -> set[int]:
-        """Collect the ids of the joints of the robot's model that q moves."""
+        """Collect the ids of the joints of the robot's model that q moves, also mimic joints."""
         moved = (self.robot.coupling.S[:, self._columns] != 0).any(axis=1)
         return set((np.flatnonzero(moved) + 1).tolist())
 
@@ -256,7 +259,7 @@ class Task:
         return self.drive.derivatives(J)
 
     def hessian(self, q: ArrayLike) -> Array:
-        """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
+        """Evaluate H (m, n, n), the derivative of the Jacobian: ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
         return self.hessians(vector(q, self.n, "q")[None])[0]
 
     def error(self, q: ArrayLike, target: Placement) -> Array:
@@ -279,7 +282,7 @@ class Task:
     # ---- batches -------------------------------------------------------------------------------
 
     def jacobians(self, Q: ArrayLike) -> Array:
-        """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
+        """Evaluate J, the Jacobian of ẋ = J q̇, at every row of Q (K, n): an array (K, m, n)."""
         J, R = self._twists(Q)
         Js = J.take(self.rows, axis=1)
         if R is not None:
@@ -422,7 +425,10 @@ class Task:
         return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance of each joint to its nearer limit: (..., n); below 0 outside."""
+        """Compute the distance of each joint to its nearer limit: (..., n), below 0 outside.
+
+        The unit is rad or m. A joint without limits has an infinite margin.
+        """
         if not (
             isinstance(q, np.ndarray)
             and q.dtype.kind == "f"
@@ -497,7 +503,10 @@ class Task:
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last."""
+        """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last.
+
+        An axis task needs the frame's rotation there, which Pinocchio's data still hold.
+        """
         if self.m == 6:
             return J
         if not self.kind.tool_axes:

@@ -56,7 +56,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """Content of a validated URDF.
+    """Content of a validated URDF, as plain data from which all models are made.
 
     Attributes
     ----------
@@ -174,7 +174,10 @@ def check_surroundings(description: Description) -> Description:
 
 
 def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
-    """Read a regular file of limited size; a .xacro file is expanded."""
+    """Read a regular file of limited size; a .xacro file is expanded with its packages.
+
+    UrdfError says what is wrong with the path, or that the file is too large for a URDF.
+    """
     try:
         if path.is_dir():
             raise UrdfError("is a folder; give the .urdf file inside it")
@@ -288,7 +291,10 @@ def _mimicked(
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
-    """Write a note on revolute joints with a limit beyond two turns; no note if there are none."""
+    """Write a note on revolute joints with a limit beyond two turns, which may be in degrees.
+
+    The list has one note, on the largest limit; it is empty if there is none.
+    """
     far = {}
     for joint in joints:
         ends = [abs(x) for x in (joint.lower, joint.upper) if math.isfinite(x)]

@@ -130,7 +130,11 @@ def check(robot: etree._Element) -> str:
 
 
 def numbers(element: etree._Element, attribute: str) -> list[float] | None:
-    """Read the finite numbers of an attribute, and check their count; None if it is missing."""
+    """Read the finite numbers of an attribute, and check their count; None if it is missing.
+
+    The table ``_NUMBERS`` has the count for each element. UrdfError is raised for a wrong count,
+    for text, and for numbers that are too large.
+    """
     text = element.get(attribute)
     if text is None:
         return None
@@ -178,6 +182,10 @@ def axis_of(joint: etree._Element) -> tuple[float, float, float]:
 
 
 def _check_names(elements: Sequence[etree._Element]) -> None:
+    """Check that elements have unique names that CSV files and Pinocchio can hold.
+
+    UrdfError is raised for the first one that has not.
+    """
     seen: dict[str, etree._Element] = {}
     for element in elements:
         name = element.get("name")
@@ -200,6 +208,7 @@ def _check_names(elements: Sequence[etree._Element]) -> None:
 
 
 def _check_numbers(element: etree._Element) -> None:
+    """Check all numbers of an element: present, finite, and not negative where they cannot be."""
     for attribute in _NUMBERS.get(element.tag, {}):
         values = numbers(element, attribute)
         if values is None:
@@ -215,7 +224,10 @@ def _check_numbers(element: etree._Element) -> None:
 
 
 def _check_body(link: etree._Element) -> None:
-    """Check that a link's inertia and shapes are complete; Pinocchio ignores incomplete ones."""
+    """Check that a link's inertia and shapes are complete, and raise UrdfError if not.
+
+    Pinocchio ignores incomplete ones without a word.
+    """
     for inertial in link.findall("inertial"):
         for tag in ("mass", "inertia"):
             if inertial.find(tag) is None:
@@ -238,6 +250,7 @@ def _check_body(link: etree._Element) -> None:
 
 
 def _check_joint(joint: etree._Element, links: set[str]) -> None:
+    """Check a joint's type, links, numbers, axis and limits; raise UrdfError if one is wrong."""
     kind = joint.get("type")
     if kind not in KINDS:
         what = "has no type" if kind is None else f"type {short(kind)} is unknown"
@@ -340,6 +353,10 @@ def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 
 
 def _check_range(limit: etree._Element) -> None:
+    """Check the range of a revolute or prismatic joint; UrdfError if it allows no motion.
+
+    Both ends 0 are allowed: exporters write that for no limit.
+    """
     lower = number(limit, "lower")
     upper = number(limit, "upper")
     if lower >= NO_LIMIT or upper <= -NO_LIMIT:

@@ -117,7 +117,10 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
-    """Add notes on ignored xacro elements and undeclared prefixes."""
+    """Add notes on ignored xacro elements and undeclared prefixes.
+
+    What xacro would have added is missing from the robot, which the user should know.
+    """
     elements = [e for e in root.iter() if isinstance(e.tag, str)]
     xacro = [e for e in elements if _prefix(e) == "xacro"]
     if xacro:
@@ -221,7 +224,10 @@ def _check_root(root: etree._Element) -> None:
 
 
 def _plain(element: etree._Element) -> etree._Element:
-    """Copy an element without namespaces, comments and foreign children; keep the line numbers."""
+    """Copy an element without namespaces, comments and foreign children; keep the line numbers.
+
+    All later checks then see plain tags, and can name the line of the file.
+    """
     attributes = {
         k: v
         for k, v in element.attrib.items()

@@ -75,7 +75,11 @@ class Visuals:
 
     @classmethod
     def of(cls, robot: Mechanism) -> Visuals:
-        """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``."""
+        """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``.
+
+        Invisible shapes are left out. Links whose mesh is missing are drawn as tubes, and so is the
+        whole robot if no visible shape moves.
+        """
         ids = link_ids(robot.model)
         links = link_frames(robot.model)
         riding: list[_Placed] = []
@@ -229,7 +233,7 @@ def _extent(robot: Mechanism) -> float:
 
 
 def _turn_z_to(direction: ArrayLike) -> Array:
-    """Compute a rotation matrix that maps the z axis to a direction."""
+    """Compute a rotation matrix (3, 3) that maps the z axis to a direction, of any length."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     if z[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
@@ -275,7 +279,10 @@ def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
 
 
 def _mesh_corners(surface: Surface | InputError) -> Array:
-    """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
+    """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh.
+
+    A mesh without a hull, such as a flat one, gives all its points.
+    """
     if isinstance(surface, InputError):
         return np.zeros((1, 3))
     try:
@@ -286,7 +293,10 @@ def _mesh_corners(surface: Surface | InputError) -> Array:
 
 
 def _primitive_corners(shape: Shape) -> Array:
-    """Collect the corners of a box, or of a polytope that approximates a round shape: (P, 3), m."""
+    """Collect the corners of a box, or of a polytope that approximates a round shape: (P, 3), m.
+
+    Round shapes are rings of 24 points.
+    """
     ends = np.array([-0.5, 0.5])
     if shape.kind == "box":
         return np.array(list(product(*(edge * ends for edge in shape.size))))

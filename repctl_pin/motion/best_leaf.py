@@ -495,6 +495,10 @@ def _directions(task: Task, start: Array, seed: int) -> list[Array]:
 
 
 def _line(candidate: _LeafCandidate | None) -> str:
+    """Format the margins of a candidate on one line, with its violations.
+
+    None stands for a start that has no full cycle, which the text says.
+    """
     if candidate is None:
         return "no full cycle from this start"
     outside = candidate.motion.outside

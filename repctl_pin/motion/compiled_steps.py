@@ -75,6 +75,12 @@ def _run(
     Q: Array,
     Qdot: Array,
 ) -> int:
+    """Take the steps from ``step`` to ``end`` in C, and return the first step that was not taken.
+
+    ``native`` is the library, and ``law`` the struct of the control law, whose memory ``held``
+    keeps alive. Rows of Q and Qdot are written. C stops at a step that fails or is too long; Python
+    takes it again, and raises the error.
+    """
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:
         goal = min(step + _AT_ONCE, end)

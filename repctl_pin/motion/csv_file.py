@@ -31,7 +31,7 @@ _LARGEST = 64_000_000
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Recorded:
-    """Motion of one strategy, as stored in a file.
+    """Motion of one strategy, as stored in a file: joint positions, and times if it has them.
 
     Attributes
     ----------

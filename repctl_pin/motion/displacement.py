@@ -83,6 +83,8 @@ def farthest(
 def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
     """Find the part that is off most after a motion, as its link, and how far it is off, m.
 
+    It is the link whose drawn body has the point that is displaced most; reports name it.
+
     Parameters
     ----------
     task
@@ -141,7 +143,10 @@ class LinkPoints:
 
     @classmethod
     def of(cls, task: Task, Q: Array) -> LinkPoints:
-        """Choose the points that are displaced most from the first to any other of Q (K, n)."""
+        """Choose the points that are displaced most from the first to any other of Q (K, n).
+
+        There is one point per link of the arm; links without a drawn shape have none.
+        """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)
         bodies = corners(visuals.shapes)
@@ -166,6 +171,8 @@ class LinkPoints:
 
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
     """Compute how far other end effectors are from where they began: (T,) each, m, by link.
+
+    On a robot with two arms on one waist, the other hand drifts as well.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ _MOST = 100_000_000
 
 @dataclass(frozen=True)
 class _Method:
-    """Integration method of :func:`follow`: functions that take its steps.
+    """Integration method of :func:`follow`: functions that take its steps, in Python and in C.
 
     Attributes
     ----------
@@ -238,7 +238,10 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:
-    """Raise InputError for a motion that does not fit into memory, before a long computation."""
+    """Raise InputError for a motion that does not fit into memory, before a long computation.
+
+    The limit is on cycles times steps times joints.
+    """
     if cycles * steps * task.n > _MOST:
         raise InputError(
             f"{cycles} cycles of {steps} steps do not fit into memory; use fewer cycles or steps"

@@ -155,7 +155,10 @@ class JointMotion:
 
     @cached_property
     def nearest_bodies(self) -> tuple[float, Nearest]:
-        """Time of the minimum body distance, in cycles, and the two bodies at that time."""
+        """Time of the minimum body distance, in cycles, and the two bodies at that time.
+
+        The time has fractions: 2.5 is the middle of the third cycle. Reports name the two links.
+        """
         row = int(np.argmin(self.body_distance))
         return row / self.steps, bodies_of(self.task).nearest(self.q[row])
 
@@ -220,7 +223,10 @@ class JointMotion:
 
     @cached_property
     def coarse(self) -> Self:
-        """The motion at no more than 100 points per cycle, enough for body distances."""
+        """The motion at no more than 100 points per cycle, at which body distances are computed.
+
+        They take too long at each step; a collision of a shorter time is not seen.
+        """
         return self.thinned(_COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
@@ -254,7 +260,7 @@ def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class Violation:
-    """First violation of a joint limit, or first collision.
+    """First violation of a joint limit, or first collision: when, and of which joint or links.
 
     Attributes
     ----------
@@ -282,6 +288,8 @@ def violations_of(
     motion: JointMotion, bodies: JointMotion | None = None
 ) -> tuple[Violation, ...]:
     """List the first limit violation and the first collision of a motion, in order of time.
+
+    The tuple is empty if the motion can be sent to the robot.
 
     Parameters
     ----------

@@ -237,7 +237,11 @@ class _Cost:
         free_start: bool,
         margin: float = 0.0,
     ) -> _Cost:
-        """Create the cost at the points s = ``grid`` of a path, with multipliers 0."""
+        """Create the cost at the points s = ``grid`` of a path, with multipliers 0.
+
+        The multipliers are the forces of the joint limits, which :func:`_within_limits` finds.
+        ``margin`` is the joint-limit margin to keep, rad or m.
+        """
         targets = [path.placement(float(s)) for s in grid[:-1]]
         lengths = np.diff(grid)
         return cls(

@@ -87,6 +87,9 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
 class Limits:
     """Limits for :func:`timed`, :func:`approach` and :class:`Governor`: speeds to torques.
 
+    They determine how fast a joint path can be traversed. Without a limit of acceleration there is
+    no fastest motion from rest, so that it must be given.
+
     Attributes
     ----------
     acceleration : float, (n,) array or str

@@ -150,7 +150,10 @@ def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Dr
 
 
 def _length(part: str, text: str) -> float:
-    """Parse a length above 0, m; InputError if it is not one."""
+    """Parse a length above 0, m, of a path; raise InputError if it is not one.
+
+    ``part`` is the length and ``text`` the whole path, which the message quotes.
+    """
     value = number(part)
     if not (np.isfinite(value) and value > 0):
         raise InputError(

@@ -140,6 +140,8 @@ def solve_near(
 ) -> Array:
     """Find q with f(q) at the target near q0: as :func:`solve_ik`, but from q0 only.
 
+    Walks along a path or a self-motion need the solution next to the one before, not any solution.
+
     Raises
     ------
     InputError
@@ -309,8 +311,8 @@ def _with_corner(
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
     """Suggest a different unit or origin, if the whole path can be reached with it; else empty.
 
-    Waypoint files in mm, or counted from the start, are common errors. ``knots`` are the values of
-    s at the corners and both ends.
+    Waypoints in mm, or counted from the start, are common errors. ``knots`` are the values of the
+    path parameter s at the corners and both ends.
     """
     if len(task.frames) > 1:
         return ""
@@ -327,13 +329,16 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 
 
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
-    """Test whether all points (K, 3) can be reached from q, with the path's first orientation."""
+    """Test whether all points (K, 3), m, can be reached from q, with the first orientation."""
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Explain in text why a target cannot be reached from q; empty if it can."""
+    """Explain in text why a target cannot be reached from q; empty if it can.
+
+    The text is the message of the failed inverse kinematics, for a message about a path.
+    """
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:

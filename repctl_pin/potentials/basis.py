@@ -29,18 +29,25 @@ A_BASIS = (
 class Potentials(Protocol):
     """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller.
 
-    A class that inherits from it needs no ``gradient`` of its own.
+    A leaf is the set of configurations on which all motions stay. A class that inherits from it
+    needs no ``gradient`` of its own.
     """
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
 
     def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at one q (n,): (n, r)."""
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
 
 
 @runtime_checkable
@@ -52,7 +59,10 @@ class CurvedPotentials(Potentials, Protocol):
     """
 
     def hessian(self, q: Array) -> Array:
-        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
+
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        """
 
 
 def check_joints(potentials: object, n: int) -> None:
@@ -72,6 +82,8 @@ def check_joints(potentials: object, n: int) -> None:
 
 def _common_joints(parts: Sequence[object]) -> int | None:
     """Return the common number of joints of several potentials; None if they take any number.
+
+    Potentials of different arms cannot be added.
 
     Raises
     ------
@@ -110,11 +122,17 @@ class SumMap(Potentials):
         self.maps, self.n = tuple(maps), _common_joints(maps)
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
         return np.sum([part.value(q) for part in self.maps], axis=0)
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
         return np.sum([part.gradients(Q) for part in self.maps], axis=0)
 
 
@@ -129,7 +147,10 @@ class _CurvedSumMap(SumMap):
         self._curved = tuple(maps)
 
     def hessian(self, q: Array) -> Array:
-        """Evaluate ∂V/∂q: (n, n, r)."""
+        """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
+
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        """
         return np.sum([part.hessian(q) for part in self._curved], axis=0)
 
 
@@ -160,7 +181,7 @@ class PotentialBasis(ABC):
 
     @abstractmethod
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
 
     @abstractmethod
     def gradients(self, Q: ArrayLike) -> Array:
@@ -170,7 +191,10 @@ class PotentialBasis(ABC):
         """
 
     def weighted(self, A: ArrayLike) -> Potentials:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
+
+        A design chooses A; a repeatable controller keeps these r sums constant.
+        """
         return CustomMap(self, coefficients(A, self.size))
 
     def __add__(self, other: PotentialBasis) -> Joined:
@@ -196,11 +220,17 @@ class CustomMap(Potentials):
         return f"<{len(self.A[0])} weighted sums of {self.basis!r}>"
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
         return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
         return self.basis.gradients(Q) @ self.A
 
 
@@ -251,12 +281,15 @@ class Joined(PotentialBasis):
         return tuple(name for part in self.parts for name in part.names)
 
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
         Q = as_configurations(Q, None, "a joined basis")
         return np.concatenate([part.values(Q) for part in self.parts], axis=-1)
 
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        """Evaluate the gradients ∇h_j of the N potentials at Q (K, n): (K, n, N), per rad or m.
+
+        Entry ``[k, i, j]`` is ∂h_j/∂q_i at row k.
+        """
         Q = as_configurations(Q, None, "a joined basis")
         return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
 
@@ -265,7 +298,10 @@ class Joined(PotentialBasis):
         return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
+
+        A design chooses A; a repeatable controller keeps these r sums constant.
+        """
         maps = [
             part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)
         ]

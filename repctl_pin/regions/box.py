@@ -83,7 +83,10 @@ class Box(Region):
     def between(
         cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None
     ) -> Box:
-        """Create the box between two opposite corners (n,)."""
+        """Create the box between two opposite corners (n,), such as two lists of joint limits.
+
+        InputError is raised unless lower < upper for every joint.
+        """
         low = vector(lower, None, "the lower corner of a box")
         high = vector(upper, len(low), "the upper corner of a box")
         if not (low < high).all():
@@ -110,7 +113,11 @@ class Box(Region):
         return self
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1."""
+        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1.
+
+        The weighted sum over them approximates the mean over the box. They are a Gauss–Legendre
+        grid, which is exact for polynomials, up to three joints, and Sobol points for more.
+        """
         if self.n > 3:
             return super().nodes(count, seed)
         count = as_int(count, "the number of nodes", 1, MOST_NODES)

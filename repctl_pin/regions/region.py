@@ -65,7 +65,10 @@ class Region(ABC):
 
     @abstractmethod
     def random(self, count: int, seed: int) -> Array:
-        """Draw quasi-random points of the region: (K, n), K ≥ ``count``, determined by the seed."""
+        """Draw quasi-random points of the region: (K, n), K ≥ ``count``, determined by the seed.
+
+        They are held-out nodes of a design, and candidates of searches.
+        """
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
@@ -74,14 +77,23 @@ class Region(ABC):
 
     @abstractmethod
     def clip(self, Q: ArrayLike) -> Array:
-        """Move configurations (K, n) that lie outside to the boundary, or close to it."""
+        """Move configurations (K, n) that lie outside to the boundary, or close to it.
+
+        A search of the region for singularities keeps its points inside with it.
+        """
 
     @abstractmethod
     def shrunk(self, factor: float) -> Region:
-        """Create the region with the same center and all widths multiplied by ``factor``."""
+        """Create the region with the same center and all widths multiplied by ``factor``.
+
+        A design uses it to find a region free of singularities.
+        """
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1."""
+        """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
+
+        The weighted sum of a function over them approximates its mean over the region.
+        """
         Q = self.random(count, seed)
         return Q, self.weights(Q)
 
@@ -103,7 +115,10 @@ class Region(ABC):
 
 
 def span(widths: Array, sign: str = "") -> str:
-    """Format widths as text: the smallest and the largest, or one number if they are equal."""
+    """Format widths as text: the smallest and the largest, or one number if they are equal.
+
+    ``sign`` is written before each, as in ``±0.2 to ±0.5``.
+    """
     return " to ".join(
         dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max()))
     )
@@ -128,7 +143,11 @@ def check_density(density: Density | None) -> None:
 
 
 def evaluate_density(density: Density | None, Q: Array) -> Array:
-    """Evaluate a user-defined density at the rows of Q: (K,) finite weights ≥ 0; 1 without one."""
+    """Evaluate a user-defined density at the rows of Q (K, n): (K,) finite weights ≥ 0.
+
+    Without a density all weights are 1. InputError is raised if the function returns anything else,
+    so that a mean is never taken with wrong weights.
+    """
     if density is None:
         return np.ones(len(Q))
     try:

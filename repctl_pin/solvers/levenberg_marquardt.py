@@ -55,7 +55,9 @@ class Point(Generic[D]):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Step:
-    """Damped Gauss–Newton step; g, H, D and μ as in :class:`_LeastSquares`.
+    """Damped Gauss–Newton step: the solution dx of ``(H + μ D) dx = −g``.
+
+    g is the gradient, H the Gauss–Newton matrix, μ the damping and D a scaling.
 
     Attributes
     ----------
@@ -82,7 +84,10 @@ class _LeastSquares(Protocol[D, M]):
         """Evaluate the objective at x, and the intermediate values that :meth:`model` needs."""
 
     def merit(self, x: Array) -> float:
-        """Evaluate the merit alone; infinite where a step may not be accepted."""
+        """Evaluate the merit alone; infinite where a step may not be accepted.
+
+        The line search needs no more.
+        """
 
     def model(self, at: Point[D]) -> M:
         """Evaluate the gradient g and the Gauss–Newton matrix H at a point."""

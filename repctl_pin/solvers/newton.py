@@ -32,7 +32,7 @@ def newton(
     contraction: float | None = None,
     residual: Callable[[Array], float] | None = None,
 ) -> Array | None:
-    """Solve one system F(q) = 0 by Newton's method.
+    """Solve one system F(q) = 0 by Newton's method, with few calls, for control loops.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def newton_rows(
     tolerance: float,
     iterations: int,
 ) -> tuple[Array, Array]:
-    """Solve many systems F_k(q_k) = 0 at once by Newton's method.
+    """Solve many systems F_k(q_k) = 0 at once by Newton's method, as arrays with a row for each.
 
     Parameters
     ----------

@@ -69,7 +69,10 @@ class CustomInverse:
         return self._checked(q, self.task.jacobian(q))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate G at every row of Q (K, n): (K, n, m)."""
+        """Evaluate the user's G at every row of Q (K, n): (K, n, m).
+
+        J (K, m, n) are the Jacobians there, if they are known already.
+        """
         Q, J = at_rows(self.task, Q, J)
         G = np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)])
         return G.reshape(len(Q), self.task.n, self.task.m)
@@ -79,6 +82,10 @@ class CustomInverse:
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
     def _checked(self, q: Array, J: Array) -> Array:
+        """Evaluate the user's G (n, m) at q (n,), and check it against the Jacobian J (m, n).
+
+        InputError is raised if G has another shape, or if J G differs from I.
+        """
         n, m = self.task.n, self.task.m
         G = evaluated(self.function, q, (n, m), "the function's matrix G")
         residual = np.abs(J @ G - np.eye(m))
@@ -93,6 +100,8 @@ class CustomInverse:
 
 class FunctionStrategy:
     """``q̇ = function(q, ẋ)``: a controller outside this package, such as pink or Drake.
+
+    It makes a plain function a strategy, so that its drift can be measured by :func:`follow`.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ class _ExtendedMap(Potentials):
         )
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate h(q) = Nᵀ ∇U (r,), which is 0 where U is stationary in the self-motion."""
         q = np.asarray(q, float)
         N, _ = self._aligned(self.task.jacobian(q)[None], q[None])
         return N[0].T @ self.potential.gradients(q[None])[0]
@@ -199,7 +199,10 @@ class _Given:
         return self._U.gradients(Q)[:, :, 0]
 
     def hessians(self, Q: Array) -> Array:
-        """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n)."""
+        """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n).
+
+        The differences are made symmetric; their step is longer where ∇U itself is by differences.
+        """
         K, n = Q.shape
         if self._hessian is not None:
             what = "the Hessian of potential U"

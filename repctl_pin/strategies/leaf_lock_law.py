@@ -33,21 +33,24 @@ class NumPyLaw:
         self._report = 0.0, 1.0
 
     def leaf(self, q: Array) -> Array:
-        """Evaluate c = h(q) (r,)."""
+        """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q."""
         return self.potentials.value(q)
 
     def inverses(self, Q: Array) -> Array:
-        """Evaluate G_r (K, n, m) at the rows of Q (K, n): the first m columns of J_V⁻¹ (31)."""
+        """Evaluate G_r (K, n, m), the repeatable inverse, at the rows of Q (K, n).
+
+        It is the first m columns of J_V⁻¹ (31).
+        """
         J = self.task.jacobians(Q)
         V = self.potentials.gradients(Q)
         return augmented_inverse(J, V)[:, :, : self.task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
-        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
+        """Compute q̇ (K, n) of the repeatable inverse at the rows of Q (K, n) and Ẋ (K, m)."""
         return (self.inverses(Q) @ Xdot[..., None])[..., 0]
 
     def velocity(self, q: Array, xdot: Array) -> Array:
-        """Compute ``q̇ = J_V⁻¹ [ẋ; 0]`` (n,)."""
+        """Compute ``q̇ = J_V⁻¹ [ẋ; 0]`` (n,): the frame moves with ẋ, and h(q) stays constant."""
         still = np.zeros(self.task.r)
         return self._solved(q, self._augmented(q), np.concatenate([xdot, still]))
 

@@ -22,7 +22,9 @@ from ..regions import Box, Tube, WorkspaceBox
 def native_arm(
     task: Task, potentials: Potentials | None = None, region: Any = None
 ) -> Any:
-    """Create the struct :data:`ARM` of a task with potentials and a region Ω.
+    """Create the struct :data:`ARM` of a task with potentials and a region Ω, for C.
+
+    It points to arrays, which it keeps alive.
 
     Raises
     ------

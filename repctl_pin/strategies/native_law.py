@@ -84,7 +84,12 @@ class NativeLaw:
         self._run_leaf = held.call_leaf
 
     def velocity(self, q: Array, xdot: Array) -> Array:
-        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
+        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
+
+        The frame moves with ẋ, and the arm stays on its leaf, because V are the gradients of the
+        potentials. A SingularityError is raised where [J; Vᵀ] is singular, and an InputError for
+        numbers that are not finite.
+        """
         self._q[...] = q
         self._xdot[...] = xdot
         status = self._run_velocity(self._call)
@@ -93,7 +98,10 @@ class NativeLaw:
         return self._result.copy()
 
     def leaf(self, q: Array) -> Array:
-        """Evaluate c = h(q) (r,)."""
+        """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q.
+
+        An InputError is raised if q is not finite.
+        """
         self._q[...] = q
         status = self._run_leaf(self._call)
         if status:
@@ -159,7 +167,7 @@ class NativeLaw:
         return augmented_inverse(J, V)[:, :, : task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
-        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
+        """Compute q̇ (K, n) of the repeatable inverse at the rows of Q (K, n) and Ẋ (K, m)."""
         Qdot = np.empty((len(Q), self._task.n))
         if self._run_rows("call_velocities", Q, Xdot, Qdot):
             return Qdot

@@ -31,6 +31,8 @@ from .strategy import described
 class Pseudoinverse:
     """Minimum joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
 
+    It is the usual controller, with which all others are compared.
+
     Raises
     ------
     InputError
@@ -55,11 +57,11 @@ class Pseudoinverse:
         return described(self, self.task)
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate J⁺ (n, m)."""
+        """Evaluate J⁺ (n, m), the pseudoinverse of the Jacobian, at q (n,)."""
         return pseudoinverse(self.task.jacobian(q))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺ at every row of Q (K, n): (K, n, m)."""
+        """Evaluate J⁺ at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
         return pseudoinverse(at_rows(self.task, Q, J)[1])
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
@@ -128,11 +130,11 @@ class WeightedInverse:
         )
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate J⁺_M (n, m)."""
+        """Evaluate J⁺_M (n, m), the inverse of minimum ``q̇ᵀ M q̇``, at q (n,)."""
         return self.batch(vector(q, self.task.n, "q")[None])[0]
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m)."""
+        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
         Q, J = at_rows(self.task, Q, J)
         return weighted_pseudoinverse(J, self._weights(Q))
 
@@ -221,7 +223,10 @@ def _positive(weight: ArrayLike, n: int) -> Array:
 
 
 def _check_inertia(task: Task) -> None:
-    """Raise InputError if a joint moves no mass: the inertia is then no positive weight."""
+    """Raise InputError if a joint moves no mass: the inertia is then no positive weight.
+
+    The message names the joint and the link that lacks an ``<inertial>``.
+    """
     own = np.diagonal(task.inertias(task.reference[None])[0])
     light = own <= 1e-12 * own.max()
     if light.any():
@@ -303,6 +308,6 @@ class PostureControl:
         return described(self, self.task, f"gain {self.gain:g} 1/s")
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Compute q̇ (n,) for a task velocity ẋ (m,)."""
+        """Compute q̇ (n,), with attraction to the posture, for a task velocity ẋ (m,)."""
         n, m = self.task.n, self.task.m
         return self._quick.own(*as_velocity_arguments(q, xdot, n, m))

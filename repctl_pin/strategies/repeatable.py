@@ -133,14 +133,14 @@ class RepeatableInverse:
     # ---- the inverse -----------------------------------------------------------------------------
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate G_r (n, m)."""
+        """Evaluate G_r (n, m), the matrix of ``q̇ = G_r ẋ``, at q (n,)."""
         q = vector(q, self.task.n, "q")
         return augmented_inverse(self.task.jacobian(q), self.potentials.gradient(q))[
             :, : self.task.m
         ]
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
+        """Evaluate G_r at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
         if J is None:
             return self._law.own.inverses(as_configurations(Q, self.task.n, "batch()"))
         Q, J = at_rows(self.task, Q, J)
@@ -152,6 +152,8 @@ class RepeatableInverse:
         self, q: ArrayLike, xdot: ArrayLike, *, outside: _Outside = "ignore"
     ) -> Array:
         """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
+
+        The frame moves with ẋ, and the potentials h, whose gradients are V, stay constant.
 
         Parameters
         ----------
@@ -173,7 +175,10 @@ class RepeatableInverse:
         return self._law.own.velocity(*as_velocity_arguments(q, xdot, task.n, task.m))
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
-        """Compute q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
+        """Compute q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n).
+
+        It is faster than a loop over :meth:`velocity`.
+        """
         Q = as_configurations(Q, self.task.n, "velocities()")
         (Xdot,) = as_matrices(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
         return self._law.own.velocities(Q, Xdot)
@@ -254,6 +259,8 @@ class RepeatableInverse:
         outside: _Outside = "ignore",
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
+
+        Both tell that a step was not what was asked for: near a singularity, or at a speed limit.
 
         Returns
         -------
@@ -385,7 +392,10 @@ def _laws(task: Task, potentials: Potentials) -> Callable[[], NativeLaw | NumPyL
 
 
 def _report(what: str, outside: str) -> None:
-    """Raise an InputError with the message ``what`` if ``outside`` is "raise", else warn."""
+    """Raise an InputError with the message ``what`` if ``outside`` is "raise", else warn.
+
+    The warning points to the line of the user's program.
+    """
     if outside == "raise":
         raise InputError(what)
     warnings.warn(what, UserWarning, stacklevel=4)

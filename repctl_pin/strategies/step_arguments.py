@@ -23,7 +23,10 @@ from ..redundancy.augmented import SINGULAR
 
 
 class StepLimits(NamedTuple):
-    """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max."""
+    """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max.
+
+    The damping shortens steps near singularities; with λ_max = 0 there is none.
+    """
 
     velocity_limit: Array
     damping: float

@@ -51,7 +51,7 @@ class Strategy(Protocol):
 
 
 def described(strategy: object, task: Task, details: str = "") -> str:
-    """Format the repr of a strategy: its class, its task, and details."""
+    """Format the repr of a strategy: ``<Pseudoinverse of panda panda_hand pose: details>``."""
     of = f"{type(strategy).__name__} of {task.robot.name} {task.frame} {task.kind}"
     return f"<{of}: {details}>" if details else f"<{of}>"
 
@@ -64,7 +64,7 @@ class Inverse(Strategy, Protocol):
     """
 
     def __call__(self, q: Array) -> Array:
-        """Evaluate G (n, m)."""
+        """Evaluate the matrix G (n, m) of ``q̇ = G ẋ`` at q (n,)."""
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m); with J (K, m, n) where it is known."""
