@@ -216,6 +216,7 @@ def as_matrices(
 ) -> list[Array]:
     """Convert stacks of matrices with matching sizes, each given as (name, array, axes).
 
+    The formulas take arrays of one configuration and of many, so that shapes must be checked.
     ``axes`` are the sizes of the last axes, as in ``("J", J, "m n"), ("V", V, "n r")``: a number,
     or a letter that stands for the same size in all arrays. Sizes are at least 1, except r and K.
     Leading axes must broadcast; ``exact`` allows none. Without ``finite``, NaN and infinity are

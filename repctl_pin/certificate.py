@@ -40,11 +40,12 @@ class ClosingRadius:
 
     Every closed path of the frame (of all frames) whose poses are all within :attr:`metres` **and**
     :attr:`radians` of the start pose closes, however long it is: its motion, begun at the end of
-    the straight way from the start, stays in Ω and ends where it began. Around a path that closes
-    itself, every closed path that deviates by less than both, at each moment, closes too. That the
-    path closes, and how it bends between its samples, is checked by following it, not proved.
-    Where the path crosses itself, a path that leaves it for its other branch is none of these.
-    ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
+    the straight way from the start, stays in Ω, the region of joint space that was proved, and ends
+    where it began. Around a path that closes itself, every closed path that deviates by less than
+    both, at each moment, closes too. That the path closes, and how it bends between its samples, is
+    checked by following it, not proved. Where the path crosses itself, a path that leaves it for
+    its other branch is none of these. ``bool(radius)`` tells whether a radius of at least 1 mm is
+    proved.
 
     Attributes
     ----------
@@ -103,9 +104,9 @@ class ClosingRadius:
     def contains(self, placement: Any) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
-        Nothing is wrong with a pose beyond the radius: paths through it are not proved to close.
-        A pose does not tell the leaf; it is that of :attr:`start`, see
-        :meth:`RepeatableInverse.same_leaf`.
+        Nothing is wrong with a pose beyond the radius: paths through it are not proved to close. A
+        pose does not tell the leaf, the set h(q) = c on which the arm is; it must be that of
+        :attr:`start`, see :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
@@ -157,7 +158,8 @@ class ClosingRadius:
     def squared_chord(self) -> float:
         """Squared chord of the angle: ``(2 sin(α/2))² = ‖R − R₀‖²_F / 2 = ‖z − z₀‖²``.
 
-        It is 0 for a task without orientation.
+        It is 0 for a task without orientation. It is compared with the chord of a pose, which takes
+        no trigonometric function.
         """
         if self.radians is None:
             return 0.0
@@ -165,7 +167,10 @@ class ClosingRadius:
 
     @property
     def words(self) -> str:
-        """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``."""
+        """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``.
+
+        Reports and the command ``repctl check`` print it.
+        """
         if not self:
             return f"no closing radius above 1 mm is proved: {self.reason}"
         paths = (
@@ -306,7 +311,11 @@ class Proof:
         return fingerprint(*own)
 
     def summary(self) -> str:
-        """Describe in a few lines what is proved."""
+        """Describe in a few lines what is proved.
+
+        The bounds are those of the leaf margin, the joint-limit margin, σ_min(J) and the extra
+        joint speed.
+        """
         state = "proved" if self.proved else "NOT proved"
         place = ", ".join(f"{v:.4g}" for v in np.round(self.worst, 4) + 0.0)
         wide = (
@@ -331,7 +340,10 @@ class Proof:
 
     @property
     def extra_speed_words(self) -> str:
-        """Text of the bound of the extra joint speed, in per cent, rounded up."""
+        """Text of the bound of the extra joint speed, in per cent, rounded up.
+
+        The extra joint speed is that of the controller over J⁺, the inverse of minimum joint speed.
+        """
         if not np.isfinite(self.extra_speed_direction):
             return "no bound"
         percent = np.ceil(1e4 * self.extra_speed_direction) / 100

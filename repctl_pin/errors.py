@@ -65,7 +65,10 @@ class RepctlError(Exception):
         return _restored, (type(self), self.args, vars(self))
 
     def __str__(self) -> str:
-        """Format the message on one line of bounded length, whatever it quotes."""
+        """Format the message on one line of bounded length, whatever it quotes.
+
+        A message may quote a file or a name of the user.
+        """
         fact = super().__str__()
         joint = "" if not self.argument or fact.startswith(":") else " "
         parts = (f"{self.argument}{joint}{fact}", self.remedy)

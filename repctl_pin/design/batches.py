@@ -45,7 +45,8 @@ def _silent(share: float) -> None:
 class Batches(Protocol):
     """Interface of a set of nodes, stored in batches, over which functions are summed.
 
-    A fit needs only this, so that it runs in one process or on a cluster without change.
+    A node is a configuration of the region Ω at which a fit evaluates its cost. A fit needs only
+    this interface, so that it runs in one process or on a cluster without change.
     """
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
@@ -118,9 +119,10 @@ class Local:
 class BarrierCost:
     """Nodes of a fit, and additional points of Ω that act as a barrier against singularities.
 
-    The points are configurations between the nodes at which an earlier fit had det(Nᵀ V) = 0. Each
-    is an additional node. Its cost tends to infinity as det(Nᵀ V) tends to 0, so that a descent
-    stays away from a singularity there.
+    The points are configurations between the nodes at which an earlier fit had det(Nᵀ V) = 0, an
+    algorithmic singularity. Each is an additional node. Its cost tends to infinity as det(Nᵀ V)
+    tends to 0, so that a descent stays away from a singularity there. V are the gradients of the
+    potentials, and N spans the null space of J.
 
     Parameters
     ----------
@@ -234,7 +236,8 @@ def hand_out(
 ) -> Batches:
     """Distribute nodes to the workers of an executor or a Dask cluster, in chunks of whole batches.
 
-    The parameters are those of :class:`Local`.
+    The parameters are those of :class:`Local`. A fit to many nodes, the configurations at which its
+    cost is evaluated, then uses all cores.
 
     Raises
     ------
@@ -270,10 +273,10 @@ def hand_out(
 class _InExecutor:
     """Batches that the workers of an executor build, evaluate and store.
 
-    The nodes are divided into chunks (:class:`_Piece`). A worker that has evaluated a chunk stores
-    its batches. For the next sum, each worker is asked for the chunks that it stores. Chunks that
-    no worker returns, such as those of a worker that ended, are built again by any free worker.
-    Only the computing time depends on the distribution.
+    The nodes, configurations of the region, are divided into chunks (:class:`_Piece`). A worker
+    that has evaluated a chunk stores its batches. For the next sum, each worker is asked for the
+    chunks that it stores. Chunks that no worker returns, such as those of a worker that ended, are
+    built again by any free worker. Only the computing time depends on the distribution.
     """
 
     def __init__(

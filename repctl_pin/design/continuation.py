@@ -47,7 +47,7 @@ _COARSE_TOLERANCE = 1e-4
 @dataclass(frozen=True, eq=False)
 @read_only
 class FitProblem:
-    """Arguments of a fit of potentials over one region; see :func:`nearest_repeatable`.
+    """Arguments of a fit of potentials over one region Ω; see :func:`nearest_repeatable`.
 
     A fit in a smaller region, or of another degree, is a copy with that argument replaced.
 
@@ -115,7 +115,8 @@ class Continuation:
 
         The first one uses all potentials, if a regular optimum is found. Next comes the given
         design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
-        degree step by step follow, the highest degree first.
+        degree step by step follow, the highest degree first. An optimum is regular if no
+        algorithmic singularity, det(Nᵀ V) = 0, was found in Ω.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -138,9 +139,10 @@ class Continuation:
     def fit_degree(self, size: int, below: Array | None) -> Descent | None:
         """Minimise the cost with the first ``size`` potentials on the coarse nodes.
 
-        The starting points are the solution of the linear problem and ``below``, an optimum with
-        fewer potentials. The one of lower cost is tried first. Return the best regular optimum
-        from it, random restarts included; None if no start leads to one.
+        The coarse nodes are the few configurations of the early descents. The starting points are
+        the solution of the linear problem and ``below``, an optimum with fewer potentials. The one
+        of lower cost is tried first. Return the best regular optimum from it, random restarts
+        included; None if no start leads to one.
         """
         begin = self._start(size)
         starts = (
@@ -164,8 +166,8 @@ class Continuation:
         """Minimise the cost from coefficients A to an optimum without singularity in Ω.
 
         After each descent, singular configurations that a search of Ω finds are added to the
-        barrier points, and the descent is repeated from A. Return None if V is singular at A
-        itself, or if every descent ends in a singular V.
+        barrier points, and the descent is repeated from A. Return None if V, the gradients of the
+        potentials, is singular at A itself, or if every descent ends in a singular V.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
@@ -194,9 +196,10 @@ class Continuation:
     ) -> SingularRegionError:
         """Make the error that no V without an algorithmic singularity in Ω was found.
 
-        The message names a configuration where the V of the linear problem is singular. If there
-        is none, it names that of the given error. Without an error, it states that the nodes Q
-        (K, n) are too few.
+        V = D A are the gradients of the potentials, and Ω is the region of the design. The message
+        names a configuration where the V of the linear problem is singular. If there is none, it
+        names that of the given error. Without an error, it states that the nodes Q (K, n) are too
+        few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
@@ -221,7 +224,7 @@ class Continuation:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
         This is so if the V of the linear problem is regular, but every descent ends in a V that is
-        singular between the nodes.
+        singular between the nodes. Its remedy is more nodes or fewer potentials.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
@@ -284,7 +287,8 @@ class Continuation:
     def _rungs(self) -> list[int]:
         """Return the numbers of independent potentials of degree at most 1, 2, …, if at least r.
 
-        For a basis without degrees, return the number of all independent potentials.
+        For a basis without degrees, return the number of all independent potentials. They are the
+        steps of the continuation in the degree.
         """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):

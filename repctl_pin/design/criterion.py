@@ -33,9 +33,10 @@ from ..strategies.strategy import Inverse
 class Batch:
     """Matrices E and F of K nodes, from which the cost is evaluated for any coefficients A.
 
-    With D = [∇h_1 … ∇h_N] at a node, ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). The
-    null-space components of G_r, with gradients V = D A, and of G_d then differ by
-    ``W_r − W_d = −F A (E A)⁻¹`` (38).
+    With D = [∇h_1 … ∇h_N] (gradients of the basis of potentials) at a node, a configuration of Ω,
+    ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). N spans the null space of J, and G_d is the
+    desired inverse. The null-space components of the repeatable inverse G_r, with gradients V = D
+    A, and of G_d then differ by ``W_r − W_d = −F A (E A)⁻¹`` (38).
 
     Attributes
     ----------
@@ -176,8 +177,9 @@ def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array
 def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
     """Evaluate orthonormal null-space bases N (K, n, r) of J (K, m, n) with ``det [J; Nᵀ] > 0``.
 
-    With this orientation ``det(Nᵀ V)`` has the sign of ``det [J; Vᵀ]``, which is smooth in q. So
-    its sign changes only across an algorithmic singularity of V.
+    A factorisation returns bases of random orientation. With this one ``det(Nᵀ V)`` has the sign of
+    ``det [J; Vᵀ]``, which is smooth in q. So its sign changes only across an algorithmic
+    singularity of the potentials with gradients V.
     """
     return _oriented(J, task, Q)[0]
 
@@ -208,7 +210,8 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
 class SignCount:
     """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0.
 
-    If both occur, an algorithmic singularity lies between the nodes, and the design is rejected.
+    If both occur, an algorithmic singularity lies between the nodes, and the design is rejected. V
+    are the gradients of the potentials, and N spans the null space of J.
     """
 
     positive: int
@@ -227,7 +230,8 @@ def linear(b: Batch) -> tuple[Array, Array, Array]:
     """Evaluate this batch's terms of the linear problem from which a fit starts.
 
     They are those of ``mean EᵀE`` and ``mean FᵀF``, (N, N) each, and of ``mean Eᵀ NᵀN(center)`` (N,
-    r), with N(center) the null-space basis at the centre of Ω. See :func:`descend.start`.
+    r), with N(center) the null-space basis at the centre of the region Ω. See
+    :func:`descend.start`.
     """
     root = np.sqrt(b.weights)[:, None, None]
     E = (b.E * root).reshape(-1, b.EF.shape[-1])
@@ -248,9 +252,9 @@ def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
     """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
 
-    With P = E A, X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order
-    ``dX = L dA P⁻¹``. So ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with
-    ``S = P⁻¹ P⁻ᵀ``.
+    E and F are those of the :class:`Batch`, with the arm and all potentials in them. With P = E A,
+    X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order ``dX = L dA P⁻¹``. So
+    ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with ``S = P⁻¹ P⁻ᵀ``.
 
     Returns
     -------
@@ -292,6 +296,7 @@ def named(task: Task, q: Array) -> str:
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
     """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), with P = E A, for coefficients A (N, r).
 
+    It is the difference of the null-space components of the repeatable and of the desired inverse.
     Return X (K, m, r), P⁻¹ (K, r, r), and the number of nodes with either sign of det P.
     """
     K, n, size = b.EF.shape

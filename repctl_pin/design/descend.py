@@ -89,10 +89,11 @@ class Start:
 def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -> Start:
     """Find initial coefficients by linear least squares: V should lie in the null space of J.
 
-    ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V close to
-    N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q. The first
-    term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic singularity; if
-    none of them helps, the solution for ε = 1 is returned.
+    V = D A are the gradients of the potentials, and N(center) is the null-space basis at the centre
+    of the region. ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V close
+    to N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q. The
+    first term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic
+    singularity; if none of them helps, the solution for ε = 1 is returned.
 
     Parameters
     ----------
@@ -133,12 +134,12 @@ def descend(
 ) -> Descent:
     """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
-    The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r.
-    C alone is invariant under A → A T. It is also nearly invariant under relabelled leaves,
+    The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C
+    alone is invariant under A → A T. It is also nearly invariant under relabelled leaves h(q) = c,
     h → φ(h), and under added functions of a joint that does not affect the task. Along these
-    directions, a fit to finitely many nodes can end in a singularity between the nodes. Among all
-    V of nearly equal cost, the penalty selects the one closest to N Nᵀ N(center), the projection
-    of N(center) onto the null space.
+    directions, a fit to finitely many nodes can end in a singularity between the nodes. Among all V
+    of nearly equal cost, the penalty selects the one closest to N Nᵀ N(center), the projection of
+    N(center) onto the null space.
 
     Parameters
     ----------

@@ -60,6 +60,9 @@ def design_map(
 ) -> DesignMap:
     """Evaluate the distance and the leaf margin of a design on a grid over two joints.
 
+    A map shows where in the region the repeatable inverse G_r is far from the desired G_d, or near
+    an algorithmic singularity.
+
     Parameters
     ----------
     design
@@ -108,7 +111,8 @@ def degree_curve(
     """Return the cost for each degree of the polynomials, up to the degree of the design.
 
     If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
-    an inverse is designed for each lower degree.
+    an inverse is designed for each lower degree. A report plots it, to show whether a higher degree
+    is worthwhile.
 
     Returns
     -------
@@ -188,7 +192,8 @@ def report_maps(design: Design) -> ReportMaps:
 def _liveliest(design: Design) -> tuple[int, int]:
     """Choose the two joints along which ‖G_r − G_d‖ changes most, as (int, int) in rising order.
 
-    Each joint is moved alone through its range in Ω, from the centre of Ω.
+    Each joint is moved alone through its range in Ω, from the centre of Ω. G_r is the repeatable
+    inverse, and G_d the desired one: a map over these joints shows most.
     """
     box = design.region.bounds
     center = design.region.center

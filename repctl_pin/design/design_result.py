@@ -140,7 +140,8 @@ class Design:
     def subject(self) -> str:
         """Fingerprint of all that a certificate proves of the design; empty for user functions.
 
-        It covers the joint chain, its limits, potentials, coefficients and region.
+        It covers the joint chain, its limits, potentials, coefficients and region. With it a saved
+        proof is recognised as that of this design, or dropped.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
 
@@ -180,8 +181,9 @@ class Design:
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.
 
-        It equals :attr:`cost` for r = 1 and is smaller for r > 1, where the Frobenius norm, which
-        a design minimises, adds up all singular values.
+        G_r is the repeatable inverse, G_d the desired one, and Ω the region. It equals :attr:`cost`
+        for r = 1 and is smaller for r > 1, where the Frobenius norm, which a design minimises, adds
+        up all singular values.
         """
         return spectral_cost(
             self.inverse,

@@ -150,7 +150,7 @@ def spectral_cost(
 ) -> float:
     """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes, in the spectral norm.
 
-    The parameters are those of :func:`evaluate_design`.
+    The norm is that of the paper. The parameters are those of :func:`evaluate_design`.
     """
     costs = []
     for replicate in range(REPLICATES):
@@ -206,8 +206,8 @@ def baselines(
 ) -> tuple[Baseline, ...]:
     """Evaluate two simpler repeatable inverses on held-out nodes, for comparison with a design.
 
-    They are constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the
-    centre of Ω. The parameters are those of :func:`evaluate_design`.
+    They are constant rows (linear potentials), and the extended Jacobian of ``U = ½ ‖q −
+    center‖²``; ``center`` is the centre of Ω. The parameters are those of :func:`evaluate_design`.
     """
     from ..strategies.extended import ExtendedJacobian
 

@@ -26,7 +26,7 @@ _DEPENDENT = 1e-8
 @dataclass(frozen=True, eq=False)
 @read_only
 class Independent:
-    """The independent potentials of a basis, which a fit uses.
+    """The independent potentials of a basis, which a fit over a region Ω uses.
 
     Dependent ones leave the coefficients undetermined, and functions of x = f(q) alone cannot tell
     the configurations of one pose apart.
@@ -67,9 +67,10 @@ def independent(
 ) -> Independent:
     """Select the independent potentials of a basis.
 
-    Left out are potentials that are constant over Ω, that are functions of x = f(q) alone, or whose
-    gradients are linear combinations of those of earlier potentials. The gradient of a function of
-    x alone lies in the row space of J, and makes J_V singular everywhere.
+    Dependent potentials would leave a fit's coefficients undetermined. Left out are potentials that
+    are constant over Ω, that are functions of x = f(q) alone, or whose gradients are linear
+    combinations of those of earlier potentials. The gradient of a function of x alone lies in the
+    row space of J, and makes J_V singular everywhere.
 
     Parameters
     ----------

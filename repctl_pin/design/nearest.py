@@ -170,8 +170,9 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 def _shrinking(problem: FitProblem, shrink: bool) -> Design:
     """Design in Ω; with ``shrink``, in the largest region that is found free of singularities.
 
-    Without ``shrink``, a singularity in Ω raises an error. After a shrunk region fails too, each
-    new one is at most 0.9 times as large. ``shrunk`` of the design is the factor that was needed.
+    Without ``shrink``, a singularity in Ω, the region asked for, raises an error. After a shrunk
+    region fails too, each new one is at most 0.9 times as large. ``shrunk`` of the design is the
+    factor that was needed.
     """
     asked = problem.region.bounds.half_width
     attempt = 0

@@ -142,12 +142,14 @@ class Dexterity:
 class LeafMargin:
     """Signed leaf margin: a measure of the distance from an algorithmic singularity.
 
-    Its absolute value is ``σ_min(Nᵀ V̂)``. It is negative where ``det [J; Vᵀ]`` has the opposite
-    sign of that at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where J
-    has full rank, it is smooth, its zeros included, except at crossings of singular values.
+    Its absolute value is ``σ_min(Nᵀ V̂)``, with N the null space of J, and V̂ the gradients V of
+    the potentials, orthonormalised. It is negative where ``det [J; Vᵀ]`` has the opposite sign of
+    that at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where J has full
+    rank, it is smooth, its zeros included, except at crossings of singular values.
 
     It is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)`` with ``V = V̂ R`` and ``J_V X = [0; I]``,
-    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``, and set to 0 where J_V is exactly singular."""
+    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``, and set to 0 where J_V is exactly singular.
+    """
 
     def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
         self.task, self.potentials = task, potentials
@@ -186,11 +188,11 @@ class LeafMargin:
 def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     """Minimise a measure over Ω by local searches from several starting points at once.
 
-    They end when one reaches a value of 0 or below, or when none can go lower. A step goes down the
-    slope, at most to where the measure would be 0 to first order. The bound on the step length is
-    doubled after a step that lowered the measure, and quartered after one that did not. If no value
-    of a :class:`Dexterity` is 0 then, up to 12 Newton steps follow until one is; each is at most
-    half the half-widths of Ω long.
+    A measure is a function of q that is 0 at a singularity. They end when one reaches a value of 0
+    or below, or when none can go lower. A step goes down the slope, at most to where the measure
+    would be 0 to first order. The bound on the step length is doubled after a step that lowered the
+    measure, and quartered after one that did not. If no value of a :class:`Dexterity` is 0 then, up
+    to 12 Newton steps follow until one is; each is at most half the half-widths of Ω long.
 
     Parameters
     ----------
@@ -245,10 +247,13 @@ def search(
 ) -> Lowest:
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
-    Candidates are the configurations Q (K, n), with their values (K,) if known, and configurations
-    near the corners of Ω. The starting points are those with the smallest values, and a few spread
-    over all values. Corners are included because a polynomial fitted to few nodes deviates most
-    there, and random points in many dimensions rarely lie close to a corner."""
+    A measure is a function of q that is 0 at a singularity; one at or below 0 makes a design
+    impossible there. Candidates are the configurations Q (K, n), with their values (K,) if known,
+    and configurations near the corners of Ω. The starting points are those with the smallest
+    values, and a few spread over all values. Corners are included because a polynomial fitted to
+    few nodes deviates most there, and random points in many dimensions rarely lie close to a
+    corner.
+    """
     values = measure(Q) if values is None else values
     corners = _corners(region, Q)
     Q = np.concatenate([Q, corners])
@@ -279,10 +284,10 @@ def _corners(region: Region, Q: Array) -> Array:
 def largest_free(measure: _Measure, region: Region, bad: Array) -> Region | None:
     """Find the largest region similar to Ω in which a measure exceeds a threshold.
 
-    It has the centre and the shape of Ω. The threshold is 0 for singularities of the arm, and 0.1
-    for a leaf margin. On the lines from the centre to known singularities, the points below the
-    threshold give an upper bound of the size. Then the size is bisected, with a new search of each
-    region.
+    It is what an error proposes, and what ``shrink=True`` takes. It has the centre and the shape of
+    Ω. The threshold is 0 for singularities of the arm, and 0.1 for a leaf margin. On the lines from
+    the centre to known singularities, the points below the threshold give an upper bound of the
+    size. Then the size is bisected, with a new search of each region.
 
     Parameters
     ----------

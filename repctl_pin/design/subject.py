@@ -52,7 +52,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 
     The chain has all placements and axes from base to frame, with locked joints in place, and the
     map from q to its joints: mimic ratios, and coordinates ψ. For several frames, it is one such
-    tuple per frame.
+    tuple per frame. A fingerprint, which recognises the robot of a proof, is made of them.
     """
     if isinstance(task, SeveralFrames):
         return tuple(task_parts(part) for part in task.parts)
@@ -144,7 +144,8 @@ def belong_together(
     """Test whether an inverse is that of the potentials and coefficients, over the region.
 
     The gradients of the potentials are compared at one configuration of the region. Where they are
-    not defined there, nothing can be compared.
+    not defined there, nothing can be compared. A result that was changed in part would have figures
+    of another design.
     """
     if inverse.region is not region:
         shapes = _region_parts(inverse.region), _region_parts(region)

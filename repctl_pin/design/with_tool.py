@@ -35,7 +35,8 @@ def for_task(design: Any, task: Task) -> Any:
     """Convert a :class:`Design` to the task of another frame on the same body.
 
     The figures are evaluated again on the design's held-out nodes; those of the fit are kept, and
-    the cycle is dropped.
+    the cycle is dropped. A changed gripper then needs no new fit. Ω is the region of joint space of
+    the design.
 
     Raises
     ------
@@ -90,8 +91,8 @@ def _desired(desired: Inverse, task: Task) -> Inverse:
 def _proof(proof: Proof, tool: pin.SE3) -> Proof:
     """Convert a certificate to a tool with an offset t from the frame that was proved.
 
-    The leaf margin and the limit margin do not depend on the tool. With
-    ``‖A⁻¹‖₂ = (|t| + √(|t|² + 4)) / 2``, ``σ_min(A J) ≥ σ_min(J) / ‖A⁻¹‖₂``.
+    The leaf margin and the limit margin do not depend on the tool. With ``‖A⁻¹‖₂ = (|t| + √(|t|² +
+    4)) / 2``, ``σ_min(A J) ≥ σ_min(J) / ‖A⁻¹‖₂``. A smaller bound is on the safe side.
     """
     length = float(np.linalg.norm(tool.translation))
     norm = (length + np.sqrt(length**2 + 4)) / 2

@@ -110,7 +110,8 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
     travel differs much from 1 m, the unit normal reverses over a very short distance, which
     Newton's method steps across. With the factor, s is as smooth as J. The entries of s are
-    dependent, because each defect lies in the null space of J; the search accounts for that.
+    dependent, because each defect lies in the null space of J; the search accounts for that. A
+    stable surface, on which the inverse is repeatable, lies where s = 0.
     """
     found = measure(strategy, Q)
     task = strategy.task
@@ -158,8 +159,9 @@ def stable_surface(
 ) -> Surfaces:
     """Find points on surfaces s(q) = 0, and test which surfaces are stable (9).
 
-    s(q) are the stacked defects of the inverse. A motion of G that begins on a stable surface stays
-    on it, and is repeatable there.
+    s(q) are the stacked defects of the inverse, its failures of the Lie bracket condition, which
+    are 0 where it is repeatable. A motion of G that begins on a stable surface stays on it, and is
+    repeatable there.
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
     *and* s is still 0 after a motion of 0.2 rad along G in every task direction. The second test

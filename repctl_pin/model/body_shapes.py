@@ -196,6 +196,7 @@ def contains(
     """Test whether a mesh contains a part of another body; their surfaces must not intersect.
 
     ``outer`` is placed at ``here``, ``inner`` at ``there``. False if ``outer`` has no interior.
+    Surfaces that do not meet would otherwise count as no collision.
     """
     if outer.interior is None:
         return False
@@ -217,6 +218,8 @@ def _from_mesh(
     """Create the body of a mesh file, with its convex hull; cached for all robots.
 
     ``changed`` is the modification time of the file, so that a changed file is read again.
+    ``scale`` has a factor per axis, and ``standing`` marks the surroundings. UnusableShape is
+    raised for a size of 0 or above 100 km.
     """
     vertices, faces = _read_mesh(path, scale)
     size = float(np.ptp(vertices, axis=0).max())
@@ -319,7 +322,7 @@ def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
 
     coal fails if a vertex has over 255 neighbours. The vertices are then rounded outwards to a
     grid, coarser until it succeeds; the last resort is the bounding box. The second result is True
-    if the vertices were rounded or replaced.
+    if the vertices were rounded or replaced. The first result is the shape.
     """
     size = float(np.ptp(points, axis=0).max())
     for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
@@ -454,8 +457,9 @@ class _MeshInterior:
 class _Ray:
     """Crossings of a mesh by rays in one direction, from any point.
 
-    The faces are sorted into strips along x, so that few are tested per ray. Their corners
-    (F, 3, 3) are in axes whose z axis is the direction of the rays.
+    The faces are sorted into strips along x, so that few are tested per ray. Their corners (F, 3,
+    3) are in axes whose z axis is the direction of the rays. A point is inside a mesh if its ray
+    leaves more often than it enters.
     """
 
     def __init__(self, turn: Array, points: Array, faces: NDArray[np.intp]) -> None:

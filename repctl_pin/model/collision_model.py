@@ -160,8 +160,9 @@ class _CollisionModel:
     def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
-        They are those of the hulls. Where the hulls of a pair that is checked for collisions only
-        overlap, it is that of the exact shapes.
+        q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
+        of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
+        that of the exact shapes.
         """
         with self._lock:
             self._move(q)
@@ -185,8 +186,8 @@ class _CollisionModel:
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
         """Yield every row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
 
-        The bound of a collision-only pair is infinite where it shows that the pair does not
-        collide.
+        N is the number of joints of the model, and P that of the pairs. The bound of a
+        collision-only pair is infinite where it shows that the pair does not collide.
         """
         size = min(
             _BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size))
@@ -205,7 +206,7 @@ class _CollisionModel:
 
         ``measure`` returns the distance of a pair by its index. The pair ``guess`` is measured
         first, then the others in order of their lower bounds, until no bound is below the minimum
-        found.
+        found. So most distances are never computed.
         """
         self._move(q)
         best, at = measure(guess), guess
@@ -291,7 +292,10 @@ class _CollisionModel:
         return float(coal.distance(one, here, other, there, self._request, result))
 
     def _transform(self, k: int) -> coal.Transform3s:
-        """Return the current placement of body k as coal's Transform3s."""
+        """Return the current placement of body k as coal's Transform3s.
+
+        Those of the surroundings are constant; those of the robot are cached until it moves.
+        """
         if k >= self._own:
             return self._standing_transforms[k - self._own]
         if k not in self._transforms:
@@ -391,7 +395,8 @@ class _CollisionModel:
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """Return the pairs (P, 2) of bodies with a moving joint between them.
 
-        Pairs of the robot's own bodies come first.
+        Pairs of the robot's own bodies come first. Other pairs never change their distance.
+        InputError is raised for over a million pairs.
         """
         joint = np.array(self._joint, np.intp)
         own = self._own
@@ -437,7 +442,8 @@ class _CollisionModel:
     ) -> None:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
-        ``only_contact`` (P,) marks those that are checked for collisions only; None for none.
+        ``only_contact`` (P,) marks those that are checked for collisions only; None for none. It is
+        called again each time that pairs have been ruled out.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = (

@@ -49,7 +49,7 @@ def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
     In these units, motions of revolute and prismatic joints are comparable. For an arm of prismatic
-    joints only, the unit is 1 m.
+    joints only, the unit is 1 m. Norms and step lengths of a search are taken in them.
     """
     if task.revolute.all():
         return np.ones(task.n)

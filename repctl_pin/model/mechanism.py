@@ -160,7 +160,8 @@ def limits(
 
     Returns the lower, the upper and the speed limit, rad or m and per second. If no position of the
     joint satisfies the limits of a mimic joint (``followers``), these are ignored, and a sentence
-    about it is appended to ``notes``.
+    about it is appended to ``notes``. Otherwise a gripper, for instance, could exceed its range
+    while its leader keeps its own.
     """
     lower = joint.lower
     upper = joint.upper

@@ -168,7 +168,8 @@ def _joints(
 def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, float]]:
     """Read the equality constraints: linear ones between two joints are mimic joints.
 
-    Those that pull a body to a mocap body, a target set by the user, are left out.
+    Those that pull a body to a mocap body, a target set by the user, are left out. The result maps
+    the name of a mimic joint to (joint, multiplier, offset).
 
     Raises
     ------

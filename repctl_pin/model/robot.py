@@ -386,7 +386,8 @@ class Robot(Mechanism):
     def _missing_meshes(self) -> list[str]:
         """Return a list with a warning about missing meshes, or an empty list.
 
-        Only drawings and distances need meshes, not the kinematics.
+        Only drawings and distances need meshes, not the kinematics. The user can then give their
+        folders.
         """
         names = self.description.meshes
         missing = [
@@ -525,6 +526,7 @@ def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     """Read the named poses of a catalogue robot: joint values by pose name and joint name.
 
     Joints without a value are placed at mid-range later. ``reference`` and ``middle`` always exist.
+    ``ready`` is a pose from which the arm can move freely.
     """
     poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
     if entry is not None and entry.srdf is not None and entry.posture is not None:

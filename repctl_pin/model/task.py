@@ -346,7 +346,8 @@ class Task:
     def bodies_model(self) -> tuple[pin.Model, Coupling]:
         """Return the model of all links, with a fixed root and only the joints that q moves.
 
-        The second result maps q to the positions of these joints.
+        The second result maps q to the positions of these joints. Links beside the chain are in it,
+        because they move and can collide.
         """
         return self._bodies, self._body_drive
 
@@ -382,7 +383,8 @@ class Task:
     def to_robot(self, q: ArrayLike) -> Array:
         """Embed q (n,) or Q (T, n) in the configuration of the whole robot.
 
-        The other joints are at the reference pose."""
+        The other joints are at the reference pose. Drawings and collision checks need all joints.
+        """
         (q,) = as_matrices(("q", q, f"{self.n}"))
         if self.coordinates is not None:
             q = self.coordinates.joints(q)
@@ -516,8 +518,8 @@ class Task:
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
         """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).
 
-        For ``axis``, the second result is the rotations (K, 3, 3) of the frame; otherwise it is
-        None.
+        Its rows are v, then ω; N is the number of joints of the model, mimic joints included. For
+        ``axis``, the second result is the rotations (K, 3, 3) of the frame; otherwise it is None.
         """
         Q = self._matrix(Q)
         Js = np.empty((len(Q), 6, self.model.nv))

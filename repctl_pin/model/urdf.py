@@ -265,7 +265,8 @@ def _mimicked(
 ) -> tuple[str | None, float, float]:
     """Find the joint at the end of the chain of joints that a mimic joint follows.
 
-    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint.
+    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A chain of
+    mimic joints, or a prefix that a macro omitted, is followed; ``notes`` receives a note.
     """
     chain = mimic_chain(element, joints)
     if not chain:
@@ -375,7 +376,8 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> None:
 
     The joints of a planar joint translate in the plane normal to its axis, and rotate about the
     axis. The rotations of a floating joint are yaw, pitch and roll, singular where the pitch is
-    ±π/2. ``notes`` receives a note for each joint that is replaced.
+    ±π/2. ``notes`` receives a note for each joint that is replaced. Every joint then has one
+    coordinate, as all formulas assume.
     """
     names = {element.get("name") for element in robot}
     for joint in robot.findall("joint"):

@@ -308,6 +308,7 @@ def mimic_chain(
     """List the ``<mimic>`` elements from a joint to the independent joint that it follows.
 
     Each comes with the name of the joint that it refers to; the last one is the independent joint.
+    UrdfError is raised for a name that does not exist, and for a loop.
     """
     chain: list[tuple[etree._Element, str]] = []
     seen = {joint.get("name")}

@@ -191,7 +191,8 @@ def _joint_bones(
 ) -> Iterator[_Placed]:
     """Iterate over the shapes of a joint: a cylinder if revolute, else a slider on a rail.
 
-    ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True.
+    ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True. ``place`` is
+    the joint's origin in its parent link.
     """
     name = joint.name
     along = pin.SE3(_turn_z_to(joint.axis), np.zeros(3))

@@ -91,7 +91,8 @@ class _LeafCandidate:
     """A start configuration, with the margins of one cycle from it.
 
     A start selects the leaf h(q) = c that the whole motion stays on, so that one cycle shows the
-    margins of all. :func:`best_leaf` compares starts by them.
+    margins of all. :func:`best_leaf` compares starts by them. A leaf is a set of configurations on
+    which the potentials h of the inverse are constant.
 
     Attributes
     ----------
@@ -125,7 +126,8 @@ class _LeafCandidate:
     def binds(self) -> str:
         """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``.
 
-        A report names it, to show what keeps the start from being better.
+        A report names it, to show what keeps the start from being better. ``leaf`` is the leaf
+        margin, the distance from an algorithmic singularity.
         """
         return min(
             self.relative_margins, key=lambda margin: self.relative_margins[margin]
@@ -183,7 +185,10 @@ class BestLeaf:
 
     @property
     def q0(self) -> Array:
-        """Start configuration (n,) on the best leaf."""
+        """Start configuration (n,) on the best leaf.
+
+        It selects the leaf h(q) = c, and so the joint path of all cycles.
+        """
         return self.best.q0
 
     def summary(self) -> str:

@@ -58,7 +58,9 @@ class JointMotion:
     def cycle_drift(self) -> Array:
         """Joint displacement per cycle, (cycles,).
 
-        ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, …"""
+        ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, … It shows whether the drift of a
+        controller grows or fades; 0 for a repeatable one.
+        """
         ends = self.q[:: self.steps]
         return np.linalg.norm(np.diff(ends, axis=0), axis=1)
 
@@ -91,7 +93,10 @@ class JointMotion:
 
     @property
     def rms_speed(self) -> float:
-        """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``."""
+        """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``.
+
+        It compares motions of different time steps.
+        """
         times = np.diff(self.t)
         return float(
             np.sqrt(
@@ -116,7 +121,10 @@ class JointMotion:
 
     @property
     def speed_ratio(self) -> float:
-        """Maximum ratio of a joint's speed to its limit; above 1 the motion must be slowed down."""
+        """Maximum ratio of a joint's speed to its limit; above 1 the motion must be slowed down.
+
+        A study then slows all motions by it; see :meth:`Motion.slowed`.
+        """
         return float(self._speed_shares.max())
 
     @property
@@ -164,7 +172,10 @@ class JointMotion:
 
     @cached_property
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
-        """First collision: (cycle in fractions, names of the two links), or None."""
+        """First collision: (cycle in fractions, names of the two links), or None.
+
+        A negative body distance is a collision. A trajectory file is refused then.
+        """
         touch = self.body_distance < 0
         if not touch.any():
             return None
@@ -175,7 +186,8 @@ class JointMotion:
     def first_violation(self) -> tuple[float, str] | None:
         """First time that a joint exceeds its limits: (cycle, joint name), or None.
 
-        The cycle is counted in fractions: 2.5 is the middle of the third cycle.
+        The cycle is counted in fractions: 2.5 is the middle of the third cycle. A drifting
+        controller often exceeds a limit only after many cycles.
         """
         return self._first(self.limit_margin < -1e-9, self.limit_margin)
 

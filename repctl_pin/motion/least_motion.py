@@ -164,8 +164,9 @@ def _plain(cost: _Cost, start: Array) -> Array:
 def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
     """Deform a motion (K + 1, n) on the path until it ends where it began: one cycle (K, n).
 
-    Each stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and
-    moves the configurations back to the path along J⁺.
+    The motion of J⁺ is not closed in general, and the descent must begin with a closed one. Each
+    stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and moves
+    the configurations back to the path along J⁺.
     """
     for _ in range(_STAGES):
         gap = Q[-1] - Q[0]
@@ -211,11 +212,12 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of
-    ``T q_k + λ_k / ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k
-    the multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the
-    point's share of the cycle. ``first`` is the index of the first configuration that is free: 0,
-    or 1 if the start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``T q_k + λ_k /
+    ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k the
+    multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the point's
+    share of the cycle. The limits stand in the cost, because the motion of minimum speed often
+    touches them. ``first`` is the index of the first configuration that is free: 0, or 1 if the
+    start is fixed.
     """
 
     task: Task
@@ -369,7 +371,8 @@ def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
 def _descended(cost: _Cost, Q: Array) -> Array:
     """Minimise the cost from Q (K, n) by Newton's method with a line search: (K, n).
 
-    Where Newton's matrix is not positive definite, its convex approximation is used.
+    The limits are in the cost as penalties. Where Newton's matrix is not positive definite, its
+    convex approximation is used.
 
     Raises
     ------

@@ -120,8 +120,9 @@ def _along_self_motions(
 ) -> Iterator[Motion]:
     """Generate closed motions of minimum joint speed from starts along a start's self-motions.
 
-    ``turn`` (r, r) rotates the directions. The walks go on beyond joint limits: other parts of a
-    self-motion can be inside them again.
+    Each motion is the guess for the one from the next start. ``turn`` (r, r) rotates the
+    directions. The walks go on beyond joint limits: other parts of a self-motion can be inside them
+    again.
     """
     start = given.q[0]
     target = path.placement(0.0)
@@ -152,8 +153,8 @@ def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion
 def _free(motion: Motion, margin: float) -> Motion | None:
     """Improve a motion by a free start, found with a margin to the limits; None if that fails.
 
-    The result begins at the start found, and is a motion of minimum joint speed without that
-    margin.
+    The first search may move the start; the margin keeps it from the limits. The result begins at
+    the start found, and is a motion of minimum joint speed without that margin.
     """
     try:
         found = least_closed_motion(

@@ -207,8 +207,8 @@ class JointLimits:
     def most_rate(self, Q: Array, slope: Array) -> Array:
         """Compute the largest ṡ, 1/s, within the speed limits at K points of a path: (K,).
 
-        Q (K, n) are the configurations and ``slope`` (K, n) their derivatives dq/ds by the path
-        parameter s.
+        ṡ is the rate of the path parameter s, which timing chooses. Q (K, n) are the configurations
+        and ``slope`` (K, n) their derivatives dq/ds by the path parameter s.
         """
         used = (np.abs(slope) / self.velocity).max(axis=1)
         if self.tool is not None:

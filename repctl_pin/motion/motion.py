@@ -115,7 +115,9 @@ class Motion(JointMotion):
 
         None if it stays on the path.
 
-        It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad."""
+        It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad. A controller
+        that leaves its path has no meaningful drift.
+        """
         length = arm_length(self.task, self.q[0]) or 1.0
         off = ~(
             (self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH)
@@ -128,7 +130,8 @@ class Motion(JointMotion):
     def slowed(self, factor: float) -> Motion:
         """Return the motion with its duration multiplied by ``factor``.
 
-        It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
+        It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed. So
+        one motion serves for all speeds.
         """
         factor = positive(factor, "the factor")
         return replace(

@@ -89,7 +89,8 @@ def commanded(motion: Motion, strategy: Strategy) -> Motion:
 def yaml_text(motion: Motion | TimedMotion) -> str:
     """Format a motion as ROS 2 ``trajectory_msgs/msg/JointTrajectory``, for ``ros2 topic pub``.
 
-    Includes accelerations if the motion is timed.
+    Includes accelerations if the motion is timed. All points are listed with positions and
+    velocities, in the robot's own joints.
     """
     if isinstance(motion, TimedMotion):
         names, t = motion.joints, motion.t

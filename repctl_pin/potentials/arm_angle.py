@@ -110,7 +110,10 @@ class ArmAngle(PotentialBasis):
         return (f"{kind} {' '.join(self.frames)}",)
 
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate ψ at every row of Q (K, n): (K, 1), rad, from −π to π."""
+        """Evaluate ψ at every row of Q (K, n): (K, 1), rad, from −π to π.
+
+        ψ is the angle of the elbow about the line from shoulder to wrist.
+        """
         return np.array(
             [
                 [self._angle(q)[0]]

@@ -157,7 +157,8 @@ class _CurvedSumMap(SumMap):
 class PotentialBasis(ABC):
     """Base class of bases h_1 … h_N of potentials h(q) (35).
 
-    A subclass has a ``size`` and defines ``values`` and ``gradients``.
+    A design combines them to r potentials h, which its controller keeps constant. A subclass has a
+    ``size`` and defines ``values`` and ``gradients``.
 
     Attributes
     ----------
@@ -294,7 +295,10 @@ class Joined(PotentialBasis):
         return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
 
     def split(self, A: ArrayLike) -> list[Array]:
-        """Split coefficients A (N, r) into one array per part."""
+        """Split coefficients A (N, r) into one array per part.
+
+        A are the coefficients of the r potentials in the joined basis.
+        """
         return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
@@ -315,7 +319,8 @@ class Joined(PotentialBasis):
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
     """Convert the indices of the joints on which potentials depend; None stands for all n joints.
 
-    Returns them sorted and without duplicates, counted from 0.
+    Returns them sorted and without duplicates, counted from 0. Potentials of few joints have fewer
+    coefficients.
 
     Raises
     ------

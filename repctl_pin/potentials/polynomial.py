@@ -342,9 +342,9 @@ def _monomials(
 ) -> tuple[list[_Powers], NDArray[np.intp], NDArray[np.intp]]:
     """Order monomials so that each is an earlier one (its parent) times a variable.
 
-    Monomials of k variables that are needed as parents are added to the ``expected`` ones. Returns
-    for each monomial, by rising degree, its powers, the index of its parent, and the index of the
-    variable.
+    One multiplication then evaluates each. Monomials of k variables that are needed as parents are
+    added to the ``expected`` ones. Returns for each monomial, by rising degree, its powers, the
+    index of its parent, and the index of the variable.
     """
     needed = {(0,) * k}
     for beta in expected:

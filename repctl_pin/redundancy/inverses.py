@@ -72,8 +72,9 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
 def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
     """Evaluate ∂J⁺/∂q, the derivatives of the pseudoinverse with respect to all joints.
 
-    ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``. The factor
-    ``(J Jᵀ)⁻¹`` is computed as ``J⁺ᵀ J⁺``.
+    ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``. The factor ``(J
+    Jᵀ)⁻¹`` is computed as ``J⁺ᵀ J⁺``. With it the Lie brackets of J⁺, which test repeatability, are
+    exact.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ class Tube(Region):
     """All q within ``|q_i − s_i| ≤ radius_i`` of any sample s: a box moved along a motion.
 
     The mean over a tube is the average of the means over the samples' boxes. Parts of the motion
-    with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes
-    are scrambled Sobol points for any n.
+    with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes are
+    scrambled Sobol points for any n. A design for one path needs no larger region Ω.
 
     Parameters
     ----------

@@ -149,7 +149,8 @@ class WorkspaceBox(Region):
     def weights(self, Q: ArrayLike) -> Array:
         """Quadrature weights of points from :meth:`random`: (K,), which sum to 1.
 
-        They are proportional to ``√det(J Jᵀ)`` and to the density.
+        They are proportional to ``√det(J Jᵀ)`` and to the density. So the sum over them is a mean
+        over poses and self-motions, not over joint angles.
         """
         Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)

@@ -244,7 +244,8 @@ def _taken(
     """Backtracking line search: halve a step until the merit decreases sufficiently.
 
     Return the accepted point, or None if no length is accepted. The full step is usually accepted,
-    so it is evaluated with the intermediate values that the next model needs.
+    so it is evaluated with the intermediate values that the next model needs. ``rules`` has the
+    number of halvings and the sufficient decrease.
     """
 
     def most(length: float) -> float:

@@ -18,12 +18,13 @@ from .repeatable import RepeatableInverse
 
 
 class ExtendedJacobian(RepeatableInverse):
-    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U is stationary among
-    the configurations of the same x = f(q).
+    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``, the extended Jacobian.
 
-    N is the null-space basis closest to the basis at a reference configuration, so that h is a
-    function of q alone. For r = 1 the reference fixes the sign of the null vector; for r > 1 the
-    leaves h ≠ 0 depend on it.
+    U is a function to be kept stationary, such as the distance from a posture. On the leaf h = 0, U
+    is stationary among the configurations of the same x = f(q); the potentials h stay constant in
+    every motion, so that closed paths end where they began. N is the null-space basis closest to
+    the basis at a reference configuration, so that h is a function of q alone. For r = 1 the
+    reference fixes the sign of the null vector; for r > 1 the leaves h ≠ 0 depend on it.
 
     Parameters
     ----------
@@ -169,11 +170,17 @@ class _Posture:
         self.posture = posture
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate ``∇U = q − posture`` at every row of Q: (K, n)."""
+        """Evaluate ``∇U = q − posture`` at every row of Q: (K, n).
+
+        An extended Jacobian is made of them.
+        """
         return Q - self.posture
 
     def hessians(self, Q: Array) -> Array:
-        """Evaluate ∂²U/∂q², the identity, at every row of Q: (K, n, n)."""
+        """Evaluate ∂²U/∂q², the identity, at every row of Q: (K, n, n).
+
+        The gradients of the potentials ``Nᵀ ∇U`` need them.
+        """
         return np.broadcast_to(np.eye(Q.shape[1]), (*Q.shape, Q.shape[1]))
 
 

@@ -146,8 +146,8 @@ class NumPyLaw:
 def _within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     """Shorten a step ``x = x_task + x_leaf`` to the maximum step of each joint.
 
-    The return to the leaf, x_leaf, is scaled down first, so that the task keeps its speed. If that
-    is not enough, the whole step is scaled down.
+    The return to the leaf h(q) = c, x_leaf, is scaled down first, so that the task keeps its speed.
+    If that is not enough, the whole step is scaled down.
 
     Parameters
     ----------

@@ -40,7 +40,8 @@ def holding_library() -> ctypes.PyDLL:
 def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
     """Allocate the arguments of C functions for one thread: the struct Call of calls.c.
 
-    Returns the arrays by name, and the pointer to pass. ``more`` are further arrays.
+    Returns the arrays by name, and the pointer to pass. ``more`` are further arrays. Allocating
+    them at each call would take longer than the arithmetic.
     """
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "twist": task.twist_size, "leaf": r, "limit": n}
@@ -176,7 +177,8 @@ class NativeLaw:
     def _run_rows(self, name: str, *arrays: Array) -> bool:
         """Call a C function on all rows of arrays, the last of which receives the results.
 
-        Return whether it succeeded at each row.
+        Return whether it succeeded at each row. ``name`` is the function's in the library. A row
+        fails at a singularity.
         """
         native = library()
         assert native is not None

@@ -203,7 +203,8 @@ def _least_speed(
 def _positive(weight: ArrayLike, n: int) -> Array:
     """Check a weight and return it as a matrix M (n, n).
 
-    It can be n positive numbers, or a symmetric positive definite (n, n) matrix.
+    It can be n positive numbers, or a symmetric positive definite (n, n) matrix. Otherwise
+    InputError is raised: ``q̇ᵀ M q̇`` would have no minimum.
     """
     M = as_numbers(weight)
     if M is None:
@@ -245,7 +246,7 @@ def _check_inertia(task: Task) -> None:
 def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array]:
     """Check configurations Q (K, n), and return them with their Jacobians J (K, m, n).
 
-    A given J is checked; otherwise J is evaluated.
+    A given J is checked; otherwise J is evaluated. All inverses take their batches in this way.
     """
     Q = as_configurations(Q, task.n, "batch()")
     if J is None:

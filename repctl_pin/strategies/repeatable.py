@@ -70,7 +70,9 @@ _SAME_LEAF = 1e-6
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
-    Several threads may use one object at the same time.
+    h are r potentials, functions of q that stay constant in every motion. Closed paths of the frame
+    thus end in the configuration they began in. Several threads may use one object at the same
+    time.
 
     Parameters
     ----------
@@ -198,8 +200,9 @@ class RepeatableInverse:
     ) -> Array:
         """Compute the next q (n,) of a control loop, with feedback of the task and leaf errors.
 
-        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Only
-        the result is allocated. The controller holds no state: a step that raises changes nothing.
+        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock,
+        which returns the arm to the level c of the potentials h. Only the result is allocated. The
+        controller holds no state: a step that raises changes nothing.
 
         Parameters
         ----------
@@ -326,7 +329,8 @@ class RepeatableInverse:
     def same_leaf(self, q: ArrayLike, other: ArrayLike) -> bool:
         """Test whether two configurations lie on one leaf: ``|h(q) − h(q′)| ≤ 1e-6``.
 
-        What is proved of paths on one leaf is not proved on another.
+        A leaf is the set of configurations with one value of h(q). What is proved of paths on one
+        leaf is not proved on another.
 
         Parameters
         ----------
@@ -340,7 +344,8 @@ class RepeatableInverse:
     ) -> Array:
         """Solve f(q) = x on a leaf: the inverse kinematic function q = F(x; c).
 
-        On the solution branch of q0, the result depends on x and c alone, not on the motion before.
+        A leaf is the set h(q) = c of the potentials h, on which pose x and level c determine q. On
+        the solution branch of q0, the result depends on x and c alone, not on the motion before.
         See :func:`on_leaf.solve`.
 
         Parameters
