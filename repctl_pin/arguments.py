@@ -273,6 +273,8 @@ def evaluated(
 ) -> Array:
     """Call a user's function of q, and of ``more``, which must return finite numbers of a shape.
 
+    ``what`` names the function in the message.
+
     Raises
     ------
     InputError
@@ -310,7 +312,10 @@ def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
 
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:
-    """Convert an iterable to a list; refuse text and mappings."""
+    """Convert an iterable to a list; refuse text and mappings.
+
+    A text is an iterable of letters, which is never meant.
+    """
     no_list = isinstance(values, (str, bytes, type, Mapping)) or (
         isinstance(values, np.ndarray) and values.ndim != 1
     )
@@ -433,7 +438,10 @@ def _shape(values: ArrayLike, array: Array | None) -> str:
 
 
 def shown(value: Any) -> str:
-    """Format a value for a message, on one line of at most 60 characters."""
+    """Format a value for a message, on one line of at most 60 characters.
+
+    A user's value can be long, or contain terminal control sequences.
+    """
     text = " ".join(repr(value).split())
     text = text if len(text) <= 60 else f"{text[:59]}…"
     return text.encode("unicode_escape").decode() if not text.isprintable() else text

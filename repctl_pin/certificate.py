@@ -169,7 +169,7 @@ class ClosingRadius:
     def words(self) -> str:
         """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``.
 
-        Reports and the command ``repctl check`` print it.
+        The summary of a proof and exported code quote it.
         """
         if not self:
             return f"no closing radius above 1 mm is proved: {self.reason}"

@@ -191,6 +191,8 @@ def read_whole(path: str | Path, largest: int) -> str:
 def read_bytes(path: str | Path, largest: int) -> bytes:
     """Read a regular file of at most ``largest`` bytes.
 
+    A device could otherwise be read without end.
+
     Raises
     ------
     InputError
@@ -221,6 +223,8 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
 
 def _target(path: str | Path) -> Path:
     """Resolve the file to write: the target of a symbolic link, else the path itself.
+
+    The file itself is then replaced, and not the link.
 
     Raises
     ------

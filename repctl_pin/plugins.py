@@ -48,7 +48,7 @@ class Extension:
     package : str
         The extension's own name, ``__name__``.
     names
-        Names at the door, separated by spaces, by the module that defines them.
+        Public names, such as ``rp.timed``, separated by spaces, by the module that defines them.
     commands
         Modules of the commands, by the name of the command.
     files

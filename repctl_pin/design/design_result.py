@@ -25,7 +25,9 @@ from .subject import belong_together, subject_of
 class Design:
     """A repeatable inverse and its figures of merit.
 
-    All figures except ``fit_cost`` are evaluated on held-out nodes, which the fit did not use.
+    G_r keeps the potentials h constant, so that closed paths in Ω, the region of joint space, end
+    in the configuration they began in. All figures except ``fit_cost`` are evaluated on held-out
+    nodes, which the fit did not use.
 
     Attributes
     ----------

@@ -90,7 +90,11 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
 
 @derivative.register
 def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
-    """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
+    """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``.
+
+    H_k = ∂J/∂q_k, J_V = [J; Vᵀ], and V are the gradients of the potentials that the repeatable
+    inverse G_r keeps constant. Without their second derivatives, differences are used.
+    """
     potentials = strategy.potentials
     m = strategy.task.m
     if not isinstance(potentials, CurvedPotentials):  # no second derivatives

@@ -63,13 +63,19 @@ def _driven(task: Task) -> Array:
 
 
 def _joint(task: Task, link: str) -> int:
-    """Return the joint of the robot's model that moves a link."""
+    """Return the joint of the robot's model that moves a link.
+
+    Its number is that in the model; 0 is the fixed root.
+    """
     model = task.robot.model
     return int(model.frames[frame_id(model, link)].parentJoint)
 
 
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
-    """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes."""
+    """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes.
+
+    The other hands of a robot are drawn and measured by them.
+    """
     robot = task.robot
     ids = [frame_id(robot.model, link) for link in links]
     Q = robot.coupling.joints(task.to_robot(Q))

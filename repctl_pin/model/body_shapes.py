@@ -80,12 +80,15 @@ class BodyShape:
 
     @property
     def convex(self) -> bool:
-        """True if the body is convex."""
+        """True if the body is convex, so that its hull is exact."""
         return self.points is None
 
     @property
     def measured(self) -> coal.CollisionGeometry:
-        """The geometry for distances: exact in the surroundings, else the convex hull."""
+        """The geometry for distances: exact in the surroundings, else the convex hull.
+
+        An arm can move inside a room only if the room is not filled by its hull.
+        """
         return self.exact if self.standing else self.hull
 
     @cached_property
@@ -207,7 +210,10 @@ def contains(
 
 
 def transform(place: pin.SE3) -> coal.Transform3s:
-    """Convert a placement to coal's Transform3s."""
+    """Convert a placement to coal's Transform3s.
+
+    coal, the collision library, has a type of its own.
+    """
     return coal.Transform3s(place.rotation, place.translation)
 
 
@@ -299,7 +305,10 @@ def _convex_hull(vertices: Array) -> Any:
 
 
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
-    """Compute the volume of a closed mesh, m³; negative if its normals point inwards."""
+    """Compute the volume of a closed mesh, m³; negative if its normals point inwards.
+
+    Faces of such a mesh are turned over.
+    """
     a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
 
@@ -446,7 +455,11 @@ class _MeshInterior:
         )
 
     def contains(self, points: Array) -> bool:
-        """Test whether any of the points (K, 3) is inside."""
+        """Test whether any of the points (K, 3) is inside.
+
+        The points are in the mesh's own frame, m. Where only some parts are closed, three rays
+        vote.
+        """
         return any(self._contains(point) for point in points)
 
     def _contains(self, point: Array) -> bool:

@@ -179,12 +179,18 @@ class Placements(tuple[pin.SE3, ...]):
 
     @property
     def translation(self) -> Array:
-        """Origins of all frames: (3 F,), m."""
+        """Origins of all frames: (3 F,), m.
+
+        F is the number of frames.
+        """
         return np.concatenate([each.translation for each in self])
 
     @property
     def homogeneous(self) -> Array:
-        """Homogeneous matrices of all frames, one below the other: (4 F, 4)."""
+        """Homogeneous matrices of all frames, one below the other: (4 F, 4).
+
+        C code takes them in this form.
+        """
         return np.concatenate([each.homogeneous for each in self])
 
 

@@ -173,12 +173,18 @@ class _CollisionModel:
         return np.array(found)
 
     def names(self, pair: int) -> Pair:
-        """Return the names of the two links of a pair, given by its index."""
+        """Return the names of the two links of a pair, given by its index.
+
+        An index counts the pairs that are checked.
+        """
         a, b = self.pairs[pair].tolist()
         return self.links[a], self.links[b]
 
     def named(self, which: _Mask) -> tuple[Pair, ...]:
-        """Return the names of the links of the pairs in a mask (P,), without duplicates."""
+        """Return the names of the links of the pairs in a mask (P,), without duplicates.
+
+        Notes and reports list them.
+        """
         return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
 
     # ---- distances -----------------------------------------------------------------------------

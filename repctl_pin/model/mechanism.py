@@ -48,11 +48,17 @@ class Coupling:
         return Q if self.identity else Q @ self.S.T + self.offset
 
     def rates(self, Qdot: Array) -> Array:
-        """Compute the velocities of all joints (..., N) from those of the free joints (..., n)."""
+        """Compute the velocities of all joints (..., N) from those of the free joints (..., n).
+
+        Mimic joints follow with their multipliers.
+        """
         return Qdot if self.identity else Qdot @ self.S.T
 
     def derivatives(self, J: Array) -> Array:
-        """Convert derivatives along all joints (..., N) to those along the free joints (..., n)."""
+        """Convert derivatives along all joints (..., N) to those along the free joints (..., n).
+
+        A free joint also moves its mimic joints, so that their columns are added.
+        """
         return J if self.identity else J @ self.S
 
     def leader(self, joint: int) -> int:

@@ -34,7 +34,10 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 
 def link_ids(model: pin.Model) -> dict[str, int]:
-    """Return the frame ids of all links, by link name."""
+    """Return the frame ids of all links, by link name.
+
+    A frame of another type, such as a joint, can have the same name.
+    """
     body = pin.FrameType.BODY
     return {f.name: i for i, f in enumerate(model.frames) if f.type == body}
 

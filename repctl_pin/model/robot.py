@@ -526,7 +526,7 @@ def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     """Read the named poses of a catalogue robot: joint values by pose name and joint name.
 
     Joints without a value are placed at mid-range later. ``reference`` and ``middle`` always exist.
-    ``ready`` is a pose from which the arm can move freely.
+    ``ready`` is read from this package's own file, if the catalogue names a pose there.
     """
     poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
     if entry is not None and entry.srdf is not None and entry.posture is not None:

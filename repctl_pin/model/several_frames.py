@@ -132,7 +132,10 @@ class SeveralFrames(Task):
     # ---- kinematics at one q ----
 
     def placement(self, q: ArrayLike) -> pin.SE3:
-        """Refuse: there are several frames, see :meth:`placements`."""
+        """Refuse: there are several frames, see :meth:`placements`.
+
+        Code for one frame must not take the first of several by accident.
+        """
         raise InputError(
             f"the task has {len(self.parts)} frames ({', '.join(self.frames)})",
             remedy="use placements(q)",

@@ -39,7 +39,10 @@ if TYPE_CHECKING:
 
 
 def unit_of(revolute: Iterable[bool]) -> str:
-    """Return the unit of a norm over joints, each revolute or not: rad, m, or both."""
+    """Return the unit of a norm over joints, each revolute or not: rad, m, or both.
+
+    Reports write it after a drift, which is such a norm.
+    """
     turns = set(map(bool, revolute))
     return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
 
@@ -250,7 +253,10 @@ class Task:
         return pin.SE3(data.oMf[self._frame_id])
 
     def placements(self, q: ArrayLike) -> tuple[pin.SE3, ...]:
-        """Evaluate the placements of all frames at q: a target of the same task."""
+        """Evaluate the placements of all frames at q: a target of the same task.
+
+        Tasks of several frames have one for each.
+        """
         return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:
@@ -273,7 +279,11 @@ class Task:
         return self.kind.error(self.placement(q), target)
 
     def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
-        """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
+        """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s.
+
+        v is the velocity of the frame's origin, and ω the angular velocity. The kind selects the
+        rows.
+        """
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if not self.kind.tool_axes:
             return twist[self.rows]
@@ -422,7 +432,10 @@ class Task:
 
     @property
     def joint_limits(self) -> tuple[Array, Array, Array]:
-        """Lower, upper and speed limits of the robot's own joints: (n,) each, rad or m, per s."""
+        """Lower, upper and speed limits of the robot's own joints: (n,) each, rad or m, per s.
+
+        Unlike ``lower`` and ``upper``, they are not those of coordinates ψ.
+        """
         robot, columns = self.robot, self._columns
         return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
 
@@ -441,7 +454,10 @@ class Task:
         return np.minimum(joints - lower, upper - joints)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types."""
+        """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types.
+
+        The JSON output of commands contains it.
+        """
         names = {"robot": self.robot.name, "frame": self.frame, "task": str(self.kind)}
         return {
             **names,

@@ -33,6 +33,8 @@ _SAME = 1e-9
 class ToolTask(Task):
     """Pose task of a tool, which a link of the robot carries rigidly.
 
+    It is what a design is converted to when the gripper changes.
+
     Attributes
     ----------
     link : str

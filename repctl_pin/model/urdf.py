@@ -265,8 +265,8 @@ def _mimicked(
 ) -> tuple[str | None, float, float]:
     """Find the joint at the end of the chain of joints that a mimic joint follows.
 
-    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A chain of
-    mimic joints, or a prefix that a macro omitted, is followed; ``notes`` receives a note.
+    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A name that
+    lacks the robot's prefix, which macros often omit, is found, with a note in ``notes``.
     """
     chain = mimic_chain(element, joints)
     if not chain:

@@ -167,14 +167,20 @@ def number(element: etree._Element, attribute: str, default: float = 0.0) -> flo
 
 
 def finite(word: str) -> float | None:
-    """Parse a finite decimal number in URDF notation; None if it is not one."""
+    """Parse a finite decimal number in URDF notation; None if it is not one.
+
+    Python's float() accepts more, such as ``1_000`` and ``inf``.
+    """
     return (
         float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
     )
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
-    """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis."""
+    """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis.
+
+    A zero axis is refused elsewhere.
+    """
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
     norm = math.hypot(x, y, z)

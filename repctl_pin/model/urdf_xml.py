@@ -142,7 +142,10 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Write the first three distinct names, and how many more there are."""
+    """Write the first three distinct names, and how many more there are.
+
+    The text reads ``a, b, c and 2 more``.
+    """
     different = [short(name)[1:-1] for name in dict.fromkeys(names)]
     more = f" and {len(different) - 3} more" if len(different) > 3 else ""
     return ", ".join(different[:3]) + more

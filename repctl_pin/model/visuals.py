@@ -153,7 +153,10 @@ def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
 
 
 def _mesh_file(shape: Shape, of: Description, robot: Mechanism) -> Path | None:
-    """Find the mesh file of a shape; None if it has none, or it is missing."""
+    """Find the mesh file of a shape; None if it has none, or it is missing.
+
+    ``of`` is the URDF that names it, the robot's or that of the surroundings.
+    """
     name = shape.filename
     return find_mesh(name, of.path, robot.package_dirs) if name else None
 
@@ -227,7 +230,10 @@ def _joint_origin(
 
 
 def _extent(robot: Mechanism) -> float:
-    """Compute the diagonal of the box around all link origins at the reference pose, m."""
+    """Compute the diagonal of the box around all link origins at the reference pose, m.
+
+    The thickness of drawn tubes is a share of it.
+    """
     q = robot.coupling.joints(robot.reference)
     placed = frame_placements(robot.model, link_ids(robot.model).values(), q[None])
     return float(np.linalg.norm(np.ptp(placed[0, :, :3, 3], axis=0)))

@@ -123,7 +123,7 @@ class JointMotion:
     def speed_ratio(self) -> float:
         """Maximum ratio of a joint's speed to its limit; above 1 the motion must be slowed down.
 
-        A study then slows all motions by it; see :meth:`Motion.slowed`.
+        The motion must take that many times as long; see :meth:`Motion.slowed`.
         """
         return float(self._speed_shares.max())
 

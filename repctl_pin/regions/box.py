@@ -131,7 +131,10 @@ class Box(Region):
         return Q, normalised(weights * evaluate_density(self.density, Q))
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points in the box: (K, n), K the power of two from ``count`` up."""
+        """Draw scrambled Sobol points in the box: (K, n), K the power of two from ``count`` up.
+
+        They fill it more evenly than random points.
+        """
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:

@@ -72,8 +72,10 @@ class Region(ABC):
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,); above 1 is outside."""
+        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,); above 1 is outside.
+
+        A motion is thus known to stay in Ω, where repeatability is guaranteed.
+        """
 
     @abstractmethod
     def clip(self, Q: ArrayLike) -> Array:

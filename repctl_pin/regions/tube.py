@@ -79,7 +79,10 @@ class Tube(Region):
 
     @property
     def bounds(self) -> Box:
-        """Smallest box around the tube."""
+        """Smallest box around the tube.
+
+        Half-widths of it scale the steps of searches.
+        """
         return Box.between(
             self.samples.min(0) - self.radius, self.samples.max(0) + self.radius
         )

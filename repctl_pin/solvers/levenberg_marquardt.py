@@ -90,7 +90,10 @@ class _LeastSquares(Protocol[D, M]):
         """
 
     def model(self, at: Point[D]) -> M:
-        """Evaluate the gradient g and the Gauss–Newton matrix H at a point."""
+        """Evaluate the gradient g and the Gauss–Newton matrix H at a point.
+
+        They predict the decrease of the merit by a step.
+        """
 
     def step(self, model: M, damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping``; the problem chooses the scaling D."""

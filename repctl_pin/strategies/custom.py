@@ -57,7 +57,7 @@ class CustomInverse:
         return described(self, self.task)
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate G (n, m).
+        """Evaluate the user's matrix G (n, m) at q (n,), and check J G = I.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class CustomInverse:
         return G.reshape(len(Q), self.task.n, self.task.m)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Compute ``q̇ = G ẋ`` (n,)."""
+        """Compute ``q̇ = G ẋ`` (n,) with the user's G, for a task velocity ẋ (m,)."""
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
     def _checked(self, q: Array, J: Array) -> Array:
@@ -120,7 +120,7 @@ class FunctionStrategy:
         )
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Evaluate the function: q̇ (n,).
+        """Evaluate the user's function at q (n,) and ẋ (m,): q̇ (n,).
 
         Raises
         ------

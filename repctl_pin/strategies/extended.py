@@ -106,14 +106,14 @@ class _ExtendedMap(Potentials):
         return N[0].T @ self.potential.gradients(q[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        r"""Evaluate V at every row of Q (K, n): (K, n, r).
+        r"""Evaluate V = ∂hᵀ/∂q at every row of Q (K, n): (K, n, r).
 
         .. math:: \frac{\partial h}{\partial q_k}
                   = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k, \qquad
                   \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
 
-        with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric:
-        :math:`Z_k S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
+        with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric: :math:`Z_k
+        S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
         """
         Q = np.asarray(Q, float)
         J, H = self.task.jacobians(Q), self.task.hessians(Q)  # (K, m, n), (K, m, n, n)
@@ -202,7 +202,10 @@ class _Given:
         self._hessian = hessian
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate ∇U, or central differences of U, at every row of Q: (K, n)."""
+        """Evaluate ∇U, or central differences of U, at every row of Q: (K, n).
+
+        U is the user's function, which the extended Jacobian keeps stationary.
+        """
         return self._U.gradients(Q)[:, :, 0]
 
     def hessians(self, Q: Array) -> Array:

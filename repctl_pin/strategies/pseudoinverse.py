@@ -151,7 +151,7 @@ class WeightedInverse:
         return np.asarray(self.weight)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Compute ``q̇ = J⁺_M ẋ`` (n,)."""
+        """Compute ``q̇ = J⁺_M ẋ`` (n,), which minimises ``q̇ᵀ M q̇``, for ẋ (m,)."""
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
