@@ -1,5 +1,10 @@
-"""Fit of the coefficients A of the potentials: a start by linear least squares, then minimisation
-by Levenberg–Marquardt steps."""
+"""Fit of the coefficients A of the potentials, by Levenberg–Marquardt steps.
+
+The start is the solution of a linear least-squares problem. V = D A are the gradients of the
+potentials h, D those of their basis, and N spans the null space of J: det(Nᵀ V) = 0 is an
+algorithmic singularity. B is a basis of coefficients in which the gradients are orthonormal, and C
+the cost, the mean of ‖G_r − G_d‖² over the region, from the repeatable inverse to the desired one.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,9 @@
-"""Fit of potentials in one region: search for singularities of the arm, selection of independent
-potentials, minimisation of the cost, evaluation on held-out nodes."""
+"""Fit of potentials in one region, from singularities of the arm to held-out nodes.
+
+The steps are: a search for singularities of the arm, the selection of independent potentials, the
+minimisation of the cost, and the evaluation on held-out nodes. Nodes are configurations of the
+region at which the cost is evaluated.
+"""
 
 from __future__ import annotations
 

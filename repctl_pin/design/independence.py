@@ -1,5 +1,9 @@
-"""Selection of linearly independent potentials of a basis over Ω, and coordinates in which their
-gradients are orthonormal."""
+"""Selection of linearly independent potentials of a basis over a region Ω.
+
+With dependent potentials, the coefficients of a fit are undetermined. The module also finds
+coordinates in which the gradients of the potentials are orthonormal, so that the fit is well
+conditioned.
+"""
 
 from __future__ import annotations
 

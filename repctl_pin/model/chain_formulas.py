@@ -1,5 +1,7 @@
-"""Formulas for serial chains: kinematic Hessian, rotation between two tool axes, rotation check,
-cross products as matrices."""
+"""Formulas for serial chains: kinematic Hessian, rotations between placements, and checks.
+
+They take arrays and placements, and do not depend on a robot model.
+"""
 
 from __future__ import annotations
 

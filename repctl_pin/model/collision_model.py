@@ -243,7 +243,10 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of the hulls of pair k, m; a collision-only pair is exact."""
+        """Compute the signed distance of the hulls of pair k, m; a collision-only pair is exact.
+
+        Its slope shows how overlapping bodies separate.
+        """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
     def _apart(self, k: int) -> float:

@@ -60,7 +60,10 @@ class Shape:
 
 
 def shapes_of(robot: etree._Element, tag: str) -> list[Shape]:
-    """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF."""
+    """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF.
+
+    Names are the link's, with a number.
+    """
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):
         _color(material, colors)

@@ -260,7 +260,10 @@ class Task:
         return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω."""
+        """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω.
+
+        x is the pose of the frame, with the velocity v of its origin and the angular velocity ω.
+        """
         J = self._task_rows(self._scratch.own.jacobian(self._vector(q)))
         return self.drive.derivatives(J)
 
@@ -308,7 +311,8 @@ class Task:
     def hessians(self, Q: ArrayLike) -> Array:
         """Evaluate H at every row of Q (K, n): an array (K, m, n, n).
 
-        See :func:`chain_hessians`."""
+        H is the derivative of the Jacobian J, see :func:`chain_hessians`.
+        """
         J, R = self._twists(Q)
         H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
         along = np.swapaxes(self.drive.derivatives(H), -1, -2)

@@ -211,12 +211,13 @@ def best_leaf(
     """Search the self-motion of the start for the leaf of best margins or lowest speed.
 
     With a repeatable inverse, the joint path of all cycles is known after the first, so limits,
-    body distances and leaf margin can be checked before the robot moves. Starts are sampled along
-    the self-motion of the given one, in both directions (for r > 1 in several), within the joint
-    limits; the best is then refined by a pattern search. The result has no more kinds of violations
-    than the given start and, for ``by="limits"``, never a smaller limit margin. With a region,
-    starts whose cycle stays inside it are preferred; without one a cycle can go far outside Ω,
-    where the inverse is no longer close to G_d.
+    body distances and leaf margin can be checked before the robot moves. Ω is the region of joint
+    space of the design, and a leaf the set h(q) = c on which a motion stays, selected by its start.
+    Starts are sampled along the self-motion of the given one, in both directions (for r > 1 in
+    several), within the joint limits; the best is then refined by a pattern search. The result has
+    no more kinds of violations than the given start and, for ``by="limits"``, never a smaller limit
+    margin. With a region, starts whose cycle stays inside it are preferred; without one a cycle can
+    go far outside Ω, where the inverse is no longer close to G_d.
 
     Parameters
     ----------

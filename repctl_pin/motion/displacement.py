@@ -1,9 +1,9 @@
-"""Displacement of bodies between two placements, and prediction of when a drifting joint leaves its
-range.
+"""Displacement of bodies between two placements, and prediction of when a joint leaves its range.
 
 The **part that is off most** is the link of the arm whose drawn body has the point that is
 displaced most, and its displacement is that of this point. Every text, table, page and figure means
-this."""
+this.
+"""
 
 from __future__ import annotations
 

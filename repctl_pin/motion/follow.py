@@ -95,8 +95,8 @@ def follow(
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
     With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, a
-    repeatable strategy steps from point to point by Newton corrections of the task error and of
-    c − h(q).
+    repeatable strategy steps from point to point by Newton corrections of the task error and of c −
+    h(q), with the potentials h that it keeps constant and their level c.
 
     Parameters
     ----------

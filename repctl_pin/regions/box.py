@@ -138,8 +138,10 @@ class Box(Region):
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the box would have to be scaled for each row of Q to lie on its
-        boundary: (K,); above 1 is outside."""
+        """Compute the scale factor that brings the box's boundary to each row of Q: (K,).
+
+        The factor is of its widths: below 1 for a row inside, above 1 outside.
+        """
         Q = as_configurations(Q, self.n, "this box")
         return (np.abs(Q - self.center) / self.half_width).max(-1)
 

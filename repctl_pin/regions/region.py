@@ -72,9 +72,10 @@ class Region(ABC):
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its boundary: (K,); above 1 is outside.
+        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
 
-        A motion is thus known to stay in Ω, where repeatability is guaranteed.
+        The factor is of its widths: below 1 for a row inside, above 1 outside. A motion is thus
+        known to stay in Ω, where repeatability is guaranteed.
         """
 
     @abstractmethod

@@ -96,8 +96,10 @@ class Tube(Region):
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the radius would have to be scaled for each row of Q to lie on the
-        boundary: (K,); above 1 is outside."""
+        """Compute the scale factor that brings the tube's boundary to each row of Q: (K,).
+
+        The factor is of its radius: below 1 for a row inside, above 1 outside.
+        """
         return self._nearest(Q)[1]
 
     def clip(self, Q: ArrayLike) -> Array:

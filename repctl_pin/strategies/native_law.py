@@ -168,7 +168,10 @@ class NativeLaw:
         return augmented_inverse(J, V)[:, :, : task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
-        """Compute q̇ (K, n) of the repeatable inverse at the rows of Q (K, n) and Ẋ (K, m)."""
+        """Compute q̇ (K, n) of the repeatable inverse at the rows of Q (K, n) and Ẋ (K, m).
+
+        If C fails at a row, NumPy computes all rows, and raises the error.
+        """
         Qdot = np.empty((len(Q), self._task.n))
         if self._run_rows("call_velocities", Q, Xdot, Qdot):
             return Qdot

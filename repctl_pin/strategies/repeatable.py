@@ -56,10 +56,9 @@ class Bounded(Protocol):
     """
 
     def ratio(self, Q: Array) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,).
+        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
 
-        Above 1 is outside.
+        The factor is of its widths: below 1 for a row inside, above 1 outside.
         """
 
 
