@@ -74,7 +74,7 @@ def _joint(task: Task, link: str) -> int:
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
     """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes.
 
-    The other hands of a robot are drawn and measured by them.
+    Displacements of the other end effectors are measured with them.
     """
     robot = task.robot
     ids = [frame_id(robot.model, link) for link in links]

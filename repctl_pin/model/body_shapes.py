@@ -307,7 +307,7 @@ def _convex_hull(vertices: Array) -> Any:
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
     """Compute the volume of a closed mesh, m³; negative if its normals point inwards.
 
-    Faces of such a mesh are turned over.
+    Faces of such a mesh of the robot are turned over.
     """
     a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
@@ -457,7 +457,7 @@ class _MeshInterior:
     def contains(self, points: Array) -> bool:
         """Test whether any of the points (K, 3) is inside.
 
-        The points are in the mesh's own frame, m. Where only some parts are closed, three rays
+        The points are in the mesh's own frame, m. If a mesh of the robot has open parts, three rays
         vote.
         """
         return any(self._contains(point) for point in points)

@@ -135,8 +135,7 @@ def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
 
 
 def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
-    """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the robot's
-    root.
+    """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the root.
 
     A missing mesh is skipped here; :class:`Bodies` raises on it, and notes shapes not drawn.
     """

@@ -215,9 +215,8 @@ class _Cost:
     ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``T q_k + λ_k /
     ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k the
     multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the point's
-    share of the cycle. The limits stand in the cost, because the motion of minimum speed often
-    touches them. ``first`` is the index of the first configuration that is free: 0, or 1 if the
-    start is fixed.
+    share of the cycle. The limits stand in the cost as penalties, which the multipliers make exact.
+    ``first`` is the index of the first configuration that is free: 0, or 1 if the start is fixed.
     """
 
     task: Task

@@ -1,5 +1,8 @@
-"""Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, and the null-space component
-W of ``G = J⁺ + N Wᵀ`` (21), (22)."""
+"""Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, null-space component.
+
+An inverse has J G = I, so that ``q̇ = G ẋ`` moves the frame with ẋ. W is the component in the null
+space N of J: ``G = J⁺ + N Wᵀ`` (21), (22).
+"""
 
 from __future__ import annotations
 

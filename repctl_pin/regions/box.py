@@ -116,7 +116,8 @@ class Box(Region):
         """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1.
 
         The weighted sum over them approximates the mean over the box. They are a Gauss–Legendre
-        grid, which is exact for polynomials, up to three joints, and Sobol points for more.
+        grid, which is exact for polynomials of moderate degree, up to three joints, and Sobol
+        points for more.
         """
         if self.n > 3:
             return super().nodes(count, seed)
