@@ -130,7 +130,7 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
 def _quoted(name: str) -> str:
     """Quote a name for YAML, with line breaks and other control characters as escapes.
 
-    Joint names come from a URDF and can hold any character.
+    A joint name such as ``yes`` or ``1`` would otherwise be read as no text.
     """
     if name.isprintable():
         return "'" + name.replace("'", "''") + "'"
