@@ -57,7 +57,10 @@ _MODULE_OF = {
 
 
 def _modules() -> dict[str, str]:
-    """Find the module of each public name."""
+    """Find the module of each public name: a dictionary, also with the names of all extensions.
+
+    Extensions are imported for it, so that it is called only for names that the core does not have.
+    """
     return _MODULE_OF | {
         name: f"{extension.package}.{module}"
         for extension in all_extensions()

@@ -1,5 +1,8 @@
-"""Argument validation: convert the value, or raise a one-line InputError that names the argument
-and the remedy."""
+"""Argument validation: convert the value, or raise a one-line InputError.
+
+The error names the argument and the remedy. ``name`` is the argument's name in the message, and
+``each`` or ``what`` describes what it must be.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,10 @@ def function(value: F, name: str, what: str, takes: int = 1) -> F:
 
 
 def _binds(value: Callable[..., Any], takes: int) -> bool:
-    """Test whether a callable accepts ``takes`` arguments; True if its signature is not known."""
+    """Test whether a callable accepts ``takes`` arguments; True if its signature is not known.
+
+    Some functions of compiled code have no signature. The function is not called.
+    """
     try:
         signature(value).bind(*[None] * takes)
     except TypeError:
@@ -107,7 +113,7 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
 
 
 def finite(value: Any, name: str, unit: str = "") -> float:
-    """Convert an argument to a finite number of any sign."""
+    """Convert an argument to a finite number of any sign; ``unit`` is named in the message."""
     number = _number(value)
     if not math.isfinite(number):
         number_of = f"a finite number{unit and ', '}{unit}"
@@ -170,7 +176,7 @@ def per_joint(
 
 
 def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
-    """Convert n limits to an array (n,); infinity stands for no limit."""
+    """Convert n limits to an array (n,); infinity stands for no limit, and NaN is refused."""
     array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
         raise InputError(
@@ -180,7 +186,10 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
 
 
 def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
-    """Convert finite configurations, one per row, to an array (K, n); with n = None, any n."""
+    """Convert finite configurations, one per row, to an array (K, n); with n = None, any n.
+
+    ``whose`` begins the message. A single q is refused, with the hint to write [q].
+    """
     array = as_numbers(values)
     if (
         array is None
@@ -207,6 +216,7 @@ def as_matrices(
 ) -> list[Array]:
     """Convert stacks of matrices with matching sizes, each given as (name, array, axes).
 
+    The formulas take arrays of one configuration and of many, so that shapes must be checked.
     ``axes`` are the sizes of the last axes, as in ``("J", J, "m n"), ("V", V, "n r")``: a number,
     or a letter that stands for the same size in all arrays. Sizes are at least 1, except r and K.
     Leading axes must broadcast; ``exact`` allows none. Without ``finite``, NaN and infinity are
@@ -263,6 +273,8 @@ def evaluated(
 ) -> Array:
     """Call a user's function of q, and of ``more``, which must return finite numbers of a shape.
 
+    ``what`` names the function in the message.
+
     Raises
     ------
     InputError
@@ -300,7 +312,10 @@ def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
 
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:
-    """Convert an iterable to a list; refuse text and mappings."""
+    """Convert an iterable to a list; refuse text and mappings.
+
+    A text is an iterable of letters, which is never meant.
+    """
     no_list = isinstance(values, (str, bytes, type, Mapping)) or (
         isinstance(values, np.ndarray) and values.ndim != 1
     )
@@ -320,7 +335,11 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 
 
 def freeze(made: object, /, **values: Any) -> None:
-    """Set attributes of a frozen dataclass while it is created; arrays become read-only views."""
+    """Set attributes of a frozen dataclass while it is created; arrays become read-only views.
+
+    ``made`` is the object. A result can then not be changed by accident, and the caller's own
+    arrays stay writable.
+    """
     for name, value in values.items():
         kept = value
         if isinstance(value, np.ndarray) and value.flags.writeable:
@@ -378,7 +397,10 @@ def file_name(value: Any, name: str = "file") -> Path:
 
 
 def _number(value: Any) -> float:
-    """Convert a number to a float; NaN if it is not a number."""
+    """Convert a number to a float; NaN if it is not a number, which the caller then refuses.
+
+    Text is no number here, even ``"1"``, and neither is an array.
+    """
     try:
         return (
             math.nan
@@ -390,7 +412,10 @@ def _number(value: Any) -> float:
 
 
 def as_numbers(values: ArrayLike) -> Array | None:
-    """Copy numbers to an array of native doubles; None if it is ragged or not of numbers."""
+    """Copy numbers to an array of native doubles; None if it is ragged or not of numbers.
+
+    The caller makes the message for None, because only it knows what was expected.
+    """
     try:
         array = np.asarray(values)
         return (
@@ -413,7 +438,10 @@ def _shape(values: ArrayLike, array: Array | None) -> str:
 
 
 def shown(value: Any) -> str:
-    """Format a value for a message, on one line of at most 60 characters."""
+    """Format a value for a message, on one line of at most 60 characters.
+
+    A user's value can be long, or contain terminal control sequences.
+    """
     text = " ".join(repr(value).split())
     text = text if len(text) <= 60 else f"{text[:59]}…"
     return text.encode("unicode_escape").decode() if not text.isprintable() else text

@@ -1,4 +1,10 @@
-"""Certificate of a design or of a cell's function: the bounds that were proved."""
+"""Certificate of a design or of a cell's function: the bounds that were proved.
+
+A design is a controller for a region Ω of joint space; a cell is a box of poses covered by one
+function from poses to configurations. A leaf is a set h(q) = c on which the controller keeps the
+arm, and the leaf margin σ_min(Nᵀ V̂) its distance from an algorithmic singularity. Samples cannot
+exclude a singularity between them; a proof over boxes that cover all of Ω does.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +40,12 @@ class ClosingRadius:
 
     Every closed path of the frame (of all frames) whose poses are all within :attr:`metres` **and**
     :attr:`radians` of the start pose closes, however long it is: its motion, begun at the end of
-    the straight way from the start, stays in Ω and ends where it began. Around a path that closes
-    itself, every closed path that deviates by less than both, at each moment, closes too. That the
-    path closes, and how it bends between its samples, is checked by following it, not proved.
-    Where the path crosses itself, a path that leaves it for its other branch is none of these.
-    ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
+    the straight way from the start, stays in Ω, the region of joint space that was proved, and ends
+    where it began. Around a path that closes itself, every closed path that deviates by less than
+    both, at each moment, closes too. That the path closes, and how it bends between its samples, is
+    checked by following it, not proved. Where the path crosses itself, a path that leaves it for
+    its other branch is none of these. ``bool(radius)`` tells whether a radius of at least 1 mm is
+    proved.
 
     Attributes
     ----------
@@ -97,9 +104,9 @@ class ClosingRadius:
     def contains(self, placement: Any) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
-        Nothing is wrong with a pose beyond the radius: paths through it are not proved to close.
-        A pose does not tell the leaf; it is that of :attr:`start`, see
-        :meth:`RepeatableInverse.same_leaf`.
+        Nothing is wrong with a pose beyond the radius: paths through it are not proved to close. A
+        pose does not tell the leaf, the set h(q) = c on which the arm is; it must be that of
+        :attr:`start`, see :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
@@ -129,7 +136,11 @@ class ClosingRadius:
         return bool(near.any())
 
     def _near(self, kind: str, T: Array, frame: slice) -> NDArray[np.bool_]:
-        """Test to which poses of one of the frames a placement is near enough, (K,)."""
+        """Test to which poses of one of the frames a placement is near enough: a mask (K,).
+
+        ``kind`` is the kind of the frame's task, T its placement (4, 4), and ``frame`` the columns
+        of the frame in ``positions`` and ``rotations``. Only what the task controls is compared.
+        """
         away = T[:3, 3] - self.positions[:, frame]
         if len(kind) == 2:
             away = away[:, ["xyz".index(c) for c in kind]]
@@ -147,7 +158,8 @@ class ClosingRadius:
     def squared_chord(self) -> float:
         """Squared chord of the angle: ``(2 sin(α/2))² = ‖R − R₀‖²_F / 2 = ‖z − z₀‖²``.
 
-        It is 0 for a task without orientation.
+        It is 0 for a task without orientation. It is compared with the chord of a pose, which takes
+        no trigonometric function.
         """
         if self.radians is None:
             return 0.0
@@ -155,7 +167,10 @@ class ClosingRadius:
 
     @property
     def words(self) -> str:
-        """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``."""
+        """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``.
+
+        The summary of a proof and exported code quote it.
+        """
         if not self:
             return f"no closing radius above 1 mm is proved: {self.reason}"
         paths = (
@@ -178,8 +193,9 @@ class ClosingRadius:
 def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
     """Tell whether a closing radius does not cover a configuration of a repeatable inverse.
 
-    It is then on another leaf than the start, or its pose is farther from the start's than the
-    radius.
+    Within the radius of the start, closed paths are proved to close. True means that q is on
+    another leaf than the start, the set h(q) = c, or that its pose is farther from the start's than
+    the radius. A governor reports it while the robot moves.
     """
     if not inverse.same_leaf(q, closes.start):
         return True
@@ -277,11 +293,16 @@ class Proof:
         return 1 / self.leaf_margin - 1 if self.leaf_margin > 0 else np.inf
 
     def sealed(self, subject: str) -> Proof:
-        """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable."""
+        """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable.
+
+        ``subject`` is the fingerprint, a hash, of the design. A proof of another design would be
+        worthless.
+        """
         bound = replace(self, subject=subject, seal="")
         return replace(bound, seal=bound._fingerprint())
 
     def _fingerprint(self) -> str:
+        """Compute the fingerprint of all fields but the seal, which any change breaks."""
         names = [n for n in self.__dataclass_fields__ if n not in ("seal", "closes")]
         own = [getattr(self, name) for name in names]
         if self.closes is not None:
@@ -290,7 +311,11 @@ class Proof:
         return fingerprint(*own)
 
     def summary(self) -> str:
-        """Describe in a few lines what is proved."""
+        """Describe in a few lines what is proved.
+
+        The bounds are those of the leaf margin, the joint-limit margin, σ_min(J) and the extra
+        joint speed.
+        """
         state = "proved" if self.proved else "NOT proved"
         place = ", ".join(f"{v:.4g}" for v in np.round(self.worst, 4) + 0.0)
         wide = (
@@ -315,7 +340,10 @@ class Proof:
 
     @property
     def extra_speed_words(self) -> str:
-        """Text of the bound of the extra joint speed, in per cent, rounded up."""
+        """Text of the bound of the extra joint speed, in per cent, rounded up.
+
+        The extra joint speed is that of the controller over J⁺, the inverse of minimum joint speed.
+        """
         if not np.isfinite(self.extra_speed_direction):
             return "no bound"
         percent = np.ceil(1e4 * self.extra_speed_direction) / 100
@@ -338,7 +366,10 @@ class Proof:
         )
 
     def _words(self, value: float) -> str:
-        """Write a bound of a quantity that is never negative: 0 states nothing of it."""
+        """Write a bound of a quantity that is never negative, such as ``> 0.12``.
+
+        A bound of 0 that was not proved states nothing, so it is written as ``no bound``.
+        """
         return self._above(value) if self.proved or value > 0 else "no bound"
 
     @staticmethod
@@ -351,8 +382,9 @@ def own_proof(
 ) -> Proof | None:
     """Return a proof of the subject; None, with a warning, if it proves something else.
 
-    ``subject`` computes the fingerprint of what the proof shall prove, and ``theorem`` is the
-    lowest version of the theorem that bounds the same quantities.
+    A saved or changed design thus never shows a proof that is not its own. ``subject`` computes the
+    fingerprint of what the proof shall prove, and ``theorem`` is the lowest version of the theorem
+    that bounds the same quantities.
     """
     if proof is None:
         return None
@@ -388,7 +420,11 @@ def fingerprint(*parts: Any) -> str:
 
 
 def _pieces(part: Any) -> Iterator[str]:
-    """Yield the texts that describe a part, in order; brackets keep sequences apart."""
+    """Yield the texts that describe a part of a fingerprint, in order.
+
+    A part is a number, a text, None, an array, or a sequence of parts, which brackets keep apart.
+    Equal numbers of different types give the same text.
+    """
     if isinstance(part, (np.ndarray, np.generic)):
         part = part.tolist()
     if isinstance(part, (list, tuple)):
@@ -403,7 +439,7 @@ def _pieces(part: Any) -> Iterator[str]:
 
 
 def _below(value: float, digits: int = 3) -> str:
-    """Format a lower bound with some digits, rounded down."""
+    """Format a lower bound with some digits, rounded down, so that the text is true as well."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
     step = 10.0 ** (np.floor(np.log10(abs(value))) - digits + 1)
@@ -411,7 +447,7 @@ def _below(value: float, digits: int = 3) -> str:
 
 
 def _length_words(value: float) -> str:
-    """Format a length, m, with two digits, rounded down, in m, cm or mm."""
+    """Format a length, m, with two digits, rounded down, in m, cm or mm, such as ``6.4 cm``."""
     for unit, size in (("m", 1.0), ("cm", 1e-2)):
         if value >= size:
             return f"{_below(value / size, 2)} {unit}"
@@ -419,7 +455,11 @@ def _length_words(value: float) -> str:
 
 
 def proved_words(proof: Proof | None) -> str:
-    """Write whether a leaf margin is proved, with its bound, or only found by a search."""
+    """Write whether a leaf margin is proved, with its bound, or only found by a search.
+
+    The leaf margin is the distance from an algorithmic singularity. A search gives the smallest
+    value that it found, and there may be a smaller one.
+    """
     return f"proved > {_below(proof.leaf_margin)}" if proof else "found, not proved"
 
 

@@ -13,7 +13,10 @@ _LONGEST = 800
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    """Escape unprintable characters, such as terminal control sequences; ``lines`` keeps breaks."""
+    """Escape unprintable characters, such as terminal control sequences; ``lines`` keeps breaks.
+
+    Texts from a user's file could otherwise change the terminal.
+    """
     if text.isprintable():
         return text
     return "".join(
@@ -62,7 +65,10 @@ class RepctlError(Exception):
         return _restored, (type(self), self.args, vars(self))
 
     def __str__(self) -> str:
-        """Format the message on one line of bounded length, whatever it quotes."""
+        """Format the message on one line of bounded length, whatever it quotes.
+
+        A message may quote a file or a name of the user.
+        """
         fact = super().__str__()
         joint = "" if not self.argument or fact.startswith(":") else " "
         parts = (f"{self.argument}{joint}{fact}", self.remedy)
@@ -78,7 +84,10 @@ class RepctlError(Exception):
 def _restored(
     kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]
 ) -> RepctlError:
-    """Create an error again from its parts, without calling its constructor."""
+    """Create an error again from its parts, without calling its constructor, which may take others.
+
+    Errors cross from worker processes by pickle. ``args`` and ``parts`` are its attributes.
+    """
     error = kind.__new__(kind, *args)
     vars(error).update(parts)
     return error
@@ -114,6 +123,9 @@ class UrdfError(InputError):
 
 class SingularityError(RepctlError):
     """J, or J_V at an algorithmic singularity, loses rank, so there is no inverse.
+
+    J is the Jacobian of the task, and J_V = [J; Vᵀ] with the gradients V of the potentials that a
+    repeatable inverse keeps constant.
 
     Examples
     --------
@@ -191,7 +203,10 @@ def unknown(
 
 
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
-    """Find up to four known names that contain a name, begin with it, or are spelled alike."""
+    """Find up to four known names that contain a name, begin with it, or are spelled alike.
+
+    ``names`` maps what can be written, aliases too, to the names that are suggested.
+    """
     written = name.strip().lower()
     folded = {k.lower(): v for k, v in names.items()}
     holding = [

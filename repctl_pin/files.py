@@ -1,4 +1,7 @@
-"""Atomic writing of files, and reading of regular files up to a maximum size."""
+"""Atomic writing of files, and reading of regular files up to a maximum size.
+
+Atomic: the new file replaces the old one at once, so that an interrupted run leaves no half file.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +41,19 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
 
 
 def prepare_folder(folder: Path) -> Path:
-    """Create a folder if it does not exist, and check that files can be written into it."""
+    """Create a folder if it does not exist, and check that files can be written into it.
+
+    A command calls it before a long computation, whose result could otherwise not be saved.
+    """
     return check_folder(folder, make=True)
 
 
 @contextlib.contextmanager
 def not_left_empty(folder: Path) -> Iterator[Path]:
-    """Context manager that at its end removes a new folder, and new parents, if they are empty."""
+    """Context manager that at its end removes a new folder, and new parents, if they are empty.
+
+    A command that fails before it writes thus leaves no empty folders.
+    """
     missing = [part for part in (folder, *folder.parents) if not part.exists()]
     try:
         yield folder
@@ -85,7 +94,11 @@ def written_together(folder: Path) -> Iterator[Path]:
 
 
 def _move(file: Path, target: Path) -> None:
-    """Move a file to a target, which keeps its mode; write through a device, replace a link."""
+    """Move a file to a target, which keeps its mode; write through a device, replace a link.
+
+    A device, such as /dev/null, must not be replaced by a file. InputError is raised for a link
+    that cannot be replaced.
+    """
     old = target.lstat() if os.path.lexists(target) else None
     if old is not None and not stat.S_ISREG(old.st_mode) and not target.is_symlink():
         write_whole(target, file.read_bytes())
@@ -102,7 +115,10 @@ def _move(file: Path, target: Path) -> None:
 
 @contextlib.contextmanager
 def _one_at_a_time(folder: Path) -> Iterator[None]:
-    """Context manager that locks a folder against other processes, where that is possible."""
+    """Context manager that locks a folder against other processes, where that is possible.
+
+    Without locks, as on Windows or some network drives, it does nothing.
+    """
     try:
         import fcntl
 
@@ -175,6 +191,8 @@ def read_whole(path: str | Path, largest: int) -> str:
 def read_bytes(path: str | Path, largest: int) -> bytes:
     """Read a regular file of at most ``largest`` bytes.
 
+    A device could otherwise be read without end.
+
     Raises
     ------
     InputError
@@ -206,6 +224,8 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
 def _target(path: str | Path) -> Path:
     """Resolve the file to write: the target of a symbolic link, else the path itself.
 
+    The file itself is then replaced, and not the link.
+
     Raises
     ------
     InputError
@@ -226,7 +246,11 @@ def _target(path: str | Path) -> Path:
 
 
 def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
-    """Write data to a temporary file with a random name beside the target, and rename it."""
+    """Write data to a temporary file with a random name beside the target, and rename it.
+
+    ``old`` is the status of the file that is replaced, whose mode is kept; None if there is none.
+    Data and folder are flushed to the disk. After an error the temporary file is removed.
+    """
     temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
     try:  # includes os.open: a signal may arrive before it returns the handle

@@ -1,4 +1,7 @@
-"""Options of a fit: nodes, random seed, memory, parallel work and stopping."""
+"""Options of a fit: nodes, random seed, memory, parallel work and stopping.
+
+Nodes are the configurations at which a fit evaluates its cost; held-out nodes evaluate its result.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +102,10 @@ class FitOptions:
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:
-    """Check the given options of a fit; return the defaults for None."""
+    """Check the given options of a fit; return the defaults for None.
+
+    InputError is raised for another type, such as a dictionary.
+    """
     if given is None:
         return FitOptions()
     return require_type(

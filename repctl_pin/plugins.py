@@ -48,7 +48,7 @@ class Extension:
     package : str
         The extension's own name, ``__name__``.
     names
-        Names at the door, separated by spaces, by the module that defines them.
+        Public names, such as ``rp.timed``, separated by spaces, by the module that defines them.
     commands
         Modules of the commands, by the name of the command.
     files
@@ -65,13 +65,16 @@ class Extension:
     parts: Mapping[str, str] = field(default_factory=dict)
 
     def module(self, name: str) -> Any:
-        """Import a module of the extension."""
+        """Import a module of the extension, given by its name inside the extension's package."""
         return import_module(f"{self.package}.{name}")
 
 
 @cache
 def all_extensions() -> tuple[Extension, ...]:
-    """Find the extensions of this package, in alphabetical order."""
+    """Find the extensions of this package, in alphabetical order; cached.
+
+    Each folder in ``extensions/`` is one. Only its ``__init__`` is imported here.
+    """
     package = import_module("repctl_pin.extensions")
     names = sorted(found.name for found in iter_modules(package.__path__))
     return tuple(
@@ -80,7 +83,9 @@ def all_extensions() -> tuple[Extension, ...]:
 
 
 def parts(place: str) -> list[Any]:
-    """Import what extensions add to a place of the core.
+    """Import what extensions add to a place of the core, such as notes of a study.
+
+    The core asks for a place by name and does not know the extensions.
 
     Parameters
     ----------
@@ -99,7 +104,10 @@ def parts(place: str) -> list[Any]:
 
 
 def registered(kind: str) -> dict[str, EntryPoint]:
-    """Find the plugins of a kind, by name, without importing them."""
+    """Find the plugins of a kind, by name, without importing them.
+
+    ``kind`` is ``strategies``, ``potentials`` or ``paths``.
+    """
     assert kind in _ONE_OF, kind
     from importlib.metadata import entry_points  # a fifth of the time of --help
 

@@ -12,12 +12,19 @@ Report = Callable[[str, float], None]
 
 
 def silent(what: str, share: float) -> None:
-    """Progress callback that does nothing."""
+    """Do nothing: the progress callback for computations that report no progress.
+
+    ``what`` names the current step, and ``share`` is the completed fraction, 0 to 1.
+    """
 
 
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
-    """Context manager that provides a progress callback: silent, a bar on stderr, or the user's."""
+    """Context manager that provides a progress callback: silent, a bar on stderr, or the user's.
+
+    ``progress`` is False, True, or a function (step, fraction). The bar, which needs tqdm, is
+    removed at the end.
+    """
     if not callable(progress) and not isinstance(progress, bool):
         raise InputError(
             "must be True, False or a callback (step, fraction), "

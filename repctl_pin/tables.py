@@ -35,7 +35,7 @@ Column = NDArray[Any]
 @dataclass(frozen=True, eq=False)
 @read_only
 class Table:
-    """Columns of a file, by name.
+    """Columns of a file, by name, of equal length: one row per frame of a recording.
 
     Attributes
     ----------
@@ -62,7 +62,9 @@ class Table:
 def csv_rows(
     file: str | Path, largest: int = _LARGEST
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield the lines of a CSV file that are not empty, the header too, with their numbers.
+    """Yield the lines of a CSV file that are not empty, the header too, as (line number, fields).
+
+    The number is that in the file, so that a message can name the line at fault.
 
     Raises
     ------
@@ -87,7 +89,10 @@ def number(text: str) -> float:
 
 
 def refuse_twice(names: Sequence[str], where: str | Path) -> None:
-    """Raise InputError if two columns have one name."""
+    """Raise InputError if two columns have one name: reading by name would take one of them.
+
+    ``where`` is the file, for the message.
+    """
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(
@@ -124,7 +129,11 @@ def read_table(file: Path) -> Table:
 
 
 def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
-    """Write columns in the format of the file's suffix, atomically."""
+    """Write columns in the format of the file's suffix, atomically: .csv, .npz or .parquet.
+
+    Columns are arrays with one row per frame. In a CSV file, column k of a wider array is
+    ``name_k``. InputError is raised for another suffix, or if pyarrow is missing for Parquet.
+    """
     suffix = _format(file)
     if suffix == ".csv":
         return write_whole(file, _csv_text(columns))
@@ -153,6 +162,11 @@ def _format(file: Path) -> str:
 
 
 def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
+    """Read a CSV file, given as bytes, into columns by name; whole numbers become integers.
+
+    The kinds of the columns are those of the first row: numbers, or text. InputError names the line
+    that does not fit.
+    """
     text = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline="")
     try:
         names = [
@@ -189,6 +203,10 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
 
 
 def _check_header(file: Path, names: list[str], first: list[str]) -> None:
+    """Check that the header names each column once, and that the first row has as many fields.
+
+    ``names`` is the header and ``first`` the first row; InputError if not.
+    """
     if any(";" in name for name in names):
         raise InputError(
             f"{file}: separate the columns by commas, and use decimal points"
@@ -209,7 +227,11 @@ def _check_header(file: Path, names: list[str], first: list[str]) -> None:
 def _wrong_line(
     file: Path, size: int, first: list[str], error: Exception
 ) -> InputError:
-    """Make the error for the first line of a CSV file that cannot be read."""
+    """Make the error for the first line of a CSV file that cannot be read.
+
+    ``size`` is the number of columns, ``first`` the fields of the first row, whose numbers must be
+    numbers in all rows, and ``error`` NumPy's own, which names no line of the file.
+    """
     try:
         for line, row in islice(csv_rows(file), 1, None):
             if len(row) != size:
@@ -233,6 +255,10 @@ def _is_number(text: str) -> bool:
 
 
 def _csv_text(columns: Mapping[str, Column]) -> bytes:
+    """Write columns as the bytes of a CSV file, in blocks of rows that keep the memory small.
+
+    A column of several numbers per row becomes ``name_0``, ``name_1``, and so on.
+    """
     flat: dict[str, Column] = {}
     for name, values in columns.items():
         wide = values.reshape(len(values), -1)
@@ -286,7 +312,10 @@ def _of_parquet(file: Path, data: bytes) -> dict[str, Column]:
 
 
 def _plain(column: Any) -> Column:
-    """Convert a Parquet column to an array; lists of equal length become its rows."""
+    """Convert a Parquet column to an array; lists of equal length become its rows.
+
+    Lists of different lengths give an array of Python lists.
+    """
     import pyarrow
 
     if not (

@@ -1,4 +1,7 @@
-"""Objects per thread, such as memory, and the limit of BLAS to one thread."""
+"""Objects per thread, such as memory, and the limit of BLAS to one thread.
+
+BLAS is the library of matrix operations that NumPy calls; it starts threads of its own.
+"""
 
 from __future__ import annotations
 
@@ -42,6 +45,8 @@ def one_blas_thread() -> Iterator[None]:
 
 class PerThread(threading.local, Generic[T]):
     """Value that is created once per thread, on first use, and again in a copy or another process.
+
+    Scratch memory of Pinocchio and of C cannot be shared between threads, nor pickled.
 
     Parameters
     ----------

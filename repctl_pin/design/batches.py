@@ -1,8 +1,10 @@
 """Sums over the nodes of a fit, in batches: in this process, in other processes, or on a cluster.
 
-The interface is :class:`Batches`, which sums a function of :mod:`criterion` over all batches. An
-implementation decides where the batches are stored. Terms are always added in the order of the
-nodes, so that the result does not depend on the implementation."""
+A node is a configuration of the region at which the cost of a design is evaluated. The interface is
+:class:`Batches`, which sums a function of :mod:`criterion` over all batches. An implementation
+decides where the batches are stored. Terms are always added in the order of the nodes, so that the
+result does not depend on the implementation.
+"""
 
 from __future__ import annotations
 
@@ -34,21 +36,32 @@ Tick = Callable[[float], None]
 
 
 def _silent(share: float) -> None:
-    """Progress callback that does nothing."""
+    """Do nothing: the progress callback of a fit that reports no progress.
+
+    ``share`` is the completed share of a pass over the nodes, 0 to 1.
+    """
 
 
 class Batches(Protocol):
-    """Interface of a set of nodes, stored in batches, over which functions are summed."""
+    """Interface of a set of nodes, stored in batches, over which functions are summed.
+
+    A node is a configuration of the region Ω at which a fit evaluates its cost. A fit needs only
+    this interface, so that it runs in one process or on a cluster without change.
+    """
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
+
+        ``function`` is one of :mod:`criterion`, such as the cost, and ``arguments`` are the
+        coefficients A. The result is one tuple of sums.
+        """
 
     def close(self) -> None:
         """Free the memory of the batches."""
 
 
 class Local:
-    """Batches in the memory of this process.
+    """Batches in the memory of this process: the default, if no executor is given.
 
     Parameters
     ----------
@@ -83,7 +96,10 @@ class Local:
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
+
+        Batches that are not stored (``stream``) are built again, one after the other.
+        """
         return over(
             self._build() if self._kept is None else self._kept, function, arguments
         )
@@ -103,9 +119,10 @@ class Local:
 class BarrierCost:
     """Nodes of a fit, and additional points of Ω that act as a barrier against singularities.
 
-    The points are configurations between the nodes at which an earlier fit had det(Nᵀ V) = 0. Each
-    is an additional node. Its cost tends to infinity as det(Nᵀ V) tends to 0, so that a descent
-    stays away from a singularity there.
+    The points are configurations between the nodes at which an earlier fit had det(Nᵀ V) = 0, an
+    algorithmic singularity. Each is an additional node. Its cost tends to infinity as det(Nᵀ V)
+    tends to 0, so that a descent stays away from a singularity there. V are the gradients of the
+    potentials, and N spans the null space of J.
 
     Parameters
     ----------
@@ -135,12 +152,19 @@ class BarrierCost:
             self.guard(Q)
 
     def guard(self, Q: Array) -> None:
-        """Add the configurations Q (K, n) to the barrier points."""
+        """Add the configurations Q (K, n), near which V is singular, to the barrier points.
+
+        V are the gradients of the potentials. The next descent keeps away from these points.
+        """
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points.
+
+        ``function`` is one of :mod:`criterion`, such as the cost of coefficients A. The result is
+        one tuple of sums, which a descent uses in place of those over the nodes alone.
+        """
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])
 
@@ -161,7 +185,10 @@ def add(parts: Iterable[Sums]) -> Sums:
 
 
 def over(batches: Iterable[Batch], function: Sum, arguments: tuple[Any, ...]) -> Sums:
-    """Sum the tuples ``function(batch, *arguments)`` of the given batches, item by item."""
+    """Sum the tuples ``function(batch, *arguments)`` of the given batches, item by item.
+
+    This is what a worker evaluates for its own batches. It returns a tuple of the sums.
+    """
     return add(function(b, *arguments) for b in batches)
 
 
@@ -184,7 +211,8 @@ _Answer = tuple[str, dict[int, Sums]]
 class _Piece:
     """Chunk of nodes that one worker evaluates, with the pickled builder of its batches.
 
-    Iteration builds the batches.
+    Q (K, n) are the nodes, ``weights`` (K,) their quadrature weights, and ``batch`` the nodes per
+    batch. Iteration builds the batches: sending the nodes is far cheaper than sending the batches.
     """
 
     builder: bytes
@@ -208,7 +236,8 @@ def hand_out(
 ) -> Batches:
     """Distribute nodes to the workers of an executor or a Dask cluster, in chunks of whole batches.
 
-    The parameters are those of :class:`Local`.
+    The parameters are those of :class:`Local`. A fit to many nodes, the configurations at which its
+    cost is evaluated, then uses all cores.
 
     Raises
     ------
@@ -244,10 +273,10 @@ def hand_out(
 class _InExecutor:
     """Batches that the workers of an executor build, evaluate and store.
 
-    The nodes are divided into chunks (:class:`_Piece`). A worker that has evaluated a chunk stores
-    its batches. For the next sum, each worker is asked for the chunks that it stores. Chunks that
-    no worker returns, such as those of a worker that ended, are built again by any free worker.
-    Only the computing time depends on the distribution.
+    The nodes, configurations of the region, are divided into chunks (:class:`_Piece`). A worker
+    that has evaluated a chunk stores its batches. For the next sum, each worker is asked for the
+    chunks that it stores. Chunks that no worker returns, such as those of a worker that ended, are
+    built again by any free worker. Only the computing time depends on the distribution.
     """
 
     def __init__(
@@ -261,7 +290,11 @@ class _InExecutor:
         self._workers: set[str] = set()  # those that store chunks
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
+
+        First each worker is asked for the chunks that it stores; then the missing chunks are built.
+        The chunks are added in their order, so that the result does not depend on the workers.
+        """
         work = partial(over, function=function, arguments=arguments)
         submit = self._executor.submit
         found: dict[int, Sums] = {}
@@ -300,7 +333,12 @@ class _InExecutor:
 def _evaluate_piece(
     run: str, number: int, piece: _Piece, stream: bool, work: _Work
 ) -> _Answer:
-    """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set."""
+    """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set.
+
+    It runs in a worker. ``run`` identifies the fit: batches of an earlier fit are freed. ``number``
+    is the chunk's, and ``work`` sums a function over batches. The result is the worker's name, and
+    the sums by chunk number.
+    """
     if stream:
         return _me(), {number: work(piece)}
     if getattr(_held, "run", None) != run:
@@ -313,10 +351,10 @@ def _evaluate_piece(
 
 
 def _evaluate_held(key: tuple[str, str], work: _Work) -> _Answer:
-    """Evaluate the chunks that this worker stores, once per sum.
+    """Evaluate the chunks that this worker stores, once per sum, so that none is built again.
 
-    ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum returns
-    no sums.
+    ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum, which
+    reached the same worker by chance, returns no sums. The result is as of :func:`_evaluate_piece`.
     """
     run, sum_id = key
     if getattr(_held, "run", None) != run or _held.answered == sum_id:

@@ -1,10 +1,15 @@
 """Continuation in the degree of the potentials, to an optimum without algorithmic singularities.
 
+At an algorithmic singularity the repeatable inverse fails though J has full rank: det(Nᵀ V) = 0,
+where N spans the null space of J, and V = ∂hᵀ/∂q are the gradients of the r potentials h. "V" and
+the coefficients A of the potentials in their basis stand for one candidate design.
+
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
 So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
 to the cost as a barrier, and the descent starts again from a regular V. If no regular V of the full
 degree is found, the degree is raised from 1 step by step, and each fit starts from the optimum of
-the degree below."""
+the degree below.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +47,9 @@ _COARSE_TOLERANCE = 1e-4
 @dataclass(frozen=True, eq=False)
 @read_only
 class FitProblem:
-    """Arguments of a fit of potentials over one region; see :func:`nearest_repeatable`.
+    """Arguments of a fit of potentials over one region Ω; see :func:`nearest_repeatable`.
+
+    A fit in a smaller region, or of another degree, is a copy with that argument replaced.
 
     Attributes
     ----------
@@ -68,7 +75,8 @@ class FitProblem:
 class Continuation:
     """Sequence of descents for one fit, from low degrees to high ones.
 
-    Coefficients A (N', r) refer to the first N' of the independent potentials.
+    Coefficients A (N', r) refer to the first N' of the independent potentials. The coarse nodes are
+    few, so that most descents are cheap; only the last ones use all nodes.
 
     Parameters
     ----------
@@ -93,7 +101,9 @@ class Continuation:
     def margin(self, A: Array) -> LeafMargin:
         """Make the function that measures the signed leaf margin of V = D A over Ω.
 
-        It is positive where det(Nᵀ V) has the sign that it has at the centre of Ω.
+        It takes configurations (K, n) and returns (K,) numbers: σ_min(Nᵀ V̂), the distance from an
+        algorithmic singularity, positive where det(Nᵀ V) has the sign that it has at the centre of
+        Ω. So a search for its minimum finds singularities. D are the gradients of the basis.
         """
         potentials = self.problem.potentials.weighted(self.chosen.spread(A))
         return LeafMargin(
@@ -105,7 +115,8 @@ class Continuation:
 
         The first one uses all potentials, if a regular optimum is found. Next comes the given
         design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
-        degree step by step follow, the highest degree first.
+        degree step by step follow, the highest degree first. An optimum is regular if no
+        algorithmic singularity, det(Nᵀ V) = 0, was found in Ω.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -128,9 +139,10 @@ class Continuation:
     def fit_degree(self, size: int, below: Array | None) -> Descent | None:
         """Minimise the cost with the first ``size`` potentials on the coarse nodes.
 
-        The starting points are the solution of the linear problem and ``below``, an optimum with
-        fewer potentials. The one of lower cost is tried first. Return the best regular optimum
-        from it, random restarts included; None if no start leads to one.
+        The coarse nodes are the few configurations of the early descents. The starting points are
+        the solution of the linear problem and ``below``, an optimum with fewer potentials. The one
+        of lower cost is tried first. Return the best regular optimum from it, random restarts
+        included; None if no start leads to one.
         """
         begin = self._start(size)
         starts = (
@@ -154,8 +166,8 @@ class Continuation:
         """Minimise the cost from coefficients A to an optimum without singularity in Ω.
 
         After each descent, singular configurations that a search of Ω finds are added to the
-        barrier points, and the descent is repeated from A. Return None if V is singular at A
-        itself, or if every descent ends in a singular V.
+        barrier points, and the descent is repeated from A. Return None if V, the gradients of the
+        potentials, is singular at A itself, or if every descent ends in a singular V.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
@@ -184,9 +196,10 @@ class Continuation:
     ) -> SingularRegionError:
         """Make the error that no V without an algorithmic singularity in Ω was found.
 
-        The message names a configuration where the V of the linear problem is singular. If there
-        is none, it names that of the given error. Without an error, it states that the nodes Q
-        (K, n) are too few.
+        V = D A are the gradients of the potentials, and Ω is the region of the design. The message
+        names a configuration where the V of the linear problem is singular. If there is none, it
+        names that of the given error. Without an error, it states that the nodes Q (K, n) are too
+        few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
@@ -211,7 +224,7 @@ class Continuation:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
         This is so if the V of the linear problem is regular, but every descent ends in a V that is
-        singular between the nodes.
+        singular between the nodes. Its remedy is more nodes or fewer potentials.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
@@ -229,11 +242,16 @@ class Continuation:
         )
 
     def reported(self, step: int, cost: float) -> None:
-        """Pass the step number and the cost of a descent to the progress callback."""
+        """Pass the step number of a descent to the progress callback; the cost is not shown."""
         self.problem.report(f"step {step}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
-        """Yield the regular optima reached by descents from random perturbations of A."""
+        """Yield the regular optima reached by descents from random perturbations of A.
+
+        There are ``options.restarts`` perturbations, by default none. A descent can end in a local
+        minimum; others may be lower. Perturbed coefficients with a singularity at a node are
+        skipped.
+        """
         basis = self.chosen.basis[: len(A), : len(A)]
         for attempt in range(self.problem.options.restarts):
             noise = np.random.default_rng([self.problem.options.seed, attempt]).normal(
@@ -248,7 +266,10 @@ class Continuation:
                 yield found
 
     def _start(self, size: int) -> Start:
-        """Solve the linear problem of :func:`start` with the first ``size`` potentials; cached."""
+        """Solve the linear problem of :func:`start` with the first ``size`` potentials; cached.
+
+        Its solution is the starting point of descents, and the reference of their penalty.
+        """
         if size not in self._starts:
             self._starts[size] = start(
                 self.coarse.batches, self.chosen.basis[:size, :size], self.moments
@@ -266,7 +287,8 @@ class Continuation:
     def _rungs(self) -> list[int]:
         """Return the numbers of independent potentials of degree at most 1, 2, …, if at least r.
 
-        For a basis without degrees, return the number of all independent potentials.
+        For a basis without degrees, return the number of all independent potentials. They are the
+        steps of the continuation in the degree.
         """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):

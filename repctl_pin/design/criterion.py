@@ -1,9 +1,15 @@
 """Cost of coefficients A of the potentials, its gradient and its Gauss–Newton matrix, per batch.
 
+The cost is the mean of ‖G_r − G_d‖² over Ω: how far the repeatable inverse is from the desired one.
+G_r belongs to the potentials h = Aᵀ (h_1 … h_N) with gradients V = D A, N spans the null space of
+J, and the nodes are the configurations over which the mean is taken. Equation numbers are the
+paper's.
+
 Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
 (34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost` and
 :func:`gauss_newton` take one batch and return its terms of the sums over all batches. If A has
-fewer rows than there are potentials, only the first potentials are used."""
+fewer rows than there are potentials, only the first potentials are used.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +33,10 @@ from ..strategies.strategy import Inverse
 class Batch:
     """Matrices E and F of K nodes, from which the cost is evaluated for any coefficients A.
 
-    With D = [∇h_1 … ∇h_N] at a node, ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). The
-    null-space components of G_r, with gradients V = D A, and of G_d then differ by
-    ``W_r − W_d = −F A (E A)⁻¹`` (38).
+    With D = [∇h_1 … ∇h_N] (gradients of the basis of potentials) at a node, a configuration of Ω,
+    ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). N spans the null space of J, and G_d is the
+    desired inverse. The null-space components of the repeatable inverse G_r, with gradients V = D
+    A, and of G_d then differ by ``W_r − W_d = −F A (E A)⁻¹`` (38).
 
     Attributes
     ----------
@@ -52,16 +59,24 @@ class Batch:
 
     @property
     def E(self) -> Array:
-        """``E = Nᵀ D`` (K, r, N): null-space components of the gradients of the potentials."""
+        """``E = Nᵀ D`` (K, r, N): null-space components of the gradients of the potentials.
+
+        D = [∇h_1 … ∇h_N], and N spans the null space of J. det(E A) = 0 is an algorithmic
+        singularity.
+        """
         return self.EF[:, : self.r]
 
     @property
     def F(self) -> Array:
-        """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d."""
+        """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d.
+
+        D = [∇h_1 … ∇h_N], and G_d is the desired inverse. If F A = 0, G_d itself keeps h = Aᵀ (h_1
+        … h_N).
+        """
         return self.EF[:, self.r :]
 
     def first(self, size: int) -> Batch:
-        """Return the batch restricted to the first ``size`` potentials."""
+        """Return the batch restricted to the first ``size`` potentials, for a lower degree."""
         return (
             self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
         )
@@ -70,7 +85,9 @@ class Batch:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Builder:
-    """Factory of batches; it can be pickled and sent to another process.
+    """Factory of batches, which holds what is common to all nodes of a fit.
+
+    It can be pickled and sent to another process, which then builds the batches of its own nodes.
 
     Attributes
     ----------
@@ -88,7 +105,11 @@ class Builder:
     N_center: Array
 
     def __call__(self, Q: Array, weights: Array) -> Batch:
-        """Build the batch of the nodes Q (K, n), with quadrature weights (K,)."""
+        """Build the batch of the nodes Q (K, n), with quadrature weights (K,).
+
+        It evaluates the arm and the potentials once; every cost of the batch is linear algebra
+        after that.
+        """
         task = self.desired.task
         N, G, D = evaluate(self.desired, self.potentials, Q)
         if len(self.kept) < D.shape[-1]:
@@ -108,7 +129,8 @@ def evaluate(
 ) -> tuple[Array, Array, Array]:
     """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at the nodes Q (K, n).
 
-    The potentials' gradients and J G_d = I are checked.
+    N are oriented null-space bases of J, G_d the desired inverse, and D the gradients of the basis
+    of potentials: all that a cost needs of the arm. The gradients and J G_d = I are checked.
 
     Raises
     ------
@@ -155,17 +177,18 @@ def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array
 def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
     """Evaluate orthonormal null-space bases N (K, n, r) of J (K, m, n) with ``det [J; Nᵀ] > 0``.
 
-    With this orientation ``det(Nᵀ V)`` has the sign of ``det [J; Vᵀ]``, which is smooth in q. So
-    its sign changes only across an algorithmic singularity of V.
+    A factorisation returns bases of random orientation. With this one ``det(Nᵀ V)`` has the sign of
+    ``det [J; Vᵀ]``, which is smooth in q. So its sign changes only across an algorithmic
+    singularity of the potentials with gradients V.
     """
     return _oriented(J, task, Q)[0]
 
 
 def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
-    """Factor ``Jᵀ = Q R`` for J (K, m, n) at the configurations Q (K, n).
+    """Factor ``Jᵀ = Q R`` for J (K, m, n) at the configurations Q (K, n), and orient null spaces.
 
-    Return the oriented null-space bases N (K, n, r), the orthogonal factors (K, n, n), and R
-    (K, m, m).
+    Return the null-space bases N (K, n, r) with ``det [J; Nᵀ] > 0``, the orthogonal factors (K, n,
+    n), and R (K, m, m). A SingularityError names the configuration where J loses rank.
     """
     m = J.shape[-2]
     try:
@@ -185,14 +208,18 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class SignCount:
-    """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0."""
+    """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0.
+
+    If both occur, an algorithmic singularity lies between the nodes, and the design is rejected. V
+    are the gradients of the potentials, and N spans the null space of J.
+    """
 
     positive: int
     negative: int
 
     @property
     def uniform(self) -> bool:
-        """True if det(Nᵀ V) has the same sign at all nodes."""
+        """True if det(Nᵀ V) has the same sign at all nodes: no singularity is seen between them."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:
@@ -200,8 +227,12 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Evaluate this batch's terms of ``mean EᵀE`` and ``mean FᵀF``, (N, N), and of
-    ``mean Eᵀ NᵀN(center)`` (N, r)."""
+    """Evaluate this batch's terms of the linear problem from which a fit starts.
+
+    They are those of ``mean EᵀE`` and ``mean FᵀF``, (N, N) each, and of ``mean Eᵀ NᵀN(center)`` (N,
+    r), with N(center) the null-space basis at the centre of the region Ω. See
+    :func:`descend.start`.
+    """
     root = np.sqrt(b.weights)[:, None, None]
     E = (b.E * root).reshape(-1, b.EF.shape[-1])
     F = (b.F * root).reshape(-1, b.EF.shape[-1])
@@ -211,7 +242,8 @@ def linear(b: Batch) -> tuple[Array, Array, Array]:
 def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
     """Evaluate this batch's term of the cost ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38).
 
-    Return it with the number of nodes with either sign of det(E A) = det(Nᵀ V).
+    A (N, r) are the coefficients of the potentials. Return the term with the number of nodes with
+    either sign of det(E A) = det(Nᵀ V), whose zeros are the singularities that a fit must avoid.
     """
     X, _, sides = _difference(b.first(len(A)), A)
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
@@ -220,9 +252,9 @@ def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
     """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
 
-    With P = E A, X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order
-    ``dX = L dA P⁻¹``. So ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with
-    ``S = P⁻¹ P⁻ᵀ``.
+    E and F are those of the :class:`Batch`, with the arm and all potentials in them. With P = E A,
+    X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order ``dX = L dA P⁻¹``. So
+    ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with ``S = P⁻¹ P⁻ᵀ``.
 
     Returns
     -------
@@ -264,6 +296,7 @@ def named(task: Task, q: Array) -> str:
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
     """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), with P = E A, for coefficients A (N, r).
 
+    It is the difference of the null-space components of the repeatable and of the desired inverse.
     Return X (K, m, r), P⁻¹ (K, r, r), and the number of nodes with either sign of det P.
     """
     K, n, size = b.EF.shape

@@ -1,5 +1,10 @@
-"""Fit of the coefficients A of the potentials: a start by linear least squares, then minimisation
-by Levenberg–Marquardt steps."""
+"""Fit of the coefficients A of the potentials, by Levenberg–Marquardt steps.
+
+The start is the solution of a linear least-squares problem. V = D A are the gradients of the
+potentials h, D those of their basis, and N spans the null space of J: det(Nᵀ V) = 0 is an
+algorithmic singularity. B is a basis of coefficients in which the gradients are orthonormal, and C
+the cost, the mean of ‖G_r − G_d‖² over the region, from the repeatable inverse to the desired one.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +40,7 @@ _EMPHASIS = (1.0, 0.1, 0.01)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """Result of :func:`descend`.
+    """Result of :func:`descend`: the coefficients of a design, its cost, and how the descent ended.
 
     Attributes
     ----------
@@ -67,6 +72,8 @@ class Descent:
 class Start:
     """Starting point of a descent, and the data of the penalty that keeps V near the null space.
 
+    V are the gradients of the potentials; farther from the null space of J, singularities are near.
+
     Attributes
     ----------
     A : (N, r) array
@@ -87,10 +94,11 @@ class Start:
 def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -> Start:
     """Find initial coefficients by linear least squares: V should lie in the null space of J.
 
-    ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V close to
-    N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q. The first
-    term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic singularity; if
-    none of them helps, the solution for ε = 1 is returned.
+    V = D A are the gradients of the potentials, and N(center) is the null-space basis at the centre
+    of the region. ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V close
+    to N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q. The
+    first term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic
+    singularity; if none of them helps, the solution for ε = 1 is returned.
 
     Parameters
     ----------
@@ -131,12 +139,12 @@ def descend(
 ) -> Descent:
     """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
-    The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r.
-    C alone is invariant under A → A T. It is also nearly invariant under relabelled leaves,
+    The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C
+    alone is invariant under A → A T. It is also nearly invariant under relabelled leaves h(q) = c,
     h → φ(h), and under added functions of a joint that does not affect the task. Along these
-    directions, a fit to finitely many nodes can end in a singularity between the nodes. Among all
-    V of nearly equal cost, the penalty selects the one closest to N Nᵀ N(center), the projection
-    of N(center) onto the null space.
+    directions, a fit to finitely many nodes can end in a singularity between the nodes. Among all V
+    of nearly equal cost, the penalty selects the one closest to N Nᵀ N(center), the projection of
+    N(center) onto the null space.
 
     Parameters
     ----------
@@ -181,9 +189,11 @@ matrix, and the number of nodes with either sign of det(Nᵀ V)."""
 class _PenalisedCost:
     """Penalised cost as a least-squares problem in the coordinates ``x = B⁻¹ A``.
 
-    In these coordinates the gradients of the potentials are orthonormal over Ω. A step solves
-    ``(H + μ I) dx = −g``, with the penalty included in H and g. If potentials are nearly dependent,
-    B is large, and the rounding errors of ``Bᵀ H B`` determine the smallest useful μ.
+    It is the problem that :func:`levenberg_marquardt` solves. A (N, r) are the coefficients of the
+    potentials, and B is ``basis`` (N, N), chosen so that the gradients of the potentials are
+    orthonormal over Ω in x. A step solves ``(H + μ I) dx = −g``, with the penalty included in H and
+    g. If potentials are nearly dependent, B is large, and the rounding errors of ``Bᵀ H B``
+    determine the smallest useful μ.
     """
 
     def __init__(
@@ -196,19 +206,30 @@ class _PenalisedCost:
         self.null_alignment = basis.T @ begin.null_alignment
 
     def evaluate(self, x: Array) -> Point[_Evaluated]:
-        """Evaluate the cost, half its gradient and its Gauss–Newton matrix in one pass."""
+        """Evaluate the cost at x, half its gradient and its Gauss–Newton matrix in one pass.
+
+        The pass over the nodes takes most of the time. The merit of the point includes the penalty,
+        and the point is allowed if det(Nᵀ V) has one sign at all nodes.
+        """
         total = self.batches.total(criterion.gauss_newton, self.basis @ x)
         cost, gradient, blocks, sides = total
         merit = cost + self._closeness(x)
         return Point(merit, cost, sides.uniform, (gradient, blocks, sides), x)
 
     def merit(self, x: Array) -> float:
-        """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs."""
+        """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs.
+
+        The line search rejects such x: a singularity lies between the nodes.
+        """
         cost, sides = self.batches.total(criterion.cost, self.basis @ x)
         return cost + self._closeness(x) if sides.uniform else np.inf
 
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Array]:
-        """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x."""
+        """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x.
+
+        ``at`` is an evaluated point with its sums over the nodes, so that no further pass is
+        needed.
+        """
         basis, r = self.basis, range(self.r)
         half_gradient, blocks, _ = at.data
         pull = self.tau * (self.EE @ at.x - self.null_alignment)
@@ -223,14 +244,22 @@ class _PenalisedCost:
         return gradient.T.ravel(), H
 
     def step(self, model: tuple[Array, Array], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I."""
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I.
+
+        ``model`` is (g, H), half the gradient and the Gauss–Newton matrix. The damping used can be
+        larger than asked for, if the matrix is not positive definite.
+        """
         g, H = model
         H, x, used = _damped_step(H, g, damping)
         predicted = -2 * float(g @ x) - float(x @ (H @ x))
         return Step(x.reshape(self.r, -1).T, predicted, used)
 
     def _closeness(self, x: Array) -> float:
-        """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant."""
+        """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant, at ``A = B x``.
+
+        It draws V towards the projection of N(center), the null space at the centre of Ω, onto that
+        at each node. τ is its weight.
+        """
         quadratic = np.sum(x * (self.EE @ x))
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
 
@@ -261,9 +290,10 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:
-    """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``.
+    """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``, for a least-squares start.
 
-    The matrix (N, N) is symmetric positive semidefinite.
+    The matrix (N, N) is symmetric positive semidefinite; eigenvalues below 1e-13 of the largest one
+    count as 0, so that dependent potentials do no harm.
     """
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-13 * values[-1]

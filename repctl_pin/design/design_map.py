@@ -1,4 +1,9 @@
-"""Maps of a design over two joints, the defect of its G_d there, and cost against the degree."""
+"""Maps of a design over two joints, the defect of its G_d there, and cost against the degree.
+
+A report plots them. G_r is the repeatable inverse of the design, G_d the desired one, and Ω the
+region of joint space. The defect of G_d is its failure of the Lie bracket condition: where it is
+large, G_d drifts.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +31,9 @@ _POINTS = 41
 class DesignMap:
     """Distance and leaf margin of a design over two joints; all other joints at the centre of Ω.
 
+    Ω is the region of joint space of the design. The distance is ‖G_r − G_d‖, from the desired
+    inverse; the leaf margin, from 0 to 1, is how far an algorithmic singularity is.
+
     Attributes
     ----------
     joints : (int, int)
@@ -51,6 +59,9 @@ def design_map(
     design: Design, joints: tuple[int, int] | None = None, *, points: int = 61
 ) -> DesignMap:
     """Evaluate the distance and the leaf margin of a design on a grid over two joints.
+
+    A map shows where in the region the repeatable inverse G_r is far from the desired G_d, or near
+    an algorithmic singularity.
 
     Parameters
     ----------
@@ -85,7 +96,10 @@ def design_map(
 
 
 def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
-    """List the configurations of a grid over two joints, row by row: (k², n)."""
+    """List the configurations of a grid over two joints, row by row: (k², n).
+
+    x and y (k,) are the values of the two joints; all other joints are those of ``center`` (n,).
+    """
     Q = np.tile(center, (len(x) * len(y), 1))
     Q[:, joints] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     return Q
@@ -97,7 +111,8 @@ def degree_curve(
     """Return the cost for each degree of the polynomials, up to the degree of the design.
 
     If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
-    an inverse is designed for each lower degree.
+    an inverse is designed for each lower degree. A report plots it, to show whether a higher degree
+    is worthwhile.
 
     Returns
     -------
@@ -138,7 +153,7 @@ def degree_curve(
 @dataclass(frozen=True, eq=False)
 @read_only
 class ReportMaps:
-    """Maps and curves of a design for a report.
+    """Maps and curves of a design for a report, all evaluated before anything is plotted.
 
     Attributes
     ----------
@@ -163,7 +178,8 @@ class ReportMaps:
 def report_maps(design: Design) -> ReportMaps:
     """Evaluate what a report plots: the design and the defect of G_d over two joints, and costs.
 
-    The grid has 41 × 41 configurations.
+    The grid has 41 × 41 configurations. Costs of lower degrees and of simpler inverses show whether
+    the degree is worthwhile.
     """
     grid = design_map(design, points=_POINTS)
     Q = _grid(design.region.center, grid.joints, grid.x, grid.y)
@@ -176,7 +192,8 @@ def report_maps(design: Design) -> ReportMaps:
 def _liveliest(design: Design) -> tuple[int, int]:
     """Choose the two joints along which ‖G_r − G_d‖ changes most, as (int, int) in rising order.
 
-    Each joint is moved alone through its range in Ω, from the centre of Ω.
+    Each joint is moved alone through its range in Ω, from the centre of Ω. G_r is the repeatable
+    inverse, and G_d the desired one: a map over these joints shows most.
     """
     box = design.region.bounds
     center = design.region.center
@@ -194,7 +211,10 @@ def _liveliest(design: Design) -> tuple[int, int]:
 
 
 def _distance(design: Design, Q: Array) -> Array:
-    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K, 2), nan if singular."""
+    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K, 2), nan if singular.
+
+    G_r is the repeatable inverse of the design, and G_d the desired one.
+    """
 
     def evaluate(Q: Array) -> Array:
         G_d = design.desired.batch(Q)
@@ -205,13 +225,20 @@ def _distance(design: Design, Q: Array) -> Array:
 
 
 def _defects(design: Design, Q: Array) -> Array:
-    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), nan if singular."""
+    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), nan if singular.
+
+    The defect is that of the Lie bracket condition; 0 means that G_d is repeatable there.
+    """
     found = _with_gaps(lambda Q: measure(design.desired, Q).norm[:, None], Q, 1)
     return found[:, 0]
 
 
 def _with_gaps(evaluate: Callable[[Array], Array], Q: Array, width: int) -> Array:
-    """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities."""
+    """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities.
+
+    A function on many rows fails as a whole if one row is singular. So the rows are halved until
+    each failing one is alone.
+    """
     try:
         return evaluate(Q)
     except SingularityError:

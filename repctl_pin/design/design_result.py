@@ -25,7 +25,9 @@ from .subject import belong_together, subject_of
 class Design:
     """A repeatable inverse and its figures of merit.
 
-    All figures except ``fit_cost`` are evaluated on held-out nodes, which the fit did not use.
+    G_r keeps the potentials h constant, so that closed paths in Ω, the region of joint space, end
+    in the configuration they began in. All figures except ``fit_cost`` are evaluated on held-out
+    nodes, which the fit did not use.
 
     Attributes
     ----------
@@ -140,16 +142,17 @@ class Design:
     def subject(self) -> str:
         """Fingerprint of all that a certificate proves of the design; empty for user functions.
 
-        It covers the joint chain, its limits, potentials, coefficients and region.
+        It covers the joint chain, its limits, potentials, coefficients and region. With it a saved
+        proof is recognised as that of this design, or dropped.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
 
     def with_tool(self, placement: Placement) -> Design:
-        """Convert a design for a pose task to another tool on the same body.
+        """Convert a design for a pose task to another tool on the same body, without a new fit.
 
-        The null space of a pose task does not depend on the point of the body, ``J' = A J`` with
-        an invertible A. So the same potentials repeat, with the same leaf margin and the same
-        joint path of a motion, and ``G_r' = G_r A⁻¹``. Cost and margins are evaluated again;
+        The null space of a pose task does not depend on the point of the body, ``J' = A J`` with an
+        invertible A. So the same potentials repeat, with the same leaf margin and the same joint
+        path of a motion, and ``G_r' = G_r A⁻¹``. Cost and margins are evaluated again;
         ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees`` stay those of the
         fit, and ``cycle`` is None. The leaf and limit margins of a certificate hold as they are.
         Its bound of σ_min(J) becomes smaller, and its closing radius is converted, because the
@@ -180,8 +183,9 @@ class Design:
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.
 
-        It equals :attr:`cost` for r = 1 and is smaller for r > 1, where the Frobenius norm, which
-        a design minimises, adds up all singular values.
+        G_r is the repeatable inverse, G_d the desired one, and Ω the region. It equals :attr:`cost`
+        for r = 1 and is smaller for r > 1, where the Frobenius norm, which a design minimises, adds
+        up all singular values.
         """
         return spectral_cost(
             self.inverse,
@@ -219,6 +223,8 @@ class Design:
 
     def summary(self, baselines: Sequence[Baseline] = ()) -> str:
         """Return the figures of the design as text of several lines; nothing is computed.
+
+        ``repctl design`` prints it.
 
         Parameters
         ----------

@@ -1,4 +1,9 @@
-"""Evaluation of a repeatable inverse, and of two simpler ones, over Ω on held-out nodes."""
+"""Evaluation of a repeatable inverse, and of two simpler ones, over Ω on held-out nodes.
+
+Ω is the region of joint space of a design. Held-out nodes are configurations that the fit did not
+use, so that a fit to too few nodes is seen. They are drawn in 32 replicates, independent random
+sets, whose spread gives the standard error of the cost.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +33,7 @@ fewer nodes, the search has nodes of its own."""
 @dataclass(frozen=True, eq=False)
 @read_only
 class Evaluation:
-    """Figures of one repeatable inverse G_r over one region Ω.
+    """Figures of one repeatable inverse G_r over one region Ω: its cost and its margins.
 
     Attributes
     ----------
@@ -61,7 +66,9 @@ def evaluate_design(
     samples: int,
     seed: int,
 ) -> Evaluation:
-    """Evaluate a repeatable inverse against a desired one, on held-out nodes.
+    """Evaluate a repeatable inverse against a desired one, on held-out nodes of a region.
+
+    A fit can be good at its own nodes and bad between them; these nodes are others.
 
     Parameters
     ----------
@@ -143,7 +150,7 @@ def spectral_cost(
 ) -> float:
     """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes, in the spectral norm.
 
-    The parameters are those of :func:`evaluate_design`.
+    The norm is that of the paper. The parameters are those of :func:`evaluate_design`.
     """
     costs = []
     for replicate in range(REPLICATES):
@@ -156,7 +163,7 @@ def spectral_cost(
 
 @dataclass(frozen=True)
 class Baseline:
-    """Evaluation of a simpler repeatable inverse over the same Ω.
+    """Evaluation of a simpler repeatable inverse over the same Ω, with which a design is compared.
 
     Attributes
     ----------
@@ -184,7 +191,8 @@ class Baseline:
 def _constant_rows(task: Task, center: Array) -> RepeatableInverse:
     """Make the repeatable inverse whose V is constant, ``V = N(center)``: linear potentials.
 
-    N(center) is the null-space basis at the configuration ``center`` (n,).
+    N(center) is the null-space basis at the configuration ``center`` (n,). It is the simplest
+    repeatable inverse, with which a design is compared.
     """
     N = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
     linear = Polynomial(center, 1)
@@ -198,8 +206,8 @@ def baselines(
 ) -> tuple[Baseline, ...]:
     """Evaluate two simpler repeatable inverses on held-out nodes, for comparison with a design.
 
-    They are constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the
-    centre of Ω. The parameters are those of :func:`evaluate_design`.
+    They are constant rows (linear potentials), and the extended Jacobian of ``U = ½ ‖q −
+    center‖²``; ``center`` is the centre of Ω. The parameters are those of :func:`evaluate_design`.
     """
     from ..strategies.extended import ExtendedJacobian
 

@@ -1,5 +1,9 @@
-"""Fit of potentials in one region: search for singularities of the arm, selection of independent
-potentials, minimisation of the cost, evaluation on held-out nodes."""
+"""Fit of potentials in one region, from singularities of the arm to held-out nodes.
+
+The steps are: a search for singularities of the arm, the selection of independent potentials, the
+minimisation of the cost, and the evaluation on held-out nodes. Nodes are configurations of the
+region at which the cost is evaluated.
+"""
 
 from __future__ import annotations
 
@@ -125,7 +129,10 @@ def fit(problem: FitProblem) -> Design:
 
 
 def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
-    """Test whether there are more potentials than equations, of which each node gives m."""
+    """Test whether there are more potentials than equations, of which each node gives m.
+
+    A fit to so few nodes would be meaningless: it is refused, and a search of the degree ends.
+    """
     return nodes * task.m < potentials.size
 
 
@@ -134,8 +141,9 @@ def _judged(
 ) -> Design:
     """Make the design from the result of a descent, and evaluate it on held-out nodes.
 
-    ``samples`` is the number of nodes of the fit. A SingularRegionError is raised if the evaluation
-    finds an algorithmic singularity.
+    ``chosen`` are the independent potentials whose coefficients the descent found, and ``samples``
+    is the number of nodes of the fit. The coefficients are scaled to ``Nᵀ V = I`` at the centre of
+    Ω. A SingularRegionError is raised if the evaluation finds an algorithmic singularity.
     """
     options = problem.options
     desired = problem.desired

@@ -1,5 +1,9 @@
-"""Selection of linearly independent potentials of a basis over Ω, and coordinates in which their
-gradients are orthonormal."""
+"""Selection of linearly independent potentials of a basis over a region Ω.
+
+With dependent potentials, the coefficients of a fit are undetermined. The module also finds
+coordinates in which the gradients of the potentials are orthonormal, so that the fit is well
+conditioned.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,10 @@ _DEPENDENT = 1e-8
 @dataclass(frozen=True, eq=False)
 @read_only
 class Independent:
-    """The independent potentials of a basis, which a fit uses.
+    """The independent potentials of a basis, which a fit over a region Ω uses.
+
+    Dependent ones leave the coefficients undetermined, and functions of x = f(q) alone cannot tell
+    the configurations of one pose apart.
 
     Attributes
     ----------
@@ -48,8 +55,12 @@ class Independent:
     size: int
 
     def spread(self, A: Array) -> Array:
-        """Convert coefficients A of the first independent potentials to those of the whole basis,
-        (N, r), with zeros for all other potentials."""
+        """Convert coefficients A of the first independent potentials to those of the whole basis.
+
+        A (N', r) has a row for each of the first N' independent potentials. The result (N, r) is 0
+        in all other rows. A fit works with A, and a saved design with the coefficients of the whole
+        basis.
+        """
         whole = np.zeros((self.size, A.shape[1]))
         whole[self.kept[: len(A)]] = A
         return whole
@@ -60,9 +71,10 @@ def independent(
 ) -> Independent:
     """Select the independent potentials of a basis.
 
-    Left out are potentials that are constant over Ω, that are functions of x = f(q) alone, or whose
-    gradients are linear combinations of those of earlier potentials. The gradient of a function of
-    x alone lies in the row space of J, and makes J_V singular everywhere.
+    Dependent potentials would leave a fit's coefficients undetermined. Left out are potentials that
+    are constant over Ω, that are functions of x = f(q) alone, or whose gradients are linear
+    combinations of those of earlier potentials. The gradient of a function of x alone lies in the
+    row space of J, and makes J_V singular everywhere.
 
     Parameters
     ----------
@@ -126,7 +138,9 @@ def independent(
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
     """Factor the columns of a square matrix by QR, and skip those that depend on earlier columns.
 
-    Return R of the remaining columns, and their indices.
+    Return R of the remaining columns, and their indices. Earlier potentials have lower degrees and
+    are kept. A column is dependent if less than 1e-8 of its norm is perpendicular to earlier
+    columns.
     """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))

@@ -48,6 +48,7 @@ def nearest_repeatable(
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
+    Ω is the region, and V are the gradients of the r potentials that the inverse keeps constant.
     Linear least squares give a start, which damped Gauss–Newton steps improve. Only the column
     space of V matters. A line search keeps the sign of det(Nᵀ V) at the nodes. Large fits begin
     with a smaller set of nodes.
@@ -125,7 +126,11 @@ def nearest_repeatable(
 
 
 def _auto(problem: FitProblem, shrink: bool) -> Design:
-    """Design with rising degree until the cost on held-out nodes stops falling; return the best."""
+    """Design with rising degree until the cost on held-out nodes stops falling; return the best.
+
+    It ends at degree 6 (8 for up to three joints), at too many unknowns or too few nodes, at a
+    singularity, or at an improvement below 1 %. ``degrees`` of the design lists what was tried.
+    """
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
     task = problem.desired.task
@@ -166,7 +171,9 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 def _shrinking(problem: FitProblem, shrink: bool) -> Design:
     """Design in Ω; with ``shrink``, in the largest region that is found free of singularities.
 
-    Without ``shrink``, a singularity in Ω raises an error.
+    Without ``shrink``, a singularity in Ω, the region asked for, raises an error. After a shrunk
+    region fails too, each new one is at most 0.9 times as large. ``shrunk`` of the design is the
+    factor that was needed.
     """
     asked = problem.region.bounds.half_width
     attempt = 0
@@ -197,7 +204,11 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
 
 
 def _check_margin(design: Design) -> None:
-    """Raise an error if the leaf margin of a design is below 0.1, the minimum after shrinking."""
+    """Raise an error if the leaf margin of a design is below 0.1, the minimum after shrinking.
+
+    Closer to an algorithmic singularity a design is not usable: joint speeds grow as 1 / leaf
+    margin. The error carries a smaller region that suffices, if there is one.
+    """
     if design.leaf_margin < SHRUNK_MARGIN:
         task = design.inverse.task
         at = design.leaf_margin_at
@@ -217,7 +228,11 @@ def _check(
     region: Region,
     degree: int | str | None,
 ) -> None:
-    """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not."""
+    """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not.
+
+    The task must be redundant, the region must have its joints and overlap their limits, and either
+    potentials or a degree must be given. A long fit does not start with a mistake.
+    """
     task = desired.task
     if task.r < 1:
         raise InputError(

@@ -1,4 +1,10 @@
-"""Search of a region Ω for singularities of the arm and algorithmic singularities of potentials."""
+"""Search of a region Ω for singularities of the arm and algorithmic singularities of potentials.
+
+At a singularity of the arm J loses rank. At an algorithmic one the repeatable inverse fails though
+J has full rank, because J_V = [J; Vᵀ] loses rank, with V the gradients of the potentials. A design
+is valid only in a region without either. A measure is a function of q that is 0 at a singularity;
+the search minimises it.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +51,7 @@ usable."""
 
 
 class SingularRegionError(SingularityError):
-    """The design region Ω contains a singularity.
+    """The design region Ω contains a singularity, so that no design is valid in all of it.
 
     Attributes
     ----------
@@ -79,7 +85,9 @@ class SingularRegionError(SingularityError):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Lowest:
-    """Smallest value of a measure that a search of a region found.
+    """Smallest value of a measure that a search of a region found, and where.
+
+    The measure is a distance from a singularity; 0 or less means that one was found.
 
     Attributes
     ----------
@@ -100,14 +108,14 @@ class Lowest:
 class Dexterity:
     """Measure of the distance from a singularity of the arm: ``σ_min(J) / σ_max(J)``.
 
-    Values of 1e-5 and less are set to 0.
+    Values of 1e-5 and less are set to 0, because a search rarely hits a singularity exactly.
     """
 
     def __init__(self, task: Task) -> None:
         self.task = task
 
     def __call__(self, Q: Array) -> Array:
-        """Evaluate the measure (K,) at every row of Q (K, n)."""
+        """Evaluate σ_min / σ_max of J (K,) at every row of Q (K, n); 0 at a singularity."""
         values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
         return np.where(
             values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0
@@ -134,12 +142,14 @@ class Dexterity:
 class LeafMargin:
     """Signed leaf margin: a measure of the distance from an algorithmic singularity.
 
-    Its absolute value is ``σ_min(Nᵀ V̂)``. It is negative where ``det [J; Vᵀ]`` has the opposite
-    sign of that at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where J
-    has full rank, it is smooth, its zeros included, except at crossings of singular values.
+    Its absolute value is ``σ_min(Nᵀ V̂)``, with N the null space of J, and V̂ the gradients V of
+    the potentials, orthonormalised. It is negative where ``det [J; Vᵀ]`` has the opposite sign of
+    that at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where J has full
+    rank, it is smooth, its zeros included, except at crossings of singular values.
 
     It is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)`` with ``V = V̂ R`` and ``J_V X = [0; I]``,
-    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``, and set to 0 where J_V is exactly singular."""
+    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``, and set to 0 where J_V is exactly singular.
+    """
 
     def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
         self.task, self.potentials = task, potentials
@@ -147,7 +157,7 @@ class LeafMargin:
         self.side = float(np.sign(np.linalg.det(J_V)).item())
 
     def __call__(self, Q: Array) -> Array:
-        """Evaluate the measure (K,) at every row of Q (K, n)."""
+        """Evaluate the signed leaf margin (K,) at every row of Q (K, n); 0 at a singularity."""
         J_V, V = self._augmented(Q)
         det = np.linalg.det(J_V)
         margin = np.zeros(len(Q))
@@ -157,13 +167,13 @@ class LeafMargin:
         return margin
 
     def _augmented(self, Q: Array) -> tuple[Array, Array]:
-        """Evaluate J_V (K, n, n) and V (K, n, r)."""
+        """Evaluate J_V = [J; Vᵀ] (K, n, n) and the gradients V of the potentials (K, n, r)."""
         J = self.task.jacobians(Q)
         V = self.potentials.gradients(Q)
         return np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1), V
 
     def _size(self, J_V: Array, V: Array) -> Array:
-        """Evaluate ``σ_min(Nᵀ V̂)`` (K,) from regular J_V and V."""
+        """Evaluate ``σ_min(Nᵀ V̂)`` (K,), the leaf margin, from regular J_V (K, n, n) and V."""
         n, m = self.task.n, self.task.m
         X = np.linalg.solve(J_V, np.eye(n)[:, m:])
         if n - m == 1:
@@ -178,11 +188,11 @@ class LeafMargin:
 def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     """Minimise a measure over Ω by local searches from several starting points at once.
 
-    They end when one reaches a value of 0 or below, or when none can go lower. A step goes down the
-    slope, at most to where the measure would be 0 to first order. The bound on the step length is
-    doubled after a step that lowered the measure, and quartered after one that did not. If no value
-    of a :class:`Dexterity` is 0 then, up to 12 Newton steps follow until one is; each is at most
-    half the half-widths of Ω long.
+    A measure is a function of q that is 0 at a singularity. They end when one reaches a value of 0
+    or below, or when none can go lower. A step goes down the slope, at most to where the measure
+    would be 0 to first order. The bound on the step length is doubled after a step that lowered the
+    measure, and quartered after one that did not. If no value of a :class:`Dexterity` is 0 then, up
+    to 12 Newton steps follow until one is; each is at most half the half-widths of Ω long.
 
     Parameters
     ----------
@@ -237,10 +247,13 @@ def search(
 ) -> Lowest:
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
-    Candidates are the configurations Q (K, n), with their values (K,) if known, and configurations
-    near the corners of Ω. The starting points are those with the smallest values, and a few spread
-    over all values. Corners are included because a polynomial fitted to few nodes deviates most
-    there, and random points in many dimensions rarely lie close to a corner."""
+    A measure is a function of q that is 0 at a singularity; one at or below 0 makes a design
+    impossible there. Candidates are the configurations Q (K, n), with their values (K,) if known,
+    and configurations near the corners of Ω. The starting points are those with the smallest
+    values, and a few spread over all values. Corners are included because a polynomial fitted to
+    few nodes deviates most there, and random points in many dimensions rarely lie close to a
+    corner.
+    """
     values = measure(Q) if values is None else values
     corners = _corners(region, Q)
     Q = np.concatenate([Q, corners])
@@ -271,10 +284,10 @@ def _corners(region: Region, Q: Array) -> Array:
 def largest_free(measure: _Measure, region: Region, bad: Array) -> Region | None:
     """Find the largest region similar to Ω in which a measure exceeds a threshold.
 
-    It has the centre and the shape of Ω. The threshold is 0 for singularities of the arm, and 0.1
-    for a leaf margin. On the lines from the centre to known singularities, the points below the
-    threshold give an upper bound of the size. Then the size is bisected, with a new search of each
-    region.
+    It is what an error proposes, and what ``shrink=True`` takes. It has the centre and the shape of
+    Ω. The threshold is 0 for singularities of the arm, and 0.1 for a leaf margin. On the lines from
+    the centre to known singularities, the points below the threshold give an upper bound of the
+    size. Then the size is bisected, with a new search of each region.
 
     Parameters
     ----------

@@ -1,4 +1,8 @@
-"""Fingerprint of what a certificate proves of a design, and the numbers of a task in it."""
+"""Fingerprint of what a certificate proves of a design, and the numbers of a task in it.
+
+A certificate (a proof of bounds over the region) holds for one design only. The fingerprint, a hash
+of all numbers on which the proof depends, tells when a design or a robot has changed since.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +29,20 @@ _DIGITS = 9
 
 
 def check_configurations(task: Task) -> Array:
-    """Choose configurations (4, n) at which a changed robot is detected: generic ones."""
+    """Choose configurations (4, n) at which a changed robot is detected: generic ones.
+
+    A saved file has the frame's places there. The first one is the task's reference configuration.
+    """
     joints = np.arange(1, task.n + 1)
     away = [0.7 * np.sin(joints * (k + 1.3)) for k in range(_CHECKS - 1)]
     return np.array([task.reference, *(task.reference + d for d in away)])
 
 
 def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
-    """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m."""
+    """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m.
+
+    They tell in a fingerprint or a saved file where the frames are, whatever their names.
+    """
     ids = [frame_id(task.model, name) for name in frames]
     return frame_placements(task.model, ids, task._matrix(Q))[:, :, :3, 3]
 
@@ -42,7 +52,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 
     The chain has all placements and axes from base to frame, with locked joints in place, and the
     map from q to its joints: mimic ratios, and coordinates ψ. For several frames, it is one such
-    tuple per frame.
+    tuple per frame. A fingerprint, which recognises the robot of a proof, is made of them.
     """
     if isinstance(task, SeveralFrames):
         return tuple(task_parts(part) for part in task.parts)
@@ -58,7 +68,11 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 
 
 def rounded(values: ArrayLike) -> Array:
-    """Round numbers that are computed from a URDF, so that rounding errors have no effect."""
+    """Round numbers that are computed from a URDF to 9 decimals.
+
+    Rounding errors differ between computers; without this the same robot would get two
+    fingerprints.
+    """
     return np.round(np.asarray(values, float), _DIGITS)
 
 
@@ -80,7 +94,8 @@ def subject_of(
 def _region_parts(region: object) -> tuple[Any, ...] | None:
     """Return the shape of a region as plain data; None if its shape is not known.
 
-    A density has no effect on the shape.
+    The data are what a fingerprint hashes: a tuple of the kind of region, and its numbers. A
+    density has no effect on the shape, and so none on a proof.
     """
     if isinstance(region, Box):
         return "box", region.center, region.half_width
@@ -93,7 +108,11 @@ def _region_parts(region: object) -> tuple[Any, ...] | None:
 
 
 def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
-    """Return a basis of potentials as plain data; None if it has user-defined functions."""
+    """Return a basis of potentials as plain data; None if it has user-defined functions.
+
+    The data are what a fingerprint hashes: a tuple of the kind of basis, and its numbers.
+    User-defined functions cannot be compared, so that nothing is proved of them.
+    """
     if isinstance(potentials, Polynomial):
         box = potentials.center, potentials.scale
         kind = potentials.degree, potentials.variables, potentials.cross
@@ -125,7 +144,8 @@ def belong_together(
     """Test whether an inverse is that of the potentials and coefficients, over the region.
 
     The gradients of the potentials are compared at one configuration of the region. Where they are
-    not defined there, nothing can be compared.
+    not defined there, nothing can be compared. A result that was changed in part would have figures
+    of another design.
     """
     if inverse.region is not region:
         shapes = _region_parts(inverse.region), _region_parts(region)

@@ -35,7 +35,8 @@ def for_task(design: Any, task: Task) -> Any:
     """Convert a :class:`Design` to the task of another frame on the same body.
 
     The figures are evaluated again on the design's held-out nodes; those of the fit are kept, and
-    the cycle is dropped.
+    the cycle is dropped. A changed gripper then needs no new fit. Ω is the region of joint space of
+    the design.
 
     Raises
     ------
@@ -68,7 +69,11 @@ def for_task(design: Any, task: Task) -> Any:
 
 
 def _desired(desired: Inverse, task: Task) -> Inverse:
-    """Convert a desired inverse: ``G_d' = G_d A⁻¹``, which for J⁺ is the J⁺ of the new task."""
+    """Convert a desired inverse: ``G_d' = G_d A⁻¹``, where ``J' = A J`` is the tool's Jacobian.
+
+    A depends on the tool's offset. For J⁺ and a weighted inverse this is the same kind of inverse
+    of the new task, which is made; other inverses are multiplied by A⁻¹ at each configuration.
+    """
     if isinstance(desired, Pseudoinverse):
         return Pseudoinverse(task)
     if isinstance(desired, WeightedInverse):
@@ -86,8 +91,8 @@ def _desired(desired: Inverse, task: Task) -> Inverse:
 def _proof(proof: Proof, tool: pin.SE3) -> Proof:
     """Convert a certificate to a tool with an offset t from the frame that was proved.
 
-    The leaf margin and the limit margin do not depend on the tool. With
-    ``‖A⁻¹‖₂ = (|t| + √(|t|² + 4)) / 2``, ``σ_min(A J) ≥ σ_min(J) / ‖A⁻¹‖₂``.
+    The leaf margin and the limit margin do not depend on the tool. With ``‖A⁻¹‖₂ = (|t| + √(|t|² +
+    4)) / 2``, ``σ_min(A J) ≥ σ_min(J) / ‖A⁻¹‖₂``. A smaller bound is on the safe side.
     """
     length = float(np.linalg.norm(tool.translation))
     norm = (length + np.sqrt(length**2 + 4)) / 2
@@ -100,8 +105,9 @@ def _proof(proof: Proof, tool: pin.SE3) -> Proof:
 def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
     """Convert a closing radius ρ, α to a λρ, λα that the same proof covers.
 
-    The frame's origin is ``p = p' − R t``, so ``|p − p₀| ≤ λρ + 2 sin(λα/2) |t| ≤ λ (ρ + α|t|)``,
-    which is ρ for ``λ = ρ / (ρ + α|t|)``: metres are measured at another point of the body.
+    Within the closing radius, ρ metres and α radians from the start pose, each closed path is
+    proved to close. The frame's origin is ``p = p' − R t``, t the offset of the tool, so ``|p − p₀|
+    ≤ λρ + 2 sin(λα/2) |t| ≤ λ (ρ + α|t|)``, which is ρ for ``λ = ρ / (ρ + α|t|)``.
     """
     length = float(np.linalg.norm(tool.translation))
     angle = (closes.radians or 0.0) + _SAME_ANGLE

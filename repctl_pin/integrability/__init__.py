@@ -1,4 +1,8 @@
-"""Repeatability tests: the Lie bracket condition, predicted drift, and stable surfaces."""
+"""Repeatability tests: the Lie bracket condition, predicted drift, and stable surfaces.
+
+Without following a path they tell whether an inverse G drifts. The Lie bracket of two columns of G
+is the joint motion that remains after a small loop of the frame along both.
+"""
 
 from .derivative import differentiate as differentiate
 from .lie_bracket import bracket_defect as bracket_defect

@@ -30,7 +30,7 @@ _ENOUGH = 1e-6
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Derivative:
-    """Inverse G and its derivative ∂G/∂q at K configurations.
+    """Inverse G and its derivative ∂G/∂q at K configurations, which Lie brackets need.
 
     Attributes
     ----------
@@ -57,6 +57,9 @@ class _Derivative:
 @singledispatch
 def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
+
+    Lie brackets, which tell whether an inverse is repeatable, are made of them. J⁺ and repeatable
+    inverses have formulas; all others are differentiated numerically, with an error estimate.
 
     Raises
     ------
@@ -87,7 +90,11 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
 
 @derivative.register
 def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
-    """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
+    """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``.
+
+    H_k = ∂J/∂q_k, J_V = [J; Vᵀ], and V are the gradients of the potentials that the repeatable
+    inverse G_r keeps constant. Without their second derivatives, differences are used.
+    """
     potentials = strategy.potentials
     m = strategy.task.m
     if not isinstance(potentials, CurvedPotentials):  # no second derivatives
@@ -109,8 +116,8 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
 def inside_limits(task: Task, Q: Array) -> Array:
     """Compute the scale of difference steps at every row of Q (K, n): (K, n), smaller near limits.
 
-    The first step is 1/16 of the scale, and moves no joint further than half its distance to a
-    limit. Outside the limits the scale is not reduced.
+    The inverse may not be defined beyond a limit. The first step is 1/16 of the scale, and moves no
+    joint further than half its distance to a limit. Outside the limits the scale is not reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
     with np.errstate(divide="ignore"):
@@ -123,7 +130,10 @@ def inside_limits(task: Task, Q: Array) -> Array:
 
 
 def require_inverse(strategy: Inverse) -> Inverse:
-    """Check that a strategy is an inverse, with a G(q), and return it."""
+    """Require an inverse, a strategy with a matrix G(q), and return it; InputError otherwise.
+
+    Repeatability tests differentiate G, which a posture control, for instance, does not have.
+    """
     require_type(strategy, Inverse, "strategy", AN_INVERSE)
     return strategy
 
@@ -131,7 +141,8 @@ def require_inverse(strategy: Inverse) -> Inverse:
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
     """Estimate the rounding error of ∂G/∂q_k, (K, n), by a formula that inverts a matrix (K, a, n).
 
-    ``L`` (n,) is the unit of each joint.
+    The error grows with the condition number of the matrix, J or J_V. ``L`` (n,) is the unit of
+    each joint, 1 rad or the arm's length. A test compares defects with it.
     """
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
@@ -209,6 +220,11 @@ def differentiate(
 def _extrapolate(
     function: Callable[[Array], Array], Q: Array, first: Array
 ) -> tuple[Array, Array]:
+    """Extrapolate central differences of a function at Q (K, n), from steps ``first`` (K, n).
+
+    Return the slopes (K, …, n) and their estimated errors (K, n), by Romberg's table as
+    :func:`differentiate` describes it.
+    """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)
     moves = steps[..., None] * np.eye(n)

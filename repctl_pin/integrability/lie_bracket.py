@@ -1,4 +1,9 @@
-"""Lie brackets of the columns of G, their defects Δ, and the drift predicted from Δ."""
+"""Lie brackets of the columns of G, their defects Δ, and the drift predicted from Δ.
+
+The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motion left after a small
+loop of the frame along a, b, −a, −b. Its part in the null space of J, the defect, is drift: the
+frame has returned, and the joints have not.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,8 @@ def brackets(G: Array, dG: Array) -> Array:
     """Evaluate the Lie brackets ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of G's columns.
 
     With ``G = Jᵀ`` and ``dG = Hᵀ`` these are the brackets of Corollary 1, which test J⁺ without
-    evaluating it.
+    evaluating it. A bracket is the joint motion, per area, left after a small loop along two
+    directions.
 
     Parameters
     ----------
@@ -37,7 +43,8 @@ def brackets(G: Array, dG: Array) -> Array:
 def defects(J: Array, G: Array, dG: Array) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` (5), (24): (..., m, m, n).
 
-    They are 0 if and only if the Lie bracket condition holds.
+    The Lie bracket [g_a, g_b] of two columns of G is the motion left after a small loop. The
+    defects are 0 if and only if the Lie bracket condition holds.
 
     Without redundancy ``G J = I``, and they are exactly 0.
     """
@@ -49,7 +56,7 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Defects:
-    """Defects of an inverse at K configurations.
+    """Defects of an inverse at K configurations, which are 0 where it is repeatable.
 
     Attributes
     ----------
@@ -75,18 +82,22 @@ class _Defects:
 
     @property
     def norm(self) -> Array:
-        """Norm of the relative defects, ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``: (K,)."""
+        """Norm of the relative defects, ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``: (K,).
+
+        It is 0 if and only if the Lie bracket condition holds there.
+        """
         return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
 
 
 def measure(strategy: Inverse, Q: Array) -> _Defects:
     """Evaluate the defects of an inverse at every row of Q (K, n).
 
-    Relative defects do not depend on the units or the axes of the task. Let L be the unit of each
-    joint (1 rad, or the arm's length), and ``L⁻¹ G = B R`` with orthonormal columns of B. The
-    columns of ``G R⁻¹`` span the column space of G (Proposition 1), and have the defects ``Λ_cd =
-    L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``. Λ_cd is the rate, per unit of joint motion, at which the
-    motion leaves the span of directions c and d.
+    The defects are the parts of the Lie brackets of G in the null space of J: drift per area of a
+    small loop. Relative defects do not depend on the units or the axes of the task. Let L be the
+    unit of each joint (1 rad, or the arm's length), and ``L⁻¹ G = B R`` with orthonormal columns of
+    B. The columns of ``G R⁻¹`` span the column space of G (Proposition 1), and have the defects
+    ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``. Λ_cd is the rate, per unit of joint motion, at
+    which the motion leaves the span of directions c and d.
     """
     found = derivative(strategy, Q)
     L = joint_scale(strategy.task, Q[0])
@@ -196,5 +207,5 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
 
 
 def _one(strategy: Inverse, q: ArrayLike) -> Array:
-    """Check a configuration, and convert it to an array of one row: (1, n)."""
+    """Check a configuration, and convert it to an array of one row, (1, n), for :func:`measure`."""
     return vector(q, require_inverse(strategy).task.n, "q")[None]

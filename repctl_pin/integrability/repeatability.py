@@ -77,6 +77,8 @@ def is_repeatable(
 ) -> Repeatability:
     """Test whether an inverse is repeatable in a region, by the Lie bracket condition (24).
 
+    Repeatable means that closed paths end in the configuration they began in. The condition is that
+    all defects vanish: the Lie brackets of the columns of G have no part in the null space of J.
     The tolerance is computed, not chosen: it is twice the defect that the estimated error of ∂G/∂q
     could produce.
 
@@ -148,6 +150,8 @@ def is_repeatable(
 
 def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:
     """Sample the configurations of a region at which an inverse is tested: (K, n), K ≥ samples.
+
+    They are the same for the same seed. A region of another number of joints is refused.
 
     Raises
     ------

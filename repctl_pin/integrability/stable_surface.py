@@ -1,6 +1,8 @@
 """Candidate and stable surfaces of an inverse that is not repeatable.
 
-On a stable surface, its motions are repeatable nevertheless.
+The defects of G (see :mod:`lie_bracket`) can vanish on a surface s(q) = 0 of joint space, the
+candidate. If motions of G that begin on it also stay on it, it is stable, and these motions are
+repeatable nevertheless.
 """
 
 from __future__ import annotations
@@ -39,6 +41,8 @@ _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface
 class Surfaces:
     """Points found on surfaces s(q) = 0, with the stacked defects s of an inverse, and their kinds.
 
+    The defects measure how far the inverse is from repeatable: they are 0 where it can be.
+
     Attributes
     ----------
     points : (K, n) array
@@ -66,12 +70,12 @@ class Surfaces:
 
     @property
     def stable(self) -> Array:
-        """Points on stable surfaces (·, n)."""
+        """Points on stable surfaces (·, n), on which motions stay and are repeatable."""
         return self.points[self.kind == _STABLE]
 
     @property
     def candidate(self) -> Array:
-        """Points on candidate surfaces that are not stable (·, n)."""
+        """Points on candidate surfaces that are not stable (·, n): motions leave them."""
         return self.points[self.kind == _CANDIDATE]
 
     @property
@@ -106,7 +110,8 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
     travel differs much from 1 m, the unit normal reverses over a very short distance, which
     Newton's method steps across. With the factor, s is as smooth as J. The entries of s are
-    dependent, because each defect lies in the null space of J; the search accounts for that.
+    dependent, because each defect lies in the null space of J; the search accounts for that. A
+    stable surface, on which the inverse is repeatable, lies where s = 0.
     """
     found = measure(strategy, Q)
     task = strategy.task
@@ -126,7 +131,8 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
     """Create the function s(q), divided by its median norm over the regular rows of Q.
 
-    Tolerances on it then do not depend on the arm's size.
+    s are the stacked defects, which are 0 on a candidate surface. Tolerances on it then do not
+    depend on the arm's size. The result maps Q (K, n) to s (K, pairs · n) and its error (K,).
     """
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
@@ -153,8 +159,9 @@ def stable_surface(
 ) -> Surfaces:
     """Find points on surfaces s(q) = 0, and test which surfaces are stable (9).
 
-    s(q) are the stacked defects of the inverse. A motion of G that begins on a stable surface stays
-    on it, and is repeatable there.
+    s(q) are the stacked defects of the inverse, its failures of the Lie bracket condition, which
+    are 0 where it is repeatable. A motion of G that begins on a stable surface stays on it, and is
+    repeatable there.
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
     *and* s is still 0 after a motion of 0.2 rad along G in every task direction. The second test
@@ -214,10 +221,11 @@ def stable_surface(
 def _search(
     strategy: Inverse, function: _Surface, region: Region, Q: Array
 ) -> tuple[Array, Array]:
-    """Move start points Q (K, n) to s = 0 by Gauss–Newton.
+    """Move start points Q (K, n) to s = 0 by Gauss–Newton steps with a line search.
 
-    Returns the points reached on s = 0, and the points at which J became singular; both only inside
-    the region.
+    ``function`` is s with its error. Returns the points reached on s = 0, (·, n), and the points at
+    which J became singular, (·, n); both only inside the region. Points that no step improves are
+    dropped.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])
@@ -260,7 +268,12 @@ def _search(
 def _newton_step(
     strategy: Inverse, function: _Surface, Q: Array, s: Array, L: Array
 ) -> Array:
-    """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long."""
+    """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long.
+
+    ``s`` (K, pairs · n) are the values at Q (K, n), and L (n,) the unit of each joint, rad or m.
+    The derivative is by central differences. s is first projected onto the null space of J, in
+    which all defects lie, so that no equation is counted twice.
+    """
     K, n = Q.shape
     h = 1e-4
     moves = h * np.diag(L)
@@ -279,7 +292,10 @@ def _newton_step(
 
 
 def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
-    """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular."""
+    """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular.
+
+    Inf makes a line search reject such points.
+    """
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
     if regular.any():
@@ -288,7 +304,11 @@ def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
 
 
 def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
-    """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each."""
+    """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each.
+
+    It is the rate at which motions of G leave the surface s = 0: 0 on a stable surface. The
+    tolerance is what the errors of s and of its derivative can produce.
+    """
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
     basis = np.linalg.qr(strategy.batch(Q) / L[:, None])[0]  # (K, n, m)
@@ -346,7 +366,10 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
 
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
-    """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units."""
+    """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units: (K,).
+
+    It is 0 at a singularity, near which defects cannot be evaluated.
+    """
     return inverse_condition_number(
         strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0])
     )

@@ -1,4 +1,7 @@
-"""Links of the arm that a task moves, and the other end effectors that move with it."""
+"""Links of the arm that a task moves, and the other end effectors that move with it.
+
+On a robot with two arms on one waist, the task of one arm also moves the other: studies report it.
+"""
 
 from __future__ import annotations
 
@@ -54,19 +57,25 @@ def other_ends(task: Task) -> tuple[str, ...]:
 
 
 def _driven(task: Task) -> Array:
-    """Mark the joints of the robot's model (N,) that the task's joints drive."""
+    """Mark the joints of the robot's model (N,) that the task's joints drive, also mimics."""
     columns = [task.robot.joint_names.index(name) for name in task.robot_joints]
     return (task.robot.coupling.S[:, columns] != 0).any(axis=1)
 
 
 def _joint(task: Task, link: str) -> int:
-    """Return the joint of the robot's model that moves a link."""
+    """Return the joint of the robot's model that moves a link.
+
+    Its number is that in the model; 0 is the fixed root.
+    """
     model = task.robot.model
     return int(model.frames[frame_id(model, link)].parentJoint)
 
 
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
-    """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes."""
+    """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes.
+
+    Displacements of the other end effectors are measured with them.
+    """
     robot = task.robot
     ids = [frame_id(robot.model, link) for link in links]
     Q = robot.coupling.joints(task.to_robot(Q))

@@ -31,7 +31,7 @@ _MADE_LOCK = Lock()
 
 @dataclass(frozen=True)
 class Nearest:
-    """The closest pair of bodies and its distance.
+    """The closest pair of bodies and its distance, as reports name them.
 
     Attributes
     ----------
@@ -214,7 +214,10 @@ class Bodies:
 
 
 def _beside(task: Task, surroundings: str | Path) -> Task:
-    """Return a copy of a task whose robot has other surroundings."""
+    """Return a copy of a task whose robot has other surroundings; the task itself is not changed.
+
+    ``surroundings`` is a URDF file of fixed shapes, such as a table.
+    """
     moved, robot = copy(task), copy(task.robot)
     around, folders = read_surroundings(surroundings, robot.package_dirs)
     robot.surroundings = around
@@ -225,7 +228,10 @@ def _beside(task: Task, surroundings: str | Path) -> Task:
 
 @dataclass(frozen=True)
 class _NoBodies:
-    """Collision model of a robot without collision geometry and surroundings: it has no pairs."""
+    """Collision model of a robot without collision geometry and surroundings: it has no pairs.
+
+    It has the members of the real model, which needs coal and takes long to import.
+    """
 
     links: tuple[str, ...] = ()
     standing: frozenset[str] = frozenset()
@@ -242,7 +248,10 @@ class _NoBodies:
 
 
 def _model_of(task: Task) -> Any:
-    """Return the collision model of a task; it is imported if the robot has bodies."""
+    """Return the collision model of a task, which holds its bodies and their pairs.
+
+    The library coal is imported only if the robot has bodies; without any, the model is empty.
+    """
     robot = task.robot
     if not robot.description.collisions and robot.surroundings is None:
         return _NoBodies()
@@ -252,7 +261,11 @@ def _model_of(task: Task) -> Any:
 
 
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
-    """List the links that should have a body and have none, see :attr:`Bodies.unchecked`."""
+    """List the links that should have a body and have none, see :attr:`Bodies.unchecked`.
+
+    ``with_body`` are the links that have one. Links that no joint separates count as one body, and
+    the first of them is listed.
+    """
     description = task.robot.description
     frames = link_frames(task.robot.model)
     joint = {link: frames[link].parentJoint for link in description.links}
@@ -266,7 +279,10 @@ def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
 
 
 def _listed(pairs: list[Pair]) -> str:
-    """Format pairs of links as text for a note: the first three, and the number of the others."""
+    """Format pairs of links as text for a note: the first three, and the number of the others.
+
+    The text reads ``a and b, c and d, e and f and 4 more pairs``.
+    """
     few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
     return (
         few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
@@ -274,7 +290,10 @@ def _listed(pairs: list[Pair]) -> str:
 
 
 def bodies_of(task: Task) -> Bodies:
-    """Return the cached :class:`Bodies` of a task; the first call creates them."""
+    """Return the cached :class:`Bodies` of a task; the first call creates them.
+
+    That takes long, so that motions of one task share them.
+    """
     with _MADE_LOCK:
         if task not in _MADE:
             _MADE[task] = Bodies(task)

@@ -1,4 +1,8 @@
-"""Bounds on pairwise body distances: from below, and on how fast each joint changes them."""
+"""Bounds on pairwise body distances: from below, and on how fast each joint changes them.
+
+Exact distances take long. The bounds tell which of the many pairs can be the closest one, so that
+few distances are computed; and they let a proof cover a whole box of configurations.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,8 @@ class _JointPlacements:
     .. math:: R_j = P_j (1 + \sin q \, [u] + (1 - \cos q) \, [u]^2),
 
     and a prismatic joint translates by q u. A loop over configurations would be slower: Pinocchio
-    needs 1 µs for each, but reading a placement from Python takes 2 µs.
+    needs 1 µs for each, but reading a placement from Python takes 2 µs. The bounds on body
+    distances need all placements at many configurations.
 
     Parameters
     ----------
@@ -85,7 +90,8 @@ class BodyBounds:
         |c_a − c_b| − h_a(u) − h_b(u),
 
     where h_a(u) is the extent along u of the bounding sphere of body a, its radius, or of its
-    bounding box with half-widths w and rotation R, Σ w_i |(Rᵀ u)_i|. The smaller one is used.
+    bounding box with half-widths w and rotation R, Σ w_i |(Rᵀ u)_i|. The smaller one is used. An
+    exact distance takes far longer, so that most pairs are ruled out by the bound.
 
     Parameters
     ----------
@@ -136,8 +142,9 @@ class BodyBounds:
     def __call__(self, Q: Array) -> Array:
         """Bound the distance of every pair from below at Q (K, N): (K, P), m.
 
-        Bounding boxes, which are tighter and slower, are used only where the bound from the spheres
-        is below half the smallest distance between two centres.
+        Q has a value per joint of the model; P is the number of pairs. Bounding boxes, which are
+        tighter and slower, are used only where the bound from the spheres is below half the
+        smallest distance between two centres.
         """
         R, p = self._placements(Q)
         centers = (
@@ -161,9 +168,10 @@ class BodyBounds:
         return bounds
 
     def _extent(self, R: Array, k: _Index, body: _Index, u: Array) -> Array:
-        """Bound how far bodies (M,) extend from their centres along unit vectors u (M, 3): (M,), m.
+        """Bound how far M bodies extend from their centres along unit vectors u (M, 3): (M,), m.
 
-        R are the rotations of all joints, and ``k`` (M,) the configuration of each body.
+        R are the rotations of all joints at all configurations, ``k`` (M,) the number of each
+        body's configuration, and ``body`` (M,) that of the body.
         """
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
@@ -178,7 +186,8 @@ class BodyBounds:
         1-Lipschitz in the points of its bodies. A revolute joint moves a point by at most its
         distance from the joint's origin; this is bounded along the chain from the joint to the
         body, so that it holds at every configuration within the limits of the prismatic joints.
-        ``joints`` are the joints of the robot, by name.
+        ``joints`` are the joints of the robot, by name. With it one distance rules out collisions
+        in a whole box of configurations.
         """
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
@@ -199,7 +208,7 @@ class BodyBounds:
 
 
 def _stroke(joint: Joint) -> float:
-    """Bound the position of a prismatic joint, m; infinite for a mimic joint."""
+    """Bound the position of a prismatic joint, m, by its limits; infinite for a mimic joint."""
     if joint.mimic is not None:
         return float(np.inf)
     return max(abs(joint.lower), abs(joint.upper))

@@ -32,13 +32,18 @@ _CONVEX = 1e-6
 
 
 class UnusableShape(InputError):
-    """Raised for an unusable collision shape; the message gives the cause and the remedy."""
+    """Raised for an unusable collision shape; the message gives the cause and the remedy.
+
+    A robot is loaded without it, with a note; in the surroundings it is an error.
+    """
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class BodyShape:
     """Collision body: a convex shape, or a mesh and its convex hull.
+
+    Distances between convex shapes are fast; the mesh decides whether bodies collide.
 
     Attributes
     ----------
@@ -58,7 +63,10 @@ class BodyShape:
 
     @cached_property
     def exact(self) -> coal.CollisionGeometry:
-        """The exact geometry: the mesh itself if it is not convex."""
+        """The exact geometry: the mesh itself if it is not convex, else the convex shape.
+
+        It decides whether bodies collide whose convex hulls overlap.
+        """
         if self.points is None or self.faces is None:
             return self.hull
         mesh = coal.BVHModelOBBRSS()
@@ -72,12 +80,15 @@ class BodyShape:
 
     @property
     def convex(self) -> bool:
-        """True if the body is convex."""
+        """True if the body is convex, so that its hull is exact."""
         return self.points is None
 
     @property
     def measured(self) -> coal.CollisionGeometry:
-        """The geometry for distances: exact in the surroundings, else the convex hull."""
+        """The geometry for distances: exact in the surroundings, else the convex hull.
+
+        An arm can move inside a room only if the room is not filled by its hull.
+        """
         return self.exact if self.standing else self.hull
 
     @cached_property
@@ -92,7 +103,7 @@ class BodyShape:
 
     @cached_property
     def interior(self) -> _MeshInterior | None:
-        """Interior of a mesh, for containment tests.
+        """Interior of a mesh, to test whether it contains a body whose surface it does not meet.
 
         None for a convex body, which coal treats as solid, and for a mesh of the surroundings
         without closed parts.
@@ -188,6 +199,7 @@ def contains(
     """Test whether a mesh contains a part of another body; their surfaces must not intersect.
 
     ``outer`` is placed at ``here``, ``inner`` at ``there``. False if ``outer`` has no interior.
+    Surfaces that do not meet would otherwise count as no collision.
     """
     if outer.interior is None:
         return False
@@ -198,7 +210,10 @@ def contains(
 
 
 def transform(place: pin.SE3) -> coal.Transform3s:
-    """Convert a placement to coal's Transform3s."""
+    """Convert a placement to coal's Transform3s.
+
+    coal, the collision library, has a type of its own.
+    """
     return coal.Transform3s(place.rotation, place.translation)
 
 
@@ -209,6 +224,8 @@ def _from_mesh(
     """Create the body of a mesh file, with its convex hull; cached for all robots.
 
     ``changed`` is the modification time of the file, so that a changed file is read again.
+    ``scale`` has a factor per axis, and ``standing`` marks the surroundings. UnusableShape is
+    raised for a size of 0 or above 100 km.
     """
     vertices, faces = _read_mesh(path, scale)
     size = float(np.ptp(vertices, axis=0).max())
@@ -231,7 +248,11 @@ def _from_mesh(
 
 
 def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.intp]]:
-    """Read the vertices (V, 3), m, and the triangles (F, 3) of a mesh file, scaled."""
+    """Read the vertices (V, 3), m, and the triangles (F, 3) of a mesh file, scaled.
+
+    ``scale`` has a factor for each axis. Vertices that no triangle has are dropped. UnusableShape
+    is raised for a file that is too large, cannot be read, or has no triangles.
+    """
     import trimesh
 
     size = path.stat().st_size
@@ -269,7 +290,10 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
 
 
 def _convex_hull(vertices: Array) -> Any:
-    """Compute the convex hull of vertices (V, 3), which are thickened if they are flat."""
+    """Compute the convex hull of vertices (V, 3), as a trimesh mesh; flat ones are thickened.
+
+    UnusableShape is raised if there is none.
+    """
     import trimesh
 
     try:
@@ -281,13 +305,19 @@ def _convex_hull(vertices: Array) -> Any:
 
 
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
-    """Compute the volume of a closed mesh, m³; negative if its normals point inwards."""
+    """Compute the volume of a closed mesh, m³; negative if its normals point inwards.
+
+    Faces of such a mesh of the robot are turned over.
+    """
     a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
 
 
 def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
-    """Test whether a mesh is the surface of its convex hull, with outward normals."""
+    """Test whether a mesh is the surface of its convex hull, with outward normals.
+
+    Its area and its volume are compared with those of ``hull``. The hull alone then represents it.
+    """
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     same = abs(area - hull.area) <= _CONVEX * hull.area
@@ -301,7 +331,7 @@ def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
 
     coal fails if a vertex has over 255 neighbours. The vertices are then rounded outwards to a
     grid, coarser until it succeeds; the last resort is the bounding box. The second result is True
-    if the vertices were rounded or replaced.
+    if the vertices were rounded or replaced. The first result is the shape.
     """
     size = float(np.ptp(points, axis=0).max())
     for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
@@ -345,7 +375,7 @@ _DIRECTIONS = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3, 3)))[0]
 @dataclass(frozen=True, eq=False)
 @read_only
 class _MeshParts:
-    """Connected parts of a mesh, with coincident vertices merged.
+    """Connected parts of a mesh, with coincident vertices merged, for containment tests.
 
     Attributes
     ----------
@@ -370,7 +400,11 @@ class _MeshParts:
 
 
 def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
-    """Split a mesh into connected parts, after merging coincident vertices."""
+    """Split a mesh into connected parts, after merging coincident vertices.
+
+    STL files store each triangle with its own vertices, so that nothing is connected before. A part
+    is closed if each edge is passed as often in one direction as in the other.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -421,7 +455,11 @@ class _MeshInterior:
         )
 
     def contains(self, points: Array) -> bool:
-        """Test whether any of the points (K, 3) is inside."""
+        """Test whether any of the points (K, 3) is inside.
+
+        The points are in the mesh's own frame, m. If a mesh of the robot has open parts, three rays
+        vote.
+        """
         return any(self._contains(point) for point in points)
 
     def _contains(self, point: Array) -> bool:
@@ -432,8 +470,9 @@ class _MeshInterior:
 class _Ray:
     """Crossings of a mesh by rays in one direction, from any point.
 
-    The faces are sorted into strips along x, so that few are tested per ray. Their corners
-    (F, 3, 3) are in axes whose z axis is the direction of the rays.
+    The faces are sorted into strips along x, so that few are tested per ray. Their corners (F, 3,
+    3) are in axes whose z axis is the direction of the rays. A point is inside a mesh if its ray
+    leaves more often than it enters.
     """
 
     def __init__(self, turn: Array, points: Array, faces: NDArray[np.intp]) -> None:

@@ -27,7 +27,7 @@ _DATA = "share/example-robot-data/robots"
 
 @dataclass(frozen=True)
 class Entry:
-    """Catalogue entry of one robot.
+    """Catalogue entry of one robot: its files, its usual frames and its start pose.
 
     Attributes
     ----------
@@ -101,12 +101,15 @@ def find(name: str) -> Entry:
 
 @functools.cache
 def table() -> dict[str, dict[str, Any]]:
-    """Read ``arms.toml``, the table of known robots: a row per name."""
+    """Read ``arms.toml``, the table of known robots: a row, as a dictionary, per name; cached."""
     return tomllib.loads((Path(__file__).parent / "arms.toml").read_text("utf-8"))
 
 
 def urdf_folder() -> Path:
-    """Find the folder ``urdf/`` of this package, in an installation or a checkout."""
+    """Find the folder ``urdf/`` of this package, in an installation or a checkout.
+
+    InputError is raised if neither has it.
+    """
     here = Path(__file__).resolve().parent
     for folder in (here / "files", here.parents[1] / "urdf"):
         if (folder / READY).is_file():

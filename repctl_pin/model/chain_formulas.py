@@ -1,5 +1,7 @@
-"""Formulas for serial chains: kinematic Hessian, rotation between two tool axes, rotation check,
-cross products as matrices."""
+"""Formulas for serial chains: kinematic Hessian, rotations between placements, and checks.
+
+They take arrays and placements, and do not depend on a robot model.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,11 @@ def axis_turn(R: Array, goal: Array) -> Array:
 
 
 def axis_turns(R: Array, goals: Array) -> Array:
-    """Compute :func:`axis_turn` of tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad."""
+    """Compute :func:`axis_turn` of tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad.
+
+    It is the orientation error of an axis task, which commands the direction of the tool's z axis
+    alone.
+    """
     aim = np.einsum("Kab,Ka->Kb", R, goals[..., :, 2])  # the goal's axis in tool axes
     sine = np.hypot(aim[:, 0], aim[:, 1])
     angle = np.arctan2(sine, aim[:, 2])
@@ -84,7 +90,11 @@ def axis_turns(R: Array, goals: Array) -> Array:
 
 
 def rotation_vectors(R: Array) -> Array:
-    """Compute the rotation vectors of rotations (K, 3, 3): (K, 3), rad, angles from 0 to π."""
+    """Compute the rotation vectors of rotations (K, 3, 3): (K, 3), rad, angles from 0 to π.
+
+    It is Pinocchio's ``log3`` for many rotations at once; near a half turn ``log3`` itself is
+    called.
+    """
     axis = 0.5 * (
         R[:, [2, 0, 1], [1, 2, 0]] - R[:, [1, 2, 0], [2, 0, 1]]
     )  # sin(angle) times it
@@ -164,16 +174,25 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
 
 
 class Placements(tuple[pin.SE3, ...]):
-    """Placements of several frames, as one target of all of them."""
+    """Placements of several frames, as one target of all of them.
+
+    It has the attributes of a single placement that messages and C code use.
+    """
 
     @property
     def translation(self) -> Array:
-        """Origins of all frames: (3 F,), m."""
+        """Origins of all frames: (3 F,), m.
+
+        F is the number of frames.
+        """
         return np.concatenate([each.translation for each in self])
 
     @property
     def homogeneous(self) -> Array:
-        """Homogeneous matrices of all frames, one below the other: (4 F, 4)."""
+        """Homogeneous matrices of all frames, one below the other: (4 F, 4).
+
+        C code takes them in this form.
+        """
         return np.concatenate([each.homogeneous for each in self])
 
 

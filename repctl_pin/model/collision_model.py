@@ -1,4 +1,9 @@
-"""Collision model: the bodies of a chain, the pairs that can collide, and their distances."""
+"""Collision model: the bodies of a chain, the pairs that can collide, and their distances.
+
+A pair is two bodies between which a joint moves. Each body of the robot is represented by its
+convex hull. A collision-only pair, such as neighbouring links, is tested for collisions without a
+distance, because its bodies are always close.
+"""
 
 from __future__ import annotations
 
@@ -139,18 +144,25 @@ class _CollisionModel:
         return found, which
 
     def reach(self) -> Array:
-        """Bound how far each joint moves the bodies of a pair, see :meth:`BodyBounds.reach`."""
+        """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
+
+        See :meth:`BodyBounds.reach`. A proof uses it to cover a box of configurations.
+        """
         return self._bounds.reach(self._joints)
 
     def kept(self, distance: float) -> Array:
-        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked."""
+        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked.
+
+        ``distance`` is the minimum body distance asked for. Neighbouring links cannot keep it.
+        """
         return np.where(self._only_contact, 0.0, distance)
 
     def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
-        They are those of the hulls. Where the hulls of a pair that is checked for collisions only
-        overlap, it is that of the exact shapes.
+        q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
+        of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
+        that of the exact shapes.
         """
         with self._lock:
             self._move(q)
@@ -161,12 +173,18 @@ class _CollisionModel:
         return np.array(found)
 
     def names(self, pair: int) -> Pair:
-        """Return the names of the two links of a pair, given by its index."""
+        """Return the names of the two links of a pair, given by its index.
+
+        An index counts the pairs that are checked.
+        """
         a, b = self.pairs[pair].tolist()
         return self.links[a], self.links[b]
 
     def named(self, which: _Mask) -> tuple[Pair, ...]:
-        """Return the names of the links of the pairs in a mask (P,), without duplicates."""
+        """Return the names of the links of the pairs in a mask (P,), without duplicates.
+
+        Notes and reports list them.
+        """
         return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
 
     # ---- distances -----------------------------------------------------------------------------
@@ -174,8 +192,8 @@ class _CollisionModel:
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
         """Yield every row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
 
-        The bound of a collision-only pair is infinite where it shows that the pair does not
-        collide.
+        N is the number of joints of the model, and P that of the pairs. The bound of a
+        collision-only pair is infinite where it shows that the pair does not collide.
         """
         size = min(
             _BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size))
@@ -194,7 +212,7 @@ class _CollisionModel:
 
         ``measure`` returns the distance of a pair by its index. The pair ``guess`` is measured
         first, then the others in order of their lower bounds, until no bound is below the minimum
-        found.
+        found. So most distances are never computed.
         """
         self._move(q)
         best, at = measure(guess), guess
@@ -225,13 +243,18 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of the hulls of pair k, m; a collision-only pair is exact."""
+        """Compute the signed distance of the hulls of pair k, m; a collision-only pair is exact.
+
+        Its slope shows how overlapping bodies separate.
+        """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
     def _apart(self, k: int) -> float:
         """Compute the signed distance of pair k at the current placements, m.
 
         The robot's bodies are represented by their hulls, the surroundings by their exact shapes.
+        Below 0 it is the penetration depth, or minus the distance from the surface of a body that
+        contains one.
         """
         if k < self._own_pairs:
             return float(
@@ -255,7 +278,10 @@ class _CollisionModel:
         )
 
     def _collide(self, k: int) -> bool:
-        """Test whether the two bodies of pair k, whose hulls overlap, collide."""
+        """Test whether the two bodies of pair k, whose hulls overlap, collide.
+
+        Two convex bodies do then; for meshes the exact surfaces are compared.
+        """
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         if one.convex and other.convex:
@@ -275,7 +301,10 @@ class _CollisionModel:
         return float(coal.distance(one, here, other, there, self._request, result))
 
     def _transform(self, k: int) -> coal.Transform3s:
-        """Return the current placement of body k as coal's Transform3s."""
+        """Return the current placement of body k as coal's Transform3s.
+
+        Those of the surroundings are constant; those of the robot are cached until it moves.
+        """
         if k >= self._own:
             return self._standing_transforms[k - self._own]
         if k not in self._transforms:
@@ -285,7 +314,10 @@ class _CollisionModel:
     # ---- bodies --------------------------------------------------------------------------------
 
     def _add_robot(self, task: Task) -> dict[str, Pair]:
-        """Add the robot's bodies; return its unusable shapes: link and cause, by name."""
+        """Add the robot's bodies; return its unusable shapes: (link, cause), by file or shape name.
+
+        They are left out, and a note tells the user so.
+        """
         description = task.robot.description
         links = link_frames(self._model)
         unusable = {}
@@ -302,7 +334,11 @@ class _CollisionModel:
         return unusable
 
     def _add_surroundings(self, task: Task) -> None:
-        """Add the bodies of the surroundings, placed relative to the robot's root."""
+        """Add the bodies of the surroundings, placed relative to the robot's root.
+
+        A body gets the name of its link, with ``surroundings/`` before it if the robot has such a
+        link. InputError is raised for an unusable shape: a missing obstacle would be dangerous.
+        """
         around = task.robot.surroundings
         own = set(task.robot.description.links)
         if around is None:
@@ -329,7 +365,13 @@ class _CollisionModel:
     # ---- pairs ---------------------------------------------------------------------------------
 
     def _choose_pairs(self, task: Task) -> None:
-        """Choose the pairs to check, and list the names of all pairs by how they are treated."""
+        """Choose the pairs to check, and list the names of all pairs by how they are treated.
+
+        Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
+        between them, are checked for collisions only, and not at all if they collide at the
+        reference pose or at a quarter of the sampled configurations. The same order is described at
+        :class:`Bodies`.
+        """
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {
             frozenset((joint.parent, joint.child))
@@ -362,7 +404,8 @@ class _CollisionModel:
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """Return the pairs (P, 2) of bodies with a moving joint between them.
 
-        Pairs of the robot's own bodies come first.
+        Pairs of the robot's own bodies come first. Other pairs never change their distance.
+        InputError is raised for over a million pairs.
         """
         joint = np.array(self._joint, np.intp)
         own = self._own
@@ -383,7 +426,10 @@ class _CollisionModel:
         return np.concatenate([inner, outer]).astype(np.intp)
 
     def _are_in(self, links: set[frozenset[str]]) -> _Mask:
-        """Mark the pairs of the robot's own bodies (P,) that belong to the given pairs of links."""
+        """Mark the pairs of the robot's own bodies that belong to the given pairs of links.
+
+        Return a mask (P,) of all pairs; those with the surroundings are not marked.
+        """
         found = np.zeros(len(self.pairs), bool)
         if links:
             found[: self._own_pairs] = [
@@ -392,7 +438,10 @@ class _CollisionModel:
         return found
 
     def _one_joint_between(self) -> _Mask:
-        """Mark the pairs of the robot's own bodies (P,) with one movable joint between them."""
+        """Mark the pairs of the robot's own bodies (P,) with one movable joint between them.
+
+        Such neighbours nearly touch by design, so that their distance says nothing.
+        """
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
         return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
@@ -402,7 +451,8 @@ class _CollisionModel:
     ) -> None:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
-        ``only_contact`` (P,) marks those that are checked for collisions only; None for none.
+        ``only_contact`` (P,) marks those that are checked for collisions only; None for none. It is
+        called again each time that pairs have been ruled out.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = (
@@ -455,9 +505,10 @@ class _CollisionModel:
 
 
 def _sample_configurations(task: Task) -> Array:
-    """Sample configurations (K, N) of the bodies' model: the reference pose, then random ones.
+    """Sample configurations (K, N) of the bodies' model: the reference pose, then 100 random ones.
 
-    The random ones are within the joint limits.
+    The random ones are within the joint limits, and at most π rad (m) from the reference pose. They
+    are the same in each call.
     """
     lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
     q0 = task.joints(task.reference)
@@ -470,7 +521,10 @@ def _sample_configurations(task: Task) -> Array:
 
 
 def collision_model(task: Task) -> _CollisionModel:
-    """Return the collision model of a task, cached by robot, files and joints."""
+    """Return the collision model of a task, cached by robot, files and joints.
+
+    Reading meshes and computing their hulls can take seconds. The last eight models are kept.
+    """
     key = _key(task)
     with _MODELS_LOCK:
         if key not in _MODELS:
@@ -482,7 +536,7 @@ def collision_model(task: Task) -> _CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """Return the cache key of a task's collision model.
+    """Return the cache key of a task's collision model, which changes if the model would.
 
     It contains the descriptions, the files with their times and sizes, and the fixed joints.
     """

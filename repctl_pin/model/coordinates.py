@@ -44,11 +44,11 @@ class Coordinates:
     revolute: NDArray[np.bool_]
 
     def joints(self, psi: Array) -> Array:
-        """Convert ψ (..., n) to q = T ψ."""
+        """Convert the task's coordinates ψ (..., n) to joint positions q = T ψ."""
         return psi @ self.T.T
 
     def coordinates(self, q: Array) -> Array:
-        """Convert q (..., n) to ψ = T⁻¹ q."""
+        """Convert joint positions q (..., n) to the task's coordinates ψ = T⁻¹ q."""
         return q @ self.inverse.T
 
 
@@ -61,6 +61,9 @@ def linear_coordinates(
     T: ArrayLike,
 ) -> Coordinates:
     """Create the coordinates ``q = T ψ`` of n joints from their names, limits (n,) and types (n,).
+
+    Only the limits that bound a single ψ become its limits. ψ is named ψ1, ψ2, …, or as its joint
+    if both are equal.
 
     Raises
     ------

@@ -1,4 +1,8 @@
-"""End effectors of a robot: the links at the ends of its arms, before the fingers."""
+"""End effectors of a robot: the links at the ends of its arms, before the fingers.
+
+They are offered as task frames if the user names none. A URDF does not tell them, so that they are
+found by the shape of the tree, the ranges of its joints and the names of its links.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ _SENSOR = {
 
 @dataclass(eq=False)
 class _Body:
-    """Rigid body: links connected by fixed joints.
+    """Rigid body: links connected by fixed joints, the unit in which an arm's end is searched.
 
     Attributes
     ----------
@@ -69,7 +73,12 @@ class _Body:
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: _Body) -> bool:
-        """Test whether a branch is a finger: small range, few joints, and one of several signs."""
+        """Test whether a branch is a finger: small range, few joints, and one of several signs.
+
+        ``joint`` begins the branch and ``tip`` is the body after it. The signs are another branch
+        beside it, a mimic joint, a prismatic joint at the end, a name of a gripper or finger, or a
+        tool's link.
+        """
         if not (_moves_little(joint) and tip.narrow and 1 + tip.after <= self.before):
             return False
         last = tip.after == 0
@@ -128,12 +137,18 @@ def arm_ends(description: Description) -> list[_Body]:
 
 
 def task_links(body: _Body) -> list[str]:
-    """Sort a body's links, the best end effector first: by name, then the farthest first."""
+    """Sort a body's links, the best end effector first: by name, then the farthest first.
+
+    All links of a body move together; their names tell which one is meant as a tool's frame.
+    """
     return sorted(body.links, key=lambda link: (_rank(link), -body.links[link]))
 
 
 def is_sensor(link: str) -> bool:
-    """Test whether a link is named as a sensor, such as a camera."""
+    """Test whether a link is named as a sensor, such as a camera.
+
+    Such a link is offered as a task frame only where there is no other.
+    """
     return not _SENSOR.isdisjoint(words(link))
 
 

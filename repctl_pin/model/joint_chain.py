@@ -1,4 +1,8 @@
-"""Joints between base and frame of a task as arrays, for computations in C."""
+"""Joints between base and frame of a task as arrays, for computations in C.
+
+A joint variable is θ, one per joint of the model; q are the n independent ones, ``θ = S q +
+offset``, because mimic joints follow others.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,7 @@ _MOST = 64
 @dataclass(frozen=True, eq=False)
 @read_only
 class _JointChain:
-    """Serial chain of the P joints from the base to the frame of a task.
+    """Serial chain of the P joints from the base to the frame of a task, as plain arrays.
 
     Attributes
     ----------
@@ -47,7 +51,10 @@ class _JointChain:
 
 
 def joint_chain(task: Task) -> _JointChain:
-    """Extract the serial chain of a task from its Pinocchio model."""
+    """Extract the serial chain of a task from its Pinocchio model, as plain arrays.
+
+    InputError is raised for a task of several frames.
+    """
     model = one_frame(task, "a joint chain").model
     frame = model.frames[task._frame_id]
     joints = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
@@ -64,6 +71,8 @@ def joint_chain(task: Task) -> _JointChain:
 @read_only
 class _JointTree:
     """All N joints that a task moves, those beside its chain included, from the base outward.
+
+    A page in the browser moves the whole arm with it, also links beside the chain.
 
     Attributes
     ----------
@@ -96,7 +105,10 @@ class _JointTree:
 
 
 def joint_tree(task: Task) -> _JointTree:
-    """Extract the tree of the joints that a task moves; the robot's base is its root."""
+    """Extract the tree of the joints that a task moves; the robot's base is its root.
+
+    Unlike a chain it has the branches beside the frame, whose links move too and are drawn.
+    """
     model, drive = one_frame(task, "this figure").bodies_model()
     frame = model.frames[frame_id(model, task.frame)]
     joints = list(range(1, model.njoints))
@@ -120,7 +132,8 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     """Create the struct :data:`ARM` of a task without potentials, and the arrays it points to.
 
     Its frames are turned so that each joint moves about or along its own z axis. None if the chain
-    has more than 64 joints, the most that arm.c has room for.
+    has more than 64 joints, the most that arm.c has room for. Control loops, bounds and integration
+    in C all use it.
     """
     if isinstance(task, SeveralFrames):
         return _native_frames(task)
@@ -152,7 +165,10 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
 def _native_frames(
     task: SeveralFrames,
 ) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the struct :data:`ARM` of several frames: each has the struct of its own chain."""
+    """Create the struct :data:`ARM` of several frames: each has the struct of its own chain.
+
+    The result is as of :func:`native_chain`; None if one of the chains does not fit into C.
+    """
     made = [native_chain(part) for part in task.parts]
     frames = [each[0] for each in made if each is not None]
     if len(frames) < len(made):
@@ -173,6 +189,7 @@ def _along_z(chain: _JointChain) -> tuple[Array, Array]:
 
     A frame can then be turned about its z axis, as its joint does. Each one is turned so that the
     rotation from it to the next one is about its x axis, if a rotation about z after it permits.
+    Products with such rotations need fewer operations in C.
 
     Returns
     -------
@@ -201,13 +218,16 @@ of a rotation's entry that is 0."""
 
 
 def _about_z(x: float, y: float) -> Array:
-    """Compute the rotation about z by the angle of (x, y)."""
+    """Compute the rotation (3, 3) about z by the angle of (x, y), which must not be (0, 0)."""
     c, s = np.array([x, y]) / np.hypot(x, y)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _bent(R: Array) -> NDArray[np.int_]:
-    """Classify rotations (P, 3, 3): 1 if about x alone, 2 if by a quarter turn, else 0."""
+    """Classify rotations (P, 3, 3): 1 if about x alone, 2 if by a quarter turn, else 0.
+
+    C multiplies by rotations of kinds 1 and 2 with fewer operations. Most arms have only these.
+    """
     about_x = (R[:, 0] == [1, 0, 0]).all(axis=1) & (R[:, :, 0] == [1, 0, 0]).all(axis=1)
     return np.where(about_x, np.where(R[:, 1, 1] == 0, 2, 1), 0)
 
@@ -228,7 +248,10 @@ def _z_along(axis: Array) -> Array:
 def joint_axes(
     model: pin.Model, joints: Sequence[int]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute."""
+    """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute (P,).
+
+    ``joints`` are ids of the model. Axes are unit vectors, of rotation or of translation.
+    """
     data = model.createData()
     neutral = pin.neutral(model)
     screws = np.array(
@@ -242,6 +265,10 @@ def joint_axes(
 
 
 def joint_coupling(task: Task, joints: Sequence[int]) -> tuple[Array, Array]:
-    """Find S (P, n) and the offset (P,) of ``θ = S q + offset``, the positions of joints."""
+    """Find S (P, n) and the offset (P,) of ``θ = S q + offset``, the positions of joints.
+
+    ``joints`` are ids of the task's model. S is the identity, and the offset 0, without mimic
+    joints.
+    """
     rows = [j - 1 for j in joints]
     return task.drive.S[rows], task.drive.offset[rows]

@@ -26,7 +26,7 @@ KindName = Literal["pose", "axis", "position", "xy", "xz", "yz"]
 
 
 class Kind(str):
-    """Kind of a task: its name, and all that depends on it.
+    """Kind of a task: its name, and all that depends on it, such as which coordinates it commands.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Kind(str):
     tool_axes: bool
 
     def __new__(cls, name: str, *rows: int, words: str) -> Kind:
-        """Make a kind from its name, its rows and its words."""
+        """Make a kind from its name, its rows of the twist (v, ω) and its words for messages."""
         kind = super().__new__(cls, name)
         kind.rows = np.array(rows)
         kind.linear = kind.rows % 6 < 3
@@ -66,7 +66,11 @@ class Kind(str):
 
     @classmethod
     def stacked(cls, kinds: Sequence[Kind]) -> Kind:
-        """Make the kind of a task of several frames: rows of their twists, one below the other."""
+        """Make the kind of a task of several frames: rows of their twists, one below the other.
+
+        Row i of frame k is row 6 k + i of the twists (v, ω) of all frames. The name joins theirs by
+        " + ".
+        """
         rows = (6 * k + int(row) for k, one in enumerate(kinds) for row in one.rows)
         words = "; ".join(one.words for one in kinds)
         kind = cls(_AND.join(kinds), *rows, words=words)
@@ -80,14 +84,17 @@ class Kind(str):
 
     @property
     def planes(self) -> tuple[str, ...]:
-        """Planes that a path can lie in, in the order in which to try them."""
+        """Planes that a path can lie in, in the order in which to try them: ``xy``, ``yz``, ``xz``.
+
+        A task of two coordinates has its own plane only.
+        """
         return (str(self),) if self.m == 2 else ("xy", "yz", "xz")
 
     def error(self, here: pin.SE3, target: pin.SE3) -> Array:
         """Evaluate the task error (m,) from a placement (R, p) to a target (R*, p*), m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
-        shortest rotation from the tool axis to the target's.
+        shortest rotation from the tool axis to the target's. Newton steps and feedback remove it.
         """
         p = target.translation - here.translation
         if not self.turns:
@@ -100,7 +107,10 @@ class Kind(str):
         return np.concatenate([p, turn])
 
     def errors(self, p: Array, R: Array, p_goal: Array, R_goal: Array) -> Array:
-        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to p_goal, R_goal."""
+        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to p_goal, R_goal, m and rad.
+
+        It is :meth:`error` for many placements at once; targets must be rotations already.
+        """
         away = p_goal - p
         if not self.turns:
             return away[:, self.rows]
@@ -112,7 +122,10 @@ class Kind(str):
 
     @staticmethod
     def in_tool_axes(twist: Array, R: Array) -> Array:
-        """Select ẋ (5,) of an axis task from a twist (6,), or J (5, n) from the frame's (6, n)."""
+        """Select ẋ (5,) of an axis task from a twist (6,), or J (5, n) from the frame's (6, n).
+
+        R (3, 3) is the frame's rotation. The rotation about the tool's own z axis is left out.
+        """
         return np.concatenate([twist[:3], R.T[:2] @ twist[3:]])
 
     def __reduce__(self) -> tuple[Callable[[str], Kind], tuple[str]]:
@@ -134,7 +147,7 @@ KINDS: Mapping[str, Kind] = {
 
 
 def _kind_again(name: str) -> Kind:
-    """Make the kind of one frame or of several from its name."""
+    """Make the kind of one frame or of several from its name; needed to unpickle a kind."""
     kinds = [KINDS[each] for each in name.split(_AND)]
     return kinds[0] if len(kinds) == 1 else Kind.stacked(kinds)
 

@@ -37,7 +37,10 @@ def arm_length(task: Task, q: Array) -> float:
 
 
 def arm_reach(task: Task, q: Array) -> float:
-    """Compute the arm length plus the strokes of the prismatic joints that have limits, m."""
+    """Compute the arm length plus the strokes of the prismatic joints that have limits, m.
+
+    Default sizes of paths are shares of it.
+    """
     strokes = (task.upper - task.lower)[~task.revolute]
     return arm_length(task, q) + float(strokes[np.isfinite(strokes)].sum())
 
@@ -46,7 +49,7 @@ def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
     In these units, motions of revolute and prismatic joints are comparable. For an arm of prismatic
-    joints only, the unit is 1 m.
+    joints only, the unit is 1 m. Norms and step lengths of a search are taken in them.
     """
     if task.revolute.all():
         return np.ones(task.n)
@@ -80,13 +83,19 @@ def elbow(task: Task, q: Array) -> int:
 
 
 def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
-    """Mark the revolute joints (n,) in the middle of the arm, of which one is the elbow."""
+    """Mark the revolute joints (n,) in the middle of the arm, of which one is the elbow.
+
+    The middle is from 0.3 to 0.7 of the arm's length, along its joints at q.
+    """
     share = _along_arm(task, q)
     return (_MIDDLE[0] <= share) & (share <= _MIDDLE[1]) & task.revolute
 
 
 def _along_arm(task: Task, q: Array) -> Array:
-    """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame."""
+    """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame.
+
+    Distances between successive joints count, at q. The elbow is searched in the middle.
+    """
     if len(task.frames) > 1:
         shares = np.zeros(task.n)
         for single, own in of_singles(task, q):

@@ -19,7 +19,9 @@ from .urdf import Description, Joint
 @dataclass(frozen=True, eq=False)
 @read_only
 class Coupling:
-    """Map from n free joints to all N joints of a model.
+    """Map from n free joints to all N joints of a model, the mimic joints among them.
+
+    A mimic joint follows a free one: ``θ = S q + offset``. A task computes with q alone.
 
     Attributes
     ----------
@@ -34,7 +36,10 @@ class Coupling:
 
     @cached_property
     def identity(self) -> bool:
-        """True if all joints are free, in this order; the methods then return their argument."""
+        """True if all joints are free, in this order; the methods then return their argument.
+
+        Most arms have no mimic joint, and a control loop saves the multiplications.
+        """
         same = np.array_equal(self.S, np.eye(self.S.shape[1]))
         return same and not self.offset.any()
 
@@ -43,15 +48,24 @@ class Coupling:
         return Q if self.identity else Q @ self.S.T + self.offset
 
     def rates(self, Qdot: Array) -> Array:
-        """Compute the velocities of all joints (..., N) from those of the free joints (..., n)."""
+        """Compute the velocities of all joints (..., N) from those of the free joints (..., n).
+
+        Mimic joints follow with their multipliers.
+        """
         return Qdot if self.identity else Qdot @ self.S.T
 
     def derivatives(self, J: Array) -> Array:
-        """Convert derivatives along all joints (..., N) to those along the free joints (..., n)."""
+        """Convert derivatives along all joints (..., N) to those along the free joints (..., n).
+
+        A free joint also moves its mimic joints, so that their columns are added.
+        """
         return J if self.identity else J @ self.S
 
     def leader(self, joint: int) -> int:
-        """Return the index of the free joint that drives joint number ``joint`` of the model."""
+        """Return the index of the free joint that drives joint number ``joint`` of the model.
+
+        It is the joint itself, or the one that it mimics.
+        """
         return int(np.argmax(self.S[joint] != 0))
 
 
@@ -126,7 +140,10 @@ class Mechanism:
 def couple(
     names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]
 ) -> Coupling:
-    """Create the coupling of a model's joints (N names) to its free joints (n names)."""
+    """Create the coupling of a model's joints (N names) to its free joints (n names).
+
+    ``joints`` gives each joint by name; one that is not free must mimic a free one.
+    """
     S = np.zeros((len(names), len(free)))
     offset = np.zeros(len(names))
     for row, name in enumerate(names):
@@ -149,7 +166,8 @@ def limits(
 
     Returns the lower, the upper and the speed limit, rad or m and per second. If no position of the
     joint satisfies the limits of a mimic joint (``followers``), these are ignored, and a sentence
-    about it is appended to ``notes``.
+    about it is appended to ``notes``. Otherwise a gripper, for instance, could exceed its range
+    while its leader keeps its own.
     """
     lower = joint.lower
     upper = joint.upper
@@ -213,7 +231,10 @@ def pose(
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a value within joint limits: by a full turn if revolute, else to the nearer limit."""
+    """Move a value within joint limits: by a full turn if revolute, else to the nearer limit.
+
+    ``turns`` is True for a revolute joint. A value inside is returned as it is.
+    """
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]
     return float(inside[0] if inside else np.clip(value, lower, upper))

@@ -32,10 +32,12 @@ _DRAWN_GROUPS = 3
 
 @dataclass
 class _Part:
-    """A link, and the joint from its parent to it.
+    """A link, and the joint from its parent to it, as they will be written in the URDF.
 
-    ``kind`` is ``fixed``, ``revolute``, ``continuous`` or ``prismatic``; ``mimic`` is the joint
-    that it follows, with multiplier and offset. A shape is its tag, placement and geometry.
+    ``place`` is the placement in the parent link. ``kind`` is ``fixed``, ``revolute``,
+    ``continuous`` or ``prismatic``; ``mimic`` is the joint that it follows, with multiplier and
+    offset. ``inertia`` is the mass, kg, its placement, and the principal moments. A shape is its
+    tag, placement and geometry.
     """
 
     name: str
@@ -122,7 +124,12 @@ def _last(parts: Sequence[_Part], name: str) -> _Part:
 def _joints(
     model: Any, name: str, above: str, place: pin.SE3, joints: range
 ) -> list[_Part]:
-    """Write the joints of a body as links, one below the other; the last one is the body."""
+    """Write the joints of a body as links, one below the other; the last one is the body.
+
+    A URDF has one joint per link, MuJoCo several per body. ``above`` is the parent link, ``place``
+    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out, and UrdfError is
+    raised for a ball joint.
+    """
     parts: list[_Part] = []
     for j in joints:
         kind = int(model.jnt_type[j])
@@ -161,7 +168,8 @@ def _joints(
 def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, float]]:
     """Read the equality constraints: linear ones between two joints are mimic joints.
 
-    Those that pull a body to a mocap body, a target set by the user, are left out.
+    Those that pull a body to a mocap body, a target set by the user, are left out. The result maps
+    the name of a mimic joint to (joint, multiplier, offset).
 
     Raises
     ------
@@ -197,7 +205,11 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
 
 
 def _to_a_target(model: Any, e: int) -> bool:
-    """Test whether an equality constraint between bodies or sites has a mocap body at one end."""
+    """Test whether an equality constraint between bodies or sites has a mocap body at one end.
+
+    ``e`` is the number of the constraint. A mocap body is a target that the user moves, so that the
+    constraint is no part of the robot.
+    """
     ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
     if model.eq_objtype[e] == _OF_SITES:
         ends = [int(model.site_bodyid[site]) for site in ends]
@@ -205,7 +217,12 @@ def _to_a_target(model: Any, e: int) -> bool:
 
 
 def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
-    """Add the shapes of all bodies to their links; return the types that were left out."""
+    """Add the shapes of all bodies to their links; return the types that were left out, as text.
+
+    ``links`` has the link of each body of the model. A shape becomes visual if MuJoCo's viewer
+    shows it, and collision if it can collide. ``folder`` is that of the mesh files; None leaves
+    meshes out.
+    """
     left_out = set()
     for g in range(model.ngeom):
         kind, size = int(model.geom_type[g]), model.geom_size[g]
@@ -231,7 +248,11 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
 def _shapes(
     kind: int, size: Array, at: pin.SE3
 ) -> list[tuple[pin.SE3, dict[str, str]]]:
-    """Write a shape of MuJoCo by its half sizes; a capsule is a cylinder and two spheres."""
+    """Write a shape of MuJoCo by its half sizes; a capsule is a cylinder and two spheres.
+
+    ``kind`` is MuJoCo's number of the type. Each result is a placement, and the tag and attributes
+    of a URDF shape; there are none for types that URDF does not have.
+    """
     ball = {"tag": "sphere", "radius": repr(float(size[0]))}
     if kind == _SPHERE:
         return [(at, ball)]
@@ -250,7 +271,11 @@ def _shapes(
 def _mesh(
     model: Any, mesh: int, at: pin.SE3, folder: Path
 ) -> list[tuple[pin.SE3, dict[str, str]]]:
-    """Write a mesh file, with MuJoCo's shift to its own centre undone."""
+    """Write a mesh file, with MuJoCo's shift to its own centre undone.
+
+    ``mesh`` is its number in the model. The result is as of :func:`_shapes`; empty if the mesh has
+    no file.
+    """
     begin = int(model.mesh_pathadr[mesh])
     if begin < 0:
         return []
@@ -295,7 +320,7 @@ def _origin(above: etree._Element, place: pin.SE3) -> None:
 
 
 def _text(name: str, parts: Sequence[_Part]) -> bytes:
-    """Write links and joints as URDF."""
+    """Write links and joints as URDF; the result is the bytes of an XML file."""
     robot = etree.Element("robot", name=name)
     for part in parts:
         link = etree.SubElement(robot, "link", name=part.name)

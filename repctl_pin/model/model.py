@@ -1,4 +1,7 @@
-"""Helpers for Pinocchio models: frames by name, placements, locked joints, chains, Jacobians."""
+"""Helpers for Pinocchio models: frames by name, placements, locked joints, chains, Jacobians.
+
+Frames and joints are given by their ids in the model. A link is a frame of type BODY.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,10 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 
 def link_ids(model: pin.Model) -> dict[str, int]:
-    """Return the frame ids of all links, by link name."""
+    """Return the frame ids of all links, by link name.
+
+    A frame of another type, such as a joint, can have the same name.
+    """
     body = pin.FrameType.BODY
     return {f.name: i for i, f in enumerate(model.frames) if f.type == body}
 
@@ -44,7 +50,11 @@ def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
 def frame_placements(
     model: pin.Model, ids: Iterable[int], Q: Array, base: int = 0
 ) -> Array:
-    """Place frames at every row of Q (T, N), relative to the frame ``base``: (T, F, 4, 4), m."""
+    """Place frames at every row of Q (T, N), relative to the frame ``base``: (T, F, 4, 4), m.
+
+    ``ids`` are those of the F frames. A joint that moves several frames is read only once per row,
+    because reading a placement from Python takes longer than computing it.
+    """
     data = model.createData()
     root = model.frames[base]
     frames = [model.frames[i] for i in ids]
@@ -61,7 +71,7 @@ def frame_placements(
 
 
 def origin(solid: Shape) -> pin.SE3:
-    """Compute the placement of a shape relative to its link."""
+    """Compute the placement of a shape relative to its link, from its xyz, m, and rpy, rad."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
 
 
@@ -100,7 +110,11 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
 def frame_jacobian(
     model: pin.Model, data: pin.Data, frame: int
 ) -> Callable[[Array], Array]:
-    """Create the function q → Jacobian of a frame (6, nv), world axes."""
+    """Create the function q → Jacobian of a frame (6, nv), world axes: rows of v, then of ω.
+
+    ``data`` is its scratch memory, so that each thread needs a function of its own. Pinocchio
+    returns a vector for a single joint; here it is a column.
+    """
     evaluate = pin.computeFrameJacobian
 
     def jacobian(q: Array) -> Array:

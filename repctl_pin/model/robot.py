@@ -275,7 +275,11 @@ class Robot(Mechanism):
         kind: KindName | Kind,
         joints: Sequence[str] | None,
     ) -> Task:
-        """Create the task of frames; each is a name, (name, kind), or (name, kind, base)."""
+        """Create the task of frames; each is a name, (name, kind), or (name, kind, base).
+
+        ``kind`` is that of frames without their own; ``joints`` restricts the joints, None uses
+        all. InputError is raised for a frame given twice, and for a task that is not redundant.
+        """
         from .several_frames import (
             FrameSpec,
             SeveralFrames,
@@ -326,7 +330,10 @@ class Robot(Mechanism):
         return task
 
     def _moving(self, frame: str, joints: Sequence[str] | None) -> tuple[str, ...]:
-        """List the joints that move a frame; only those among ``joints``, if they are given."""
+        """List the joints that move a frame; only those among ``joints``, if they are given.
+
+        InputError is raised if no joint moves it, or if one of ``joints`` does not.
+        """
         chain = self.chain(frame)
         if joints is not None:
             kept = self._subset(joints, chain, repr(frame))
@@ -340,7 +347,10 @@ class Robot(Mechanism):
     def _subset(
         self, joints: Sequence[str], chain: tuple[str, ...], moved: str
     ) -> frozenset[str]:
-        """Check a subset of the joints of a chain, which move what ``moved`` names."""
+        """Check a subset of the joints of a chain, and return it; ``moved`` names what they move.
+
+        InputError is raised for an unknown joint, and for one that does not move it.
+        """
         joints = list_of_names(joints, "joints", "a list of joint names")
         for joint in joints:
             if joint not in self.joint_names:
@@ -376,7 +386,8 @@ class Robot(Mechanism):
     def _missing_meshes(self) -> list[str]:
         """Return a list with a warning about missing meshes, or an empty list.
 
-        Only drawings and distances need meshes, not the kinematics.
+        Only drawings and distances need meshes, not the kinematics. The user can then give their
+        folders.
         """
         names = self.description.meshes
         missing = [
@@ -478,7 +489,7 @@ class Robot(Mechanism):
 
 
 def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
-    """Convert a loaded model to URDF text.
+    """Convert a loaded model, of yourdfpy or MuJoCo, to URDF text.
 
     Returns the text, a name in place of its file, and notes. Anything else is returned as it is,
     with None for the text.
@@ -503,7 +514,10 @@ def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
 
 
 def _is(given: Any, module: str, name: str) -> bool:
-    """Test whether an object is of a class of a module, which is not imported for it."""
+    """Test whether an object is of a class of a module, which is not imported for it.
+
+    If the module was not imported before, no object can be of its class.
+    """
     kind = getattr(sys.modules.get(module), name, None)
     return isinstance(kind, type) and isinstance(given, kind)
 
@@ -512,6 +526,7 @@ def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     """Read the named poses of a catalogue robot: joint values by pose name and joint name.
 
     Joints without a value are placed at mid-range later. ``reference`` and ``middle`` always exist.
+    ``ready`` is read from this package's own file, if the catalogue names a pose there.
     """
     poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
     if entry is not None and entry.srdf is not None and entry.posture is not None:

@@ -21,7 +21,10 @@ _Robot = TypeVar("_Robot", bound=Mechanism)
 
 
 class FrameSpec(NamedTuple):
-    """One of several frames: its link, its kind, the link it is relative to, its joints."""
+    """One of several frames: its link, its kind, the link it is relative to, its joints.
+
+    The kind tells which coordinates are controlled. ``base`` None is the robot's own base.
+    """
 
     frame: str
     kind: Kind
@@ -86,7 +89,10 @@ class SeveralFrames(Task):
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Frames that share joints, directly or through others; several groups fall apart."""
+        """Frames that share joints, directly or through others: one tuple of names per group.
+
+        Several groups are independent tasks, which would better be studied one by one.
+        """
         groups: list[tuple[set[str], list[str]]] = []
         for spec in self.specs:
             joints, frames = set(spec.joints), [spec.frame]
@@ -126,7 +132,10 @@ class SeveralFrames(Task):
     # ---- kinematics at one q ----
 
     def placement(self, q: ArrayLike) -> pin.SE3:
-        """Refuse: there are several frames, see :meth:`placements`."""
+        """Refuse: there are several frames, see :meth:`placements`.
+
+        Code for one frame must not take the first of several by accident.
+        """
         raise InputError(
             f"the task has {len(self.parts)} frames ({', '.join(self.frames)})",
             remedy="use placements(q)",
@@ -156,11 +165,11 @@ class SeveralFrames(Task):
     # ---- batches ----
 
     def jacobians(self, Q: ArrayLike) -> Array:
-        """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
+        """Evaluate J, of all frames one below the other, at every row of Q (K, n): (K, m, n)."""
         return np.concatenate([part.jacobians(Q) for part in self.parts], axis=1)
 
     def hessians(self, Q: ArrayLike) -> Array:
-        """Evaluate H at every row of Q (K, n): an array (K, m, n, n)."""
+        """Evaluate H, the derivative of J, at every row of Q (K, n): an array (K, m, n, n)."""
         return np.concatenate([part.hessians(Q) for part in self.parts], axis=1)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
@@ -191,7 +200,11 @@ class SeveralFrames(Task):
     # ---- inside ----
 
     def _of_joints(self, q: ArrayLike, name: str) -> Array:
-        """Evaluate a method of the tasks of one frame that has a row per joint: (n, 3)."""
+        """Evaluate a method of the tasks of one frame that has a row per joint: (n, 3).
+
+        ``name`` is the method's, such as ``axes``. A joint that moves several frames gets the row
+        in the robot's own base, if a frame is placed there.
+        """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))
         for single in sorted(self._singles, key=lambda one: one.robot is self.robot):
@@ -208,7 +221,10 @@ class SeveralFrames(Task):
 
 
 def based(robot: _Robot, base: str | None) -> _Robot:
-    """Return the robot, or a copy that places frames relative to a link."""
+    """Return the robot, or a copy that places frames relative to the link ``base``.
+
+    With it a hand can be controlled relative to the other hand. None returns the robot itself.
+    """
     if base is None:
         return robot
     own = copy(robot)
@@ -217,7 +233,10 @@ def based(robot: _Robot, base: str | None) -> _Robot:
 
 
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
-    """List the tasks of one frame of a task, each with its own q."""
+    """List the tasks of one frame of a task, each with its own q (of the joints that move it).
+
+    Lengths and elbows are those of single arms. A task of one frame is returned with its q.
+    """
     if not isinstance(task, SeveralFrames):
         return [(task, np.asarray(q, float))]
     whole = task.to_robot(q)
@@ -225,7 +244,7 @@ def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
 
 
 def one_frame(task: Task, what: str) -> Task:
-    """Return a task of one frame; ``what`` takes no other.
+    """Return a task of one frame; raise InputError for several, which ``what`` does not take.
 
     Raises
     ------

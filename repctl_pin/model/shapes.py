@@ -18,6 +18,8 @@ Color = tuple[float, float, float, float]
 class Shape:
     """A ``<visual>`` or ``<collision>``, or a shape that is drawn: its kind, size and link.
 
+    It is plain data, which neither Pinocchio nor a mesh library is needed to hold.
+
     Attributes
     ----------
     name
@@ -58,7 +60,10 @@ class Shape:
 
 
 def shapes_of(robot: etree._Element, tag: str) -> list[Shape]:
-    """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF."""
+    """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF.
+
+    Names are the link's, with a number.
+    """
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):
         _color(material, colors)
@@ -102,9 +107,10 @@ def _three(
 
 
 def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
-    """Read the colour of a material; None if it has none.
+    """Read the colour of a material, (r, g, b, a) from 0 to 1; None if it has none.
 
-    Among materials with the same name, the first counts, as in Pinocchio.
+    ``known`` are the colours of named materials, to which a new one is added. Among materials with
+    the same name, the first counts, as in Pinocchio.
     """
     if material is None:
         return None

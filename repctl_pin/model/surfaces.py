@@ -45,7 +45,7 @@ _MANY = 48
 @dataclass(frozen=True, eq=False)
 @read_only
 class Surface:
-    """Triangle mesh in its own frame, V vertices and F faces.
+    """Triangle mesh in its own frame, V vertices and F faces, ready to be drawn.
 
     Attributes
     ----------
@@ -136,7 +136,10 @@ def _read(path: Path, most: int) -> Surface:
 
 
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
-    """Read each mesh file of some shapes once: its surface, or the error if it cannot be drawn."""
+    """Read each mesh file of some shapes once: its surface, or the error if it cannot be drawn.
+
+    Files after the first two million triangles get an error too, so that a page stays usable.
+    """
     found: Surfaces = {}
     budget = _MOST_IN_ALL
     for path in dict.fromkeys(shape.path for shape in shapes if shape.kind == "mesh"):
@@ -155,7 +158,10 @@ def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
 
 
 def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
-    """Parse a mesh file with trimesh, without merging or reordering its vertices."""
+    """Parse a mesh file with trimesh, without merging or reordering its vertices.
+
+    ``file_type`` is the suffix without a dot, and ``resolver`` reads the files that the mesh names.
+    """
     import trimesh  # type: ignore[import-untyped, unused-ignore]
 
     file = io.BytesIO(data)
@@ -191,13 +197,19 @@ def _read_bytes(path: Path) -> bytes:
 
 
 class _Beside:
-    """Resolver for trimesh: reads textures and buffers of a mesh from regular files near it."""
+    """Resolver for trimesh: reads textures and buffers of a mesh from regular files near it.
+
+    A mesh file must not make the program read other files of the computer.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def get(self, name: str) -> bytes:
-        """Read a file that the mesh names; trimesh ignores the error for a missing one."""
+        """Read a file that the mesh names; trimesh ignores the error for a missing one.
+
+        InputError is raised for a file outside the folder of the mesh and the one above it.
+        """
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
@@ -208,7 +220,10 @@ class _Beside:
 
 
 def unit(data: bytes) -> float:
-    """Read the unit of length of a COLLADA file, in metres."""
+    """Read the unit of length of a COLLADA file, in metres; 1 if the file names none.
+
+    InputError is raised if it is not a positive number.
+    """
     found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:20_000])
     try:
         meters = float(found[1].replace(b",", b".")) if found else 1.0
@@ -243,7 +258,10 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Arr
 
 
 def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Read the colours (3F, 3) of face corners, from 0 to 1; a texture is sampled there."""
+    """Read the colours (3F, 3) of face corners, from 0 to 1; a texture is sampled there.
+
+    ``corners`` (3F,) are the vertex numbers of the corners. A mesh without colours is grey.
+    """
     from trimesh.visual.color import uv_to_color
 
     visual = mesh.visual
@@ -302,7 +320,8 @@ def _by_pairs(
     """Write averaged normals of some corners, given with their points, into ``normals``.
 
     Each corner averages the normals of the faces at its point that are within the crease angle of
-    its own.
+    its own. ``corner`` and ``point`` (K,) are numbers of face corners and of the points that they
+    share, and ``flat`` (F, 3) the normals of the faces, as long as twice their areas.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]
@@ -366,7 +385,11 @@ def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp
 
 
 def _join(points: Array, normals: Array, colors: Array, scale: float) -> Surface:
-    """Make the surface of face corners (3F, 3), with each distinct vertex stored once."""
+    """Make the surface of face corners (3F, 3), with each distinct vertex stored once.
+
+    Vertices are distinct if position, normal or colour differ. Positions are rounded to 2⁻¹⁷ of the
+    mesh's size; ``scale`` is the unit of the file in m.
+    """
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0
     steps = np.hstack([points / lattice, normals * 127, colors * 255])

@@ -39,7 +39,10 @@ if TYPE_CHECKING:
 
 
 def unit_of(revolute: Iterable[bool]) -> str:
-    """Return the unit of a norm over joints, each revolute or not: rad, m, or both."""
+    """Return the unit of a norm over joints, each revolute or not: rad, m, or both.
+
+    Reports write it after a drift, which is such a norm.
+    """
     turns = set(map(bool, revolute))
     return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
 
@@ -117,7 +120,10 @@ class Task:
     def _take_joints(
         self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
     ) -> None:
-        """Set the attributes that depend on the joints and the kind alone."""
+        """Set the attributes that depend on the joints and the kind alone: limits, sizes, names.
+
+        Tasks of one frame and of several share it.
+        """
         self.robot = robot
         self.frame = frame
         self.kind = kind
@@ -142,7 +148,7 @@ class Task:
         self.r = self.n - self.m
 
     def _driven(self) -> set[int]:
-        """Collect the ids of the joints of the robot's model that q moves."""
+        """Collect the ids of the joints of the robot's model that q moves, also mimic joints."""
         moved = (self.robot.coupling.S[:, self._columns] != 0).any(axis=1)
         return set((np.flatnonzero(moved) + 1).tolist())
 
@@ -160,7 +166,10 @@ class Task:
         self._body_drive = self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling:
-        """Create the map from q to the joints of a model."""
+        """Create the map from q to the joints of a model, whose mimic joints follow others.
+
+        With joint coordinates ψ, it maps ψ.
+        """
         rows = [
             self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]
         ]
@@ -244,16 +253,22 @@ class Task:
         return pin.SE3(data.oMf[self._frame_id])
 
     def placements(self, q: ArrayLike) -> tuple[pin.SE3, ...]:
-        """Evaluate the placements of all frames at q: a target of the same task."""
+        """Evaluate the placements of all frames at q: a target of the same task.
+
+        Tasks of several frames have one for each.
+        """
         return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω."""
+        """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω.
+
+        x is the pose of the frame, with the velocity v of its origin and the angular velocity ω.
+        """
         J = self._task_rows(self._scratch.own.jacobian(self._vector(q)))
         return self.drive.derivatives(J)
 
     def hessian(self, q: ArrayLike) -> Array:
-        """Evaluate H (m, n, n), ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
+        """Evaluate H (m, n, n), the derivative of the Jacobian: ``H[a, i, k] = ∂J[a, i]/∂q[k]``."""
         return self.hessians(vector(q, self.n, "q")[None])[0]
 
     def error(self, q: ArrayLike, target: Placement) -> Array:
@@ -267,7 +282,11 @@ class Task:
         return self.kind.error(self.placement(q), target)
 
     def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
-        """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
+        """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s.
+
+        v is the velocity of the frame's origin, and ω the angular velocity. The kind selects the
+        rows.
+        """
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         if not self.kind.tool_axes:
             return twist[self.rows]
@@ -276,7 +295,7 @@ class Task:
     # ---- batches -------------------------------------------------------------------------------
 
     def jacobians(self, Q: ArrayLike) -> Array:
-        """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
+        """Evaluate J, the Jacobian of ẋ = J q̇, at every row of Q (K, n): an array (K, m, n)."""
         J, R = self._twists(Q)
         Js = J.take(self.rows, axis=1)
         if R is not None:
@@ -292,7 +311,8 @@ class Task:
     def hessians(self, Q: ArrayLike) -> Array:
         """Evaluate H at every row of Q (K, n): an array (K, m, n, n).
 
-        See :func:`chain_hessians`."""
+        H is the derivative of the Jacobian J, see :func:`chain_hessians`.
+        """
         J, R = self._twists(Q)
         H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
         along = np.swapaxes(self.drive.derivatives(H), -1, -2)
@@ -340,7 +360,8 @@ class Task:
     def bodies_model(self) -> tuple[pin.Model, Coupling]:
         """Return the model of all links, with a fixed root and only the joints that q moves.
 
-        The second result maps q to the positions of these joints.
+        The second result maps q to the positions of these joints. Links beside the chain are in it,
+        because they move and can collide.
         """
         return self._bodies, self._body_drive
 
@@ -376,7 +397,8 @@ class Task:
     def to_robot(self, q: ArrayLike) -> Array:
         """Embed q (n,) or Q (T, n) in the configuration of the whole robot.
 
-        The other joints are at the reference pose."""
+        The other joints are at the reference pose. Drawings and collision checks need all joints.
+        """
         (q,) = as_matrices(("q", q, f"{self.n}"))
         if self.coordinates is not None:
             q = self.coordinates.joints(q)
@@ -414,12 +436,18 @@ class Task:
 
     @property
     def joint_limits(self) -> tuple[Array, Array, Array]:
-        """Lower, upper and speed limits of the robot's own joints: (n,) each, rad or m, per s."""
+        """Lower, upper and speed limits of the robot's own joints: (n,) each, rad or m, per s.
+
+        Unlike ``lower`` and ``upper``, they are not those of coordinates ψ.
+        """
         robot, columns = self.robot, self._columns
         return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance of each joint to its nearer limit: (..., n); below 0 outside."""
+        """Compute the distance of each joint to its nearer limit: (..., n), below 0 outside.
+
+        The unit is rad or m. A joint without limits has an infinite margin.
+        """
         if not (
             isinstance(q, np.ndarray)
             and q.dtype.kind == "f"
@@ -430,7 +458,10 @@ class Task:
         return np.minimum(joints - lower, upper - joints)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types."""
+        """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types.
+
+        The JSON output of commands contains it.
+        """
         names = {"robot": self.robot.name, "frame": self.frame, "task": str(self.kind)}
         return {
             **names,
@@ -481,9 +512,10 @@ class Task:
     # ---- inside --------------------------------------------------------------------------------
 
     def _first_driven(self) -> list[int]:
-        """Find, for each of the n joints, the first joint of the model that it drives: (n) ids.
+        """Find, for each of the n joints, the id of the first joint of the model that it drives.
 
         It is the first one on the path to the frame: the joint itself, or one that mimics it.
+        Origins and axes of joints are those of this one.
         """
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]
@@ -493,7 +525,10 @@ class Task:
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last."""
+        """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last.
+
+        An axis task needs the frame's rotation there, which Pinocchio's data still hold.
+        """
         if self.m == 6:
             return J
         if not self.kind.tool_axes:
@@ -503,8 +538,8 @@ class Task:
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
         """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).
 
-        For ``axis``, the second result is the rotations (K, 3, 3) of the frame; otherwise it is
-        None.
+        Its rows are v, then ω; N is the number of joints of the model, mimic joints included. For
+        ``axis``, the second result is the rotations (K, 3, 3) of the frame; otherwise it is None.
         """
         Q = self._matrix(Q)
         Js = np.empty((len(Q), 6, self.model.nv))
@@ -560,7 +595,7 @@ class Task:
 
 
 class _Scratch:
-    """Pinocchio data of a task, for one thread."""
+    """Pinocchio data of a task, its scratch memory, for one thread."""
 
     def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
         self.data = model.createData()
@@ -571,7 +606,7 @@ class _Scratch:
 def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
     """Lock all joints of a robot at the reference pose, except those with ids in ``moving``.
 
-    Returns the reduced model.
+    Returns the reduced model, in which other joints cost no time.
     """
     still = [j for j in range(1, robot.model.njoints) if j not in moving]
     return lock_joints(robot.model, still, robot.coupling.joints(robot.reference))
@@ -585,5 +620,8 @@ def require_task(value: Any) -> Task:
 
 
 def own_task(value: Any) -> Task:
-    """Copy a task with separate scratch memory; model and limits are shared."""
+    """Copy a task with separate scratch memory; model and limits are shared.
+
+    A strategy keeps such a copy, so that two strategies can run in two threads.
+    """
     return copy(require_task(value))

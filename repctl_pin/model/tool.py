@@ -33,6 +33,8 @@ _SAME = 1e-9
 class ToolTask(Task):
     """Pose task of a tool, which a link of the robot carries rigidly.
 
+    It is what a design is converted to when the gripper changes.
+
     Attributes
     ----------
     link : str
@@ -93,7 +95,11 @@ def require_pose(task: Task) -> Task:
 
 
 def rigid(placement: Placement) -> pin.SE3:
-    """Check the placement of a tool, and make its rotation exact where it is not."""
+    """Check the placement of a tool, and make its rotation exact where it is not.
+
+    A rotation that is written with few digits is replaced by the nearest rotation. InputError is
+    raised if it is none, or if the position is not finite.
+    """
     tool = as_placement(placement, "placement")
     if not np.isfinite(tool.translation).all():
         raise InputError("the position of the tool must be finite numbers, m")
@@ -130,7 +136,7 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
 
 
 def _new_name(link: str, model: pin.Model) -> str:
-    """Make a name for the tool of a link that no frame has."""
+    """Make a name for the tool of a link that no frame has, such as ``flange tool``."""
     taken = {frame.name for frame in model.frames}
     name = f"{link} tool"
     while name in taken:

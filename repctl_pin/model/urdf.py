@@ -56,7 +56,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """Content of a validated URDF.
+    """Content of a validated URDF, as plain data from which all models are made.
 
     Attributes
     ----------
@@ -174,7 +174,10 @@ def check_surroundings(description: Description) -> Description:
 
 
 def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
-    """Read a regular file of limited size; a .xacro file is expanded."""
+    """Read a regular file of limited size; a .xacro file is expanded with its packages.
+
+    UrdfError says what is wrong with the path, or that the file is too large for a URDF.
+    """
     try:
         if path.is_dir():
             raise UrdfError("is a folder; give the .urdf file inside it")
@@ -210,7 +213,11 @@ def _is_mjcf(data: bytes) -> bool:
 def _joint(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> Joint:
-    """Read a joint; a missing range or speed limit counts as unlimited, with a note."""
+    """Read a joint; a missing range or speed limit counts as unlimited, with a note.
+
+    ``joints`` are the elements of all joints by name, for the one that a mimic joint follows;
+    ``notes`` receives the notes. A limit beyond 1000 also counts as none.
+    """
     name = element.get("name")
     kind = element.get("type")
     limit = element.find("limit")
@@ -258,7 +265,8 @@ def _mimicked(
 ) -> tuple[str | None, float, float]:
     """Find the joint at the end of the chain of joints that a mimic joint follows.
 
-    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint.
+    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A name that
+    lacks the robot's prefix, which macros often omit, is found, with a note in ``notes``.
     """
     chain = mimic_chain(element, joints)
     if not chain:
@@ -284,7 +292,10 @@ def _mimicked(
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
-    """Write a note on revolute joints with a limit beyond two turns; no note if there are none."""
+    """Write a note on revolute joints with a limit beyond two turns, which may be in degrees.
+
+    The list has one note, on the largest limit; it is empty if there is none.
+    """
     far = {}
     for joint in joints:
         ends = [abs(x) for x in (joint.lower, joint.upper) if math.isfinite(x)]
@@ -301,7 +312,12 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
-    """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree."""
+    """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree.
+
+    ``joints`` are those that were read, with mimic joints and missing limits resolved. Only joints,
+    links and inertias remain, and each joint has one coordinate, so that Pinocchio has nothing left
+    to reject or to interpret.
+    """
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
         for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):
@@ -336,7 +352,7 @@ def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _one_line(text: str) -> str:
-    """Fold a message into one printable line."""
+    """Fold a message into one printable line, whatever it quotes from a file."""
     return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))
 
 
@@ -360,7 +376,8 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> None:
 
     The joints of a planar joint translate in the plane normal to its axis, and rotate about the
     axis. The rotations of a floating joint are yaw, pitch and roll, singular where the pitch is
-    ±π/2. ``notes`` receives a note for each joint that is replaced.
+    ±π/2. ``notes`` receives a note for each joint that is replaced. Every joint then has one
+    coordinate, as all formulas assume.
     """
     names = {element.get("name") for element in robot}
     for joint in robot.findall("joint"):
@@ -404,7 +421,11 @@ def _replace(
     steps: tuple[_Step, ...],
     names: list[str],
 ) -> None:
-    """Replace a joint by a chain of single-axis joints, with massless links between them."""
+    """Replace a joint by a chain of single-axis joints, with massless links between them.
+
+    A step is the suffix, the type and the axis of a joint; ``names`` has the name of each. The
+    chain stands where the joint was, with its line number for messages.
+    """
     at = robot.index(joint)
     parent = joint.find("parent").get("link")
     robot.remove(joint)

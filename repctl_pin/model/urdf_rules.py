@@ -1,4 +1,8 @@
-"""Rules that a URDF must keep, checked on a plain XML tree."""
+"""Rules that a URDF must keep, checked on a plain XML tree.
+
+Each rule that is broken raises a UrdfError with the line, the element, the fact and the remedy.
+Limits of size keep a bad file from taking all memory or time.
+"""
 
 from __future__ import annotations
 
@@ -126,7 +130,11 @@ def check(robot: etree._Element) -> str:
 
 
 def numbers(element: etree._Element, attribute: str) -> list[float] | None:
-    """Read the finite numbers of an attribute, and check their count; None if it is missing."""
+    """Read the finite numbers of an attribute, and check their count; None if it is missing.
+
+    The table ``_NUMBERS`` has the count for each element. UrdfError is raised for a wrong count,
+    for text, and for numbers that are too large.
+    """
     text = element.get(attribute)
     if text is None:
         return None
@@ -159,14 +167,20 @@ def number(element: etree._Element, attribute: str, default: float = 0.0) -> flo
 
 
 def finite(word: str) -> float | None:
-    """Parse a finite decimal number in URDF notation; None if it is not one."""
+    """Parse a finite decimal number in URDF notation; None if it is not one.
+
+    Python's float() accepts more, such as ``1_000`` and ``inf``.
+    """
     return (
         float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
     )
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
-    """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis."""
+    """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis.
+
+    A zero axis is refused elsewhere.
+    """
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
     norm = math.hypot(x, y, z)
@@ -174,6 +188,10 @@ def axis_of(joint: etree._Element) -> tuple[float, float, float]:
 
 
 def _check_names(elements: Sequence[etree._Element]) -> None:
+    """Check that elements have unique names that CSV files and Pinocchio can hold.
+
+    UrdfError is raised for the first one that has not.
+    """
     seen: dict[str, etree._Element] = {}
     for element in elements:
         name = element.get("name")
@@ -196,6 +214,7 @@ def _check_names(elements: Sequence[etree._Element]) -> None:
 
 
 def _check_numbers(element: etree._Element) -> None:
+    """Check all numbers of an element: present, finite, and not negative where they cannot be."""
     for attribute in _NUMBERS.get(element.tag, {}):
         values = numbers(element, attribute)
         if values is None:
@@ -211,7 +230,10 @@ def _check_numbers(element: etree._Element) -> None:
 
 
 def _check_body(link: etree._Element) -> None:
-    """Check that a link's inertia and shapes are complete; Pinocchio ignores incomplete ones."""
+    """Check that a link's inertia and shapes are complete, and raise UrdfError if not.
+
+    Pinocchio ignores incomplete ones without a word.
+    """
     for inertial in link.findall("inertial"):
         for tag in ("mass", "inertia"):
             if inertial.find(tag) is None:
@@ -234,6 +256,7 @@ def _check_body(link: etree._Element) -> None:
 
 
 def _check_joint(joint: etree._Element, links: set[str]) -> None:
+    """Check a joint's type, links, numbers, axis and limits; raise UrdfError if one is wrong."""
     kind = joint.get("type")
     if kind not in KINDS:
         what = "has no type" if kind is None else f"type {short(kind)} is unknown"
@@ -291,6 +314,7 @@ def mimic_chain(
     """List the ``<mimic>`` elements from a joint to the independent joint that it follows.
 
     Each comes with the name of the joint that it refers to; the last one is the independent joint.
+    UrdfError is raised for a name that does not exist, and for a loop.
     """
     chain: list[tuple[etree._Element, str]] = []
     seen = {joint.get("name")}
@@ -336,6 +360,10 @@ def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 
 
 def _check_range(limit: etree._Element) -> None:
+    """Check the range of a revolute or prismatic joint; UrdfError if it allows no motion.
+
+    Both ends 0 are allowed: exporters write that for no limit.
+    """
     lower = number(limit, "lower")
     upper = number(limit, "upper")
     if lower >= NO_LIMIT or upper <= -NO_LIMIT:
@@ -355,7 +383,10 @@ def _check_range(limit: etree._Element) -> None:
 def _check_tree(
     links: Sequence[etree._Element], joints: Sequence[etree._Element]
 ) -> str:
-    """Check that links form a tree with one root and a limited depth; return the root."""
+    """Check that links form a tree with one root and a limited depth; return the root's name.
+
+    UrdfError is raised for a link with two parents, a loop, two roots, or a chain that is too long.
+    """
     above: dict[str, etree._Element] = {}
     below: dict[str, list[etree._Element]] = {}
     for joint in joints:

@@ -83,7 +83,11 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
 
 
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
-    """Parse XML, accepting only parser errors that change no element."""
+    """Parse XML, accepting only parser errors that change no element.
+
+    Such an error adds a note to ``notes``. Others raise UrdfError, because the parser would
+    silently drop what it cannot read. Nothing is fetched from the network.
+    """
     parser = etree.XMLParser(
         recover=True,
         resolve_entities=False,
@@ -113,7 +117,10 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
-    """Add notes on ignored xacro elements and undeclared prefixes."""
+    """Add notes on ignored xacro elements and undeclared prefixes.
+
+    What xacro would have added is missing from the robot, which the user should know.
+    """
     elements = [e for e in root.iter() if isinstance(e.tag, str)]
     xacro = [e for e in elements if _prefix(e) == "xacro"]
     if xacro:
@@ -135,7 +142,10 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Write the first three distinct names, and how many more there are."""
+    """Write the first three distinct names, and how many more there are.
+
+    The text reads ``a, b, c and 2 more``.
+    """
     different = [short(name)[1:-1] for name in dict.fromkeys(names)]
     more = f" and {len(different) - 3} more" if len(different) > 3 else ""
     return ", ".join(different[:3]) + more
@@ -152,7 +162,11 @@ def _local(element: etree._Element) -> str:
 
 
 def _refuse_other_files(data: bytes) -> None:
-    """Refuse other kinds of files that are often given as a URDF, before XML parsing."""
+    """Refuse other kinds of files that are often given as a URDF, before XML parsing.
+
+    These are empty files, Git LFS pointers, binary files, web pages and other texts. UrdfError says
+    which it is; an error of the XML parser would not.
+    """
     if not data.strip():
         raise UrdfError("the file is empty; give a .urdf file")
     if data.startswith(b"version https://git-lfs"):
@@ -175,7 +189,10 @@ def _refuse_other_files(data: bytes) -> None:
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check the root element, nesting and attribute count; refuse xacro and SRDF files."""
+    """Check the root element, nesting and attribute count; refuse xacro and SRDF files.
+
+    UrdfError is raised with the kind of file, and what to give instead.
+    """
     tag = _local(root)
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
@@ -210,7 +227,10 @@ def _check_root(root: etree._Element) -> None:
 
 
 def _plain(element: etree._Element) -> etree._Element:
-    """Copy an element without namespaces, comments and foreign children; keep the line numbers."""
+    """Copy an element without namespaces, comments and foreign children; keep the line numbers.
+
+    All later checks then see plain tags, and can name the line of the file.
+    """
     attributes = {
         k: v
         for k, v in element.attrib.items()

@@ -75,7 +75,11 @@ class Visuals:
 
     @classmethod
     def of(cls, robot: Mechanism) -> Visuals:
-        """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``."""
+        """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``.
+
+        Invisible shapes are left out. Links whose mesh is missing are drawn as tubes, and so is the
+        whole robot if no visible shape moves.
+        """
         ids = link_ids(robot.model)
         links = link_frames(robot.model)
         riding: list[_Placed] = []
@@ -131,8 +135,7 @@ def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
 
 
 def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
-    """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the robot's
-    root.
+    """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the root.
 
     A missing mesh is skipped here; :class:`Bodies` raises on it, and notes shapes not drawn.
     """
@@ -149,7 +152,10 @@ def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
 
 
 def _mesh_file(shape: Shape, of: Description, robot: Mechanism) -> Path | None:
-    """Find the mesh file of a shape; None if it has none, or it is missing."""
+    """Find the mesh file of a shape; None if it has none, or it is missing.
+
+    ``of`` is the URDF that names it, the robot's or that of the surroundings.
+    """
     name = shape.filename
     return find_mesh(name, of.path, robot.package_dirs) if name else None
 
@@ -158,6 +164,8 @@ def _skeleton(
     robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]
 ) -> Iterator[_Placed]:
     """Iterate over the shapes that stand in for links without meshes: tubes, and joints.
+
+    Without them such links would be invisible.
 
     Parameters
     ----------
@@ -185,7 +193,8 @@ def _joint_bones(
 ) -> Iterator[_Placed]:
     """Iterate over the shapes of a joint: a cylinder if revolute, else a slider on a rail.
 
-    ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True.
+    ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True. ``place`` is
+    the joint's origin in its parent link.
     """
     name = joint.name
     along = pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
@@ -209,7 +218,7 @@ def _joint_bones(
 def _joint_origin(
     model: pin.Model, links: dict[str, pin.Frame], joint: Joint
 ) -> pin.SE3:
-    """Compute a joint's origin in its parent link's frame."""
+    """Compute a joint's origin in its parent link's frame, also for a fixed joint."""
     parent = links[joint.parent]
     child = links[joint.child]
     if (
@@ -220,14 +229,17 @@ def _joint_origin(
 
 
 def _extent(robot: Mechanism) -> float:
-    """Compute the diagonal of the box around all link origins at the reference pose, m."""
+    """Compute the diagonal of the box around all link origins at the reference pose, m.
+
+    The thickness of drawn tubes is a share of it.
+    """
     q = robot.coupling.joints(robot.reference)
     placed = frame_placements(robot.model, link_ids(robot.model).values(), q[None])
     return float(np.linalg.norm(np.ptp(placed[0, :, :3, 3], axis=0)))
 
 
 def _turn_z_to(direction: ArrayLike) -> Array:
-    """Compute a rotation matrix that maps the z axis to a direction."""
+    """Compute a rotation matrix (3, 3) that maps the z axis to a direction, of any length."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     if z[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
@@ -247,7 +259,11 @@ def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[A
 
 
 def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
-    """Collect the corners of a shape's convex hull before scaling: (P, 3)."""
+    """Collect the corners of a shape's convex hull before scaling: (P, 3).
+
+    The corners suffice for the bounding box and for the point that moves most. Those of a mesh are
+    cached by file and time; an unreadable mesh has one corner, at its origin.
+    """
     if shape.kind != "mesh":
         return _primitive_corners(shape)
     assert shape.path is not None
@@ -269,7 +285,10 @@ def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
 
 
 def _mesh_corners(surface: Surface | InputError) -> Array:
-    """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
+    """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh.
+
+    A mesh without a hull, such as a flat one, gives all its points.
+    """
     if isinstance(surface, InputError):
         return np.zeros((1, 3))
     try:
@@ -280,7 +299,10 @@ def _mesh_corners(surface: Surface | InputError) -> Array:
 
 
 def _primitive_corners(shape: Shape) -> Array:
-    """Collect the corners of a box, or of a polytope that approximates a round shape: (P, 3), m."""
+    """Collect the corners of a box, or of a polytope that approximates a round shape: (P, 3), m.
+
+    Round shapes are rings of 24 points.
+    """
     ends = np.array([-0.5, 0.5])
     if shape.kind == "box":
         return np.array(list(product(*(edge * ends for edge in shape.size))))

@@ -1,4 +1,10 @@
-"""Search along a self-motion for the start whose leaf has the best margins on a closed path."""
+"""Search along a self-motion for the start whose leaf has the best margins on a closed path.
+
+A self-motion is a curve of configurations with the frame at one pose. A leaf is the set h(q) = c on
+which a repeatable inverse keeps the arm, h being its potentials. Each start selects a leaf, and so
+the joint path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a failure of the
+inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised.
+"""
 
 from __future__ import annotations
 
@@ -84,6 +90,10 @@ _APART = 0.3
 class _LeafCandidate:
     """A start configuration, with the margins of one cycle from it.
 
+    A start selects the leaf h(q) = c that the whole motion stays on, so that one cycle shows the
+    margins of all. :func:`best_leaf` compares starts by them. A leaf is a set of configurations on
+    which the potentials h of the inverse are constant.
+
     Attributes
     ----------
     q0 : (n,) array
@@ -114,7 +124,11 @@ class _LeafCandidate:
 
     @property
     def binds(self) -> str:
-        """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``."""
+        """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``.
+
+        A report names it, to show what keeps the start from being better. ``leaf`` is the leaf
+        margin, the distance from an algorithmic singularity.
+        """
         return min(
             self.relative_margins, key=lambda margin: self.relative_margins[margin]
         )
@@ -128,9 +142,11 @@ class _LeafCandidate:
     def order(self) -> tuple[float, ...]:
         """Sort key, larger is better: fewest kinds of violations, then the largest smallest margin.
 
-        If the smallest relative margins of two candidates are equal, their next smallest ones are
-        compared: otherwise two wrist links that are always close to each other would hide the
-        margins of the other joints.
+        The tuple has minus the number of kinds of violations (joint limits, collisions), the
+        relative margins in steps of 0.01 from the smallest up, and the smallest one unrounded. If
+        the smallest margins of two candidates are equal, their next smallest ones decide: otherwise
+        two wrist links that are always close to each other would hide the margins of the other
+        joints.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
         relative_margins = np.rint(
@@ -141,7 +157,7 @@ class _LeafCandidate:
 
 @dataclass(frozen=True, eq=False)
 class BestLeaf:
-    """The result of :func:`best_leaf`.
+    """Hold the result of :func:`best_leaf`: the best start found, and the given one for comparison.
 
     Attributes
     ----------
@@ -169,7 +185,10 @@ class BestLeaf:
 
     @property
     def q0(self) -> Array:
-        """Start configuration (n,) on the best leaf."""
+        """Start configuration (n,) on the best leaf.
+
+        It selects the leaf h(q) = c, and so the joint path of all cycles.
+        """
         return self.best.q0
 
     def summary(self) -> str:
@@ -192,12 +211,13 @@ def best_leaf(
     """Search the self-motion of the start for the leaf of best margins or lowest speed.
 
     With a repeatable inverse, the joint path of all cycles is known after the first, so limits,
-    body distances and leaf margin can be checked before the robot moves. Starts are sampled along
-    the self-motion of the given one, in both directions (for r > 1 in several), within the joint
-    limits; the best is then refined by a pattern search. The result has no more kinds of violations
-    than the given start and, for ``by="limits"``, never a smaller limit margin. With a region,
-    starts whose cycle stays inside it are preferred; without one a cycle can go far outside Ω,
-    where the inverse is no longer close to G_d.
+    body distances and leaf margin can be checked before the robot moves. Ω is the region of joint
+    space of the design, and a leaf the set h(q) = c on which a motion stays, selected by its start.
+    Starts are sampled along the self-motion of the given one, in both directions (for r > 1 in
+    several), within the joint limits; the best is then refined by a pattern search. The result has
+    no more kinds of violations than the given start and, for ``by="limits"``, never a smaller limit
+    margin. With a region, starts whose cycle stays inside it are preferred; without one a cycle can
+    go far outside Ω, where the inverse is no longer close to G_d.
 
     Parameters
     ----------
@@ -261,7 +281,11 @@ def best_leaf(
     seen = [] if given is None or given.motion.outside else [given]
 
     def allowed(starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
-        """Yield the starts with a full cycle inside the region and a sufficient leaf margin."""
+        """Yield the starts with a full cycle inside the region and a sufficient leaf margin.
+
+        A start None is one that the walk did not reach; it counts as tried. The leaf margin is
+        sufficient from 0.1 on, or from that of the given start on.
+        """
         nonlocal tried
         for q in starts:
             tried += 1
@@ -279,7 +303,11 @@ def best_leaf(
     def refined(
         best: _LeafCandidate, better: Callable[[_LeafCandidate, _LeafCandidate], bool]
     ) -> _LeafCandidate:
-        """Improve the best start by a pattern search along the null vectors."""
+        """Improve the best start by a pattern search along the null vectors, with shrinking steps.
+
+        ``better(a, b)`` tells whether candidate a is better than b. The step is halved whenever no
+        neighbour is better, from half of ``_STRIDE`` down to ``_FINEST``.
+        """
         size = _STRIDE / 2
         while size >= _FINEST:
             before = best
@@ -361,7 +389,11 @@ def _fast_starts(
 
 
 def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
-    """Move configurations Q (K, n) towards a target by Newton steps with J⁺."""
+    """Move configurations Q (K, n) towards a target by Newton steps with J⁺; return them (K, n).
+
+    Rows that do not arrive in ``iterations`` steps are returned too: test them with
+    :func:`_inside`.
+    """
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
         J = task.jacobians(Q)
@@ -379,7 +411,11 @@ def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
 def _inside(
     task: Task, Q: Array, target: Placement, margin: float, *, near: float = 1e-6
 ) -> NDArray[np.bool_]:
-    """Test which configurations Q (K, n) reach a target and have a joint-limit margin."""
+    """Test which configurations Q (K, n) reach a target and have a joint-limit margin: (K,) bool.
+
+    A target is reached if no entry of the task error exceeds ``near``, m or rad. ``margin`` is the
+    smallest joint-limit margin allowed, rad or m.
+    """
     error = np.abs(task.errors(Q, [target] * len(Q))).max(axis=1, initial=0.0)
     return np.asarray(
         (error < near) & (task.limit_margin(Q).min(axis=1, initial=np.inf) >= margin)
@@ -389,7 +425,12 @@ def _inside(
 def _around(
     task: Task, q: Array, target: Placement, size: float
 ) -> Iterator[Array | None]:
-    """Generate configurations one step from q along ± each null vector; None beyond limits."""
+    """Generate configurations one step from q along ± each null vector, with the frame at a target.
+
+    ``size`` is the length of the step, rad; for prismatic joints in arm lengths. None is yielded
+    for a step that leaves the joint limits or from which the target is not reached. These are the
+    neighbours that the pattern search compares.
+    """
     N = nullspace(task.jacobian(q))
     L = joint_scale(task, q)
     for n in N.T:
@@ -405,7 +446,12 @@ def _evaluated(
     region: Bounded | None,
     steps: int,
 ) -> _LeafCandidate | None:
-    """Follow one cycle from a start and evaluate its margins; None if the cycle fails."""
+    """Follow one cycle from a start and evaluate its margins; return None if the cycle fails.
+
+    A cycle fails at a singularity, if the frame leaves the path, or if the cycle does not close.
+    ``desired`` is the desired inverse G_d, from which the distance is measured. ``region`` is Ω,
+    the region of joint space of the design, or None.
+    """
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(
@@ -442,7 +488,10 @@ def _evaluated(
 
 
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:
-    """Choose null vectors to search along: the columns of N, and random ones if r > 1."""
+    """Choose null vectors (n,) to search along: the columns of N, and eight random ones if r > 1.
+
+    N (n, r) spans the null space of J at the start. For r = 1 its column is the only direction.
+    """
     N = nullspace(task.jacobian(start))
     if task.r == 1:
         return list(N.T)
@@ -452,6 +501,10 @@ def _directions(task: Task, start: Array, seed: int) -> list[Array]:
 
 
 def _line(candidate: _LeafCandidate | None) -> str:
+    """Format the margins of a candidate on one line, with its violations.
+
+    None stands for a start that has no full cycle, which the text says.
+    """
     if candidate is None:
         return "no full cycle from this start"
     outside = candidate.motion.outside

@@ -1,4 +1,8 @@
-"""Runge–Kutta steps of the built-in controllers in the native library (runge_kutta.c)."""
+"""Runge–Kutta steps of the built-in controllers in the native library (runge_kutta.c).
+
+The same steps in Python cost most of the time of a study. A controller (a map from q and ẋ to q̇)
+that has no C code is integrated in Python by :mod:`follow`.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +36,8 @@ def compiled_steps(
 ) -> Steps | None:
     """Make the function that integrates a strategy in C; None if that is not possible.
 
-    It requires the native library, and a strategy and a task that runge_kutta.c supports.
+    It requires the native library, and a strategy and a task that runge_kutta.c supports. With
+    None, :func:`follow` takes the same steps in Python, only more slowly.
 
     Parameters
     ----------
@@ -70,6 +75,12 @@ def _run(
     Q: Array,
     Qdot: Array,
 ) -> int:
+    """Take the steps from ``step`` to ``end`` in C, and return the first step that was not taken.
+
+    ``native`` is the library, and ``law`` the struct of the control law, whose memory ``held``
+    keeps alive. Rows of Q and Qdot are written. C stops at a step that fails or is too long; Python
+    takes it again, and raises the error.
+    """
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:
         goal = min(step + _AT_ONCE, end)
@@ -82,7 +93,12 @@ def _run(
 def _law_of(
     strategy: Strategy,
 ) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
-    """Find the struct Arm, the scalars and the posture of a strategy's law; None if not in C."""
+    """Find the struct Arm, the scalars and the posture of a strategy's law; None if not in C.
+
+    A law is the formula that gives q̇ from q and ẋ. The result is the C struct with the arm's
+    geometry, a dictionary of numbers of the C struct LAW (``on_leaf``, ``gain``), and a dictionary
+    with the posture (n,), the target of a null-space task. Both dictionaries are empty for J⁺.
+    """
     kind = type(strategy)
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:
         arm = strategy._law.own.arm

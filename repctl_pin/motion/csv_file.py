@@ -1,4 +1,7 @@
-"""Motions as CSV: columns strategy, cycle, time, joints and joint velocities."""
+"""Motions as CSV: columns strategy, cycle, time, joints and joint velocities.
+
+``repctl`` writes these files; the animation reads them back, and a user's own.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ _LARGEST = 64_000_000
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Recorded:
-    """Motion of one strategy, as stored in a file.
+    """Motion of one strategy, as stored in a file: joint positions, and times if it has them.
 
     Attributes
     ----------
@@ -113,7 +116,10 @@ def csv_text(
 
 
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
-    """Format the rows of a motion as text: cycle, time, positions, velocities."""
+    """Format the rows of a motion as text: cycle, time, positions, velocities.
+
+    ``most`` is the maximum number of rows per cycle; None writes all rows, with all digits.
+    """
     rows = rows_of(motion, most or motion.steps)
     q = motion.joints(motion.q[rows])
     qdot = motion.joints(motion.qdot[rows])
@@ -182,7 +188,11 @@ def _recorded(
 ) -> _Recorded:
     """Create the motion of one strategy from its rows: (line number, cycle, values) each.
 
-    The number of cycles is ``asked``, else the last row's value of ``cycle``, else 1.
+    The cycle is None if the file has no such column. The values are the joint positions, and the
+    time if the file has it. The number of cycles is ``asked``, else the last row's value of
+    ``cycle``, else 1. ``key`` is the strategy's name, and ``where`` the file's, for the message.
+    InputError is raised if the rows do not divide into whole cycles of equal length, or if time
+    does not increase.
     """
     line, end, _ = rows[-1]
     count = asked or (1 if end is None else round(end))
@@ -207,7 +217,10 @@ def _recorded(
 
 
 def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ...]:
-    """Select the joint columns of a header.
+    """Select the joint columns of a header, in its order, and refuse columns of unknown meaning.
+
+    ``known`` are the names of the robot's joints. A column that is not read could be a misspelt
+    joint.
 
     Raises
     ------

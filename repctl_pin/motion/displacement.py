@@ -1,9 +1,9 @@
-"""Displacement of bodies between two placements, and prediction of when a drifting joint leaves its
-range.
+"""Displacement of bodies between two placements, and prediction of when a joint leaves its range.
 
 The **part that is off most** is the link of the arm whose drawn body has the point that is
 displaced most, and its displacement is that of this point. Every text, table, page and figure means
-this."""
+this.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ def displacements(
 ) -> tuple[Array, NDArray[np.intp]]:
     """Compute how far each body moves between two placements: the maximum over its points.
 
-    A point p of a body moves by ``D p̃`` with ``D = T′ − T`` and ``p̃ = (p, 1)``. Its length
-    ‖D p̃‖ is a convex function of p, so that its maximum over a polytope is at a corner.
+    This shows drift as a distance in metres instead of joint angles. A point p of a body moves by
+    ``D p̃`` with ``D = T′ − T`` and ``p̃ = (p, 1)``. Its length ‖D p̃‖ is a convex function of p,
+    so that its maximum over a polytope is at a corner: the corners of the bodies suffice.
 
     Parameters
     ----------
@@ -82,6 +83,8 @@ def farthest(
 def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
     """Find the part that is off most after a motion, as its link, and how far it is off, m.
 
+    It is the link whose drawn body has the point that is displaced most; reports name it.
+
     Parameters
     ----------
     task
@@ -94,7 +97,11 @@ def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
 
 
 def cycle_displacements(motion: JointMotion) -> Array:
-    """Compute how far the part that is off most is off after each cycle: (cycles,), m."""
+    """Compute how far the part that is off most is from its start after each cycle: (cycles,), m.
+
+    The part is the link whose drawn body has the point that is displaced most; it can differ from
+    cycle to cycle. Reports show this beside the drift, which is a norm of joint angles.
+    """
     shapes, off = _off(motion.task, motion.q[:: motion.steps])
     links = arm_links(motion.task)
     own = [shape.link in links for shape in shapes]
@@ -102,7 +109,11 @@ def cycle_displacements(motion: JointMotion) -> Array:
 
 
 def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
-    """Compute how far each shape is off from the first of Q (K + 1, n): the shapes, (K, S), m."""
+    """Compute how far each drawn shape is displaced from the first configuration of Q (K + 1, n).
+
+    Return the S shapes of the robot, and the maximum displacement of a point of each at the K other
+    configurations: (K, S), m.
+    """
     visuals = Visuals.of(task.robot)
     placements = visuals.placements(task.to_robot(Q))
     off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
@@ -113,6 +124,8 @@ def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
 @read_only
 class LinkPoints:
     """The point of each link of an arm that is displaced most. Create it with :meth:`of`.
+
+    The audit of a recording measures with these points how far the arm is from where it was.
 
     Attributes
     ----------
@@ -130,7 +143,10 @@ class LinkPoints:
 
     @classmethod
     def of(cls, task: Task, Q: Array) -> LinkPoints:
-        """Choose the points that are displaced most from the first to any other of Q (K, n)."""
+        """Choose the points that are displaced most from the first to any other of Q (K, n).
+
+        There is one point per link of the arm; links without a drawn shape have none.
+        """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)
         bodies = corners(visuals.shapes)
@@ -156,6 +172,8 @@ class LinkPoints:
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
     """Compute how far other end effectors are from where they began: (T,) each, m, by link.
 
+    On a robot with two arms on one waist, the other hand drifts as well.
+
     Parameters
     ----------
     task
@@ -171,7 +189,7 @@ def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
 
 
 def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
-    """Predict the cycle in which a drifting joint leaves its range.
+    """Predict the cycle in which a drifting joint leaves its range, to warn before it happens.
 
     Every further cycle is assumed to add the joint displacement of the last one.
 

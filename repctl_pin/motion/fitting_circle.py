@@ -1,4 +1,7 @@
-"""Search for a circle that an arm can follow, of a given radius or the largest that fits."""
+"""Search for a circle that an arm can follow, of a given radius or the largest that fits.
+
+A study takes such a circle if the user names no path.
+"""
 
 from __future__ import annotations
 
@@ -97,9 +100,11 @@ def fitting_circle(
 def circle_at(
     task: Task, q0: Array, radius: float, plane: str, degrees: float
 ) -> TaskPath:
-    """Create a circle with its spec; the start lies at ``degrees`` from the plane's first axis.
+    """Create a circle through the frame's place at q0, with the text (spec) that makes it again.
 
-    If there are several frames, the first one moves, and the others hold still.
+    ``degrees`` is the position of the start on the circle, counted from the first axis of
+    ``plane``, such as ``"xy"``. If there are several frames, the first one moves, and the others
+    hold still.
     """
     if len(task.frames) > 1:
         from ..paths.several_paths import several_paths
@@ -119,7 +124,11 @@ def circle_at(
 
 
 def dexterity_at(task: Task, q: Array) -> float:
-    """Evaluate ``σ_min / σ_max`` of J at q, lengths in units of the reach; 0 at a singularity."""
+    """Evaluate ``σ_min / σ_max`` of J at q, lengths in units of the reach; 0 at a singularity.
+
+    Dividing lengths by the reach makes the number independent of the unit and of the arm's size. A
+    circle on which it falls to half of that at the start is refused.
+    """
     J = task.jacobian(q).copy()
     J[task.kind.linear] /= max(arm_length(task, q), 1e-9)
     return float(inverse_condition_number(J))

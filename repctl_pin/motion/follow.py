@@ -1,4 +1,8 @@
-"""Integration of a strategy along a closed path over several cycles."""
+"""Integration of a strategy along a closed path over several cycles.
+
+A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
+parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +62,7 @@ _MOST = 100_000_000
 
 @dataclass(frozen=True)
 class _Method:
-    """Integration method of :func:`follow`: functions that take its steps.
+    """Integration method of :func:`follow`: functions that take its steps, in Python and in C.
 
     Attributes
     ----------
@@ -91,8 +95,8 @@ def follow(
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
     With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, a
-    repeatable strategy steps from point to point by Newton corrections of the task error and of
-    c − h(q).
+    repeatable strategy steps from point to point by Newton corrections of the task error and of c −
+    h(q), with the potentials h that it keeps constant and their level c.
 
     Parameters
     ----------
@@ -200,10 +204,11 @@ def follow(
 def unresolved(strategy: Strategy, motion: Motion) -> str:
     """Write that the drift of a motion in open loop depends on the number of steps, and where.
 
-    The motion is integrated again, with twice the steps per cycle. Its drift is resolved if the
-    two runs end each cycle within 1 % of the drift, or within the distance that counts as closed.
-    The fourth-order method leaves far less on a regular motion; near a singularity, where J⁺ grows
-    without bound, neither number of steps is enough.
+    A study then shows this text instead of a drift. The motion is integrated again, with twice the
+    steps per cycle. Its drift is resolved if the two runs end each cycle within 1 % of the drift,
+    or within the distance that counts as closed. The fourth-order method leaves far less on a
+    regular motion; near a singularity, where J⁺ grows without bound, neither number of steps is
+    enough.
 
     Returns
     -------
@@ -234,7 +239,10 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:
-    """Raise InputError for a motion that does not fit into memory, before a long computation."""
+    """Raise InputError for a motion that does not fit into memory, before a long computation.
+
+    The limit is on cycles times steps times joints.
+    """
     if cycles * steps * task.n > _MOST:
         raise InputError(
             f"{cycles} cycles of {steps} steps do not fit into memory; use fewer cycles or steps"
@@ -242,7 +250,7 @@ def check_length(task: Task, cycles: int, steps: int) -> None:
 
 
 def _size(points: ArrayLike) -> float:
-    """Measure the diagonal of the box around points (P, 3), m."""
+    """Measure the diagonal of the box around points (P, 3), m: the size of a path."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
@@ -256,7 +264,10 @@ def _run(
 ) -> tuple[Array, Array, float]:
     """Take all steps from q: positions and velocities (T + 1, n), and the maximum damping.
 
-    ``counts`` are the cycles and the steps per cycle; ``size`` is that of the path, m.
+    ``method`` takes the steps. ``counts`` are the cycles and the steps per cycle; ``size`` is that
+    of the path, m. A SingularityError names the cycle if a joint moves by more than 1 rad in a step
+    (for a prismatic joint, by the length of the arm or of the path): the result would be
+    meaningless.
     """
     (cycles, n_steps), used = counts, 0.0
     most_step = _JUMP * np.where(
@@ -304,7 +315,12 @@ def _integrated(
     integrator: str,
     feedback: float,
 ) -> _Method:
-    """Make the stepper of a motion by a fixed-step Runge–Kutta method of ``_INTEGRATORS``."""
+    """Make the stepper of a motion by a fixed-step Runge–Kutta method, in Python or in C.
+
+    ``integrator`` is a key of ``_INTEGRATORS``: ``"euler"`` or ``"rk4"``. ``period`` is the time of
+    a cycle, s; ``feedback`` the gain of the task error, 1/s. All twists of the path are evaluated
+    here, once for all cycles.
+    """
     task = strategy.task
     nodes, weights = _INTEGRATORS[integrator]
     grid = path_grid(path, steps)
@@ -360,7 +376,9 @@ def _integrated(
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
     """Return a cached function for a path made by this package, and the function itself for others.
 
-    The functions of a user's path may depend on variables that change between two calls.
+    ``sample`` is a function of a path with an ``lru_cache``. A path of this package has a ``spec``,
+    the text that makes it, and does not change. The functions of a user's path may depend on
+    variables that change between two calls.
     """
     return sample if path.spec else sample.__wrapped__  # type: ignore[attr-defined]
 
@@ -369,8 +387,10 @@ def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
 def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
     """Evaluate a path's twists per cycle at several places of each step: (steps, places, 6 F).
 
-    A place is a fraction of a step. At a corner, the twist is the one on the step's side. Several
-    strategies follow the same path, so the last results are kept.
+    A twist is (v, ω), velocity and angular velocity, for each of the F frames. A place is a
+    fraction of a step. At a corner, the twist is the one on the step's side. Several strategies
+    follow the same path, so the last results are kept. InputError is raised if a user's twist is
+    not finite.
     """
     found = [
         [
@@ -386,12 +406,19 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
 
 @lru_cache(maxsize=4)
 def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements at both ends of every step; the last results are kept."""
+    """Evaluate a path's placements (pose of the frame) at both ends of every step of a cycle.
+
+    The result has one more placement than steps. The last results are kept, for the next strategy.
+    """
     return tuple(path.placement(s) for s in path_grid(path, steps).tolist())
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:
-    """Compute the values of s at which one cycle's steps begin and end, with all corners."""
+    """Compute the values of s at which one cycle's steps begin and end, with all corners.
+
+    s runs from 0 to 1 along the path. Each piece between two corners gets its share of ``steps``,
+    but at least one, so that no step crosses a corner, where the velocity jumps.
+    """
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))
     return np.concatenate(

@@ -58,7 +58,9 @@ class JointMotion:
     def cycle_drift(self) -> Array:
         """Joint displacement per cycle, (cycles,).
 
-        ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, …"""
+        ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, … It shows whether the drift of a
+        controller grows or fades; 0 for a repeatable one.
+        """
         ends = self.q[:: self.steps]
         return np.linalg.norm(np.diff(ends, axis=0), axis=1)
 
@@ -77,7 +79,10 @@ class JointMotion:
 
     @property
     def _gaps(self) -> Array:
-        """Distance of the ends of all cycles from the start: (cycles + 1,), rad or arm lengths."""
+        """Distance of the ends of all cycles from the start: (cycles + 1,), rad or arm lengths.
+
+        The first entry is 0, that of the start itself.
+        """
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
         return np.linalg.norm(gaps, axis=1)
 
@@ -88,7 +93,10 @@ class JointMotion:
 
     @property
     def rms_speed(self) -> float:
-        """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``."""
+        """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``.
+
+        It compares motions of different time steps.
+        """
         times = np.diff(self.t)
         return float(
             np.sqrt(
@@ -113,7 +121,10 @@ class JointMotion:
 
     @property
     def speed_ratio(self) -> float:
-        """Maximum ratio of a joint's speed to its limit; above 1 the motion must be slowed down."""
+        """Maximum ratio of a joint's speed to its limit; above 1 the motion must be slowed down.
+
+        The motion must take that many times as long; see :meth:`Motion.slowed`.
+        """
         return float(self._speed_shares.max())
 
     @property
@@ -128,7 +139,7 @@ class JointMotion:
 
     @property
     def _speed_shares(self) -> Array:
-        """Ratio of speed to limit for each of the robot's joints: (T + 1, n)."""
+        """Ratio of speed to limit for each of the robot's joints: (T + 1, n); 0 without a limit."""
         return np.abs(self.task.joints(self.qdot)) / self.task.joint_limits[2]
 
     @property
@@ -152,13 +163,19 @@ class JointMotion:
 
     @cached_property
     def nearest_bodies(self) -> tuple[float, Nearest]:
-        """Time of the minimum body distance, in cycles, and the two bodies at that time."""
+        """Time of the minimum body distance, in cycles, and the two bodies at that time.
+
+        The time has fractions: 2.5 is the middle of the third cycle. Reports name the two links.
+        """
         row = int(np.argmin(self.body_distance))
         return row / self.steps, bodies_of(self.task).nearest(self.q[row])
 
     @cached_property
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
-        """First collision: (cycle in fractions, names of the two links), or None."""
+        """First collision: (cycle in fractions, names of the two links), or None.
+
+        A negative body distance is a collision. A trajectory file is refused then.
+        """
         touch = self.body_distance < 0
         if not touch.any():
             return None
@@ -169,14 +186,19 @@ class JointMotion:
     def first_violation(self) -> tuple[float, str] | None:
         """First time that a joint exceeds its limits: (cycle, joint name), or None.
 
-        The cycle is counted in fractions: 2.5 is the middle of the third cycle.
+        The cycle is counted in fractions: 2.5 is the middle of the third cycle. A drifting
+        controller often exceeds a limit only after many cycles.
         """
         return self._first(self.limit_margin < -1e-9, self.limit_margin)
 
     def _first(
         self, broken: NDArray[np.bool_], margins: Array
     ) -> tuple[float, str] | None:
-        """Find the first violation: time in cycles, joint with the smallest margin; or None."""
+        """Find the first violation: time in cycles, and joint with the smallest margin; or None.
+
+        ``broken`` (T + 1, n) tells at each sample which joints violate a limit. ``margins`` (T + 1,
+        n) are compared to choose one joint: the smallest is the worst.
+        """
         if not broken.any():
             return None
         row = int(np.argmax(broken.any(axis=1)))
@@ -198,7 +220,10 @@ class JointMotion:
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
 
     def thinned(self, most: int) -> Self:
-        """Return the motion at no more than ``most`` points per cycle, cycle ends included."""
+        """Return the motion at no more than ``most`` points per cycle, cycle ends included.
+
+        Body distances take far longer per point than the motion itself.
+        """
         rows = rows_of(self, as_int(most, "most", 1))
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         kept: dict[str, Any] = {
@@ -210,11 +235,18 @@ class JointMotion:
 
     @cached_property
     def coarse(self) -> Self:
-        """The motion at no more than 100 points per cycle, enough for body distances."""
+        """The motion at no more than 100 points per cycle, at which body distances are computed.
+
+        They take too long at each step; a collision of a shorter time is not seen.
+        """
         return self.thinned(_COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) from the task's ψ to the robot's joints."""
+        """Convert positions or velocities (..., n) from the task's ψ to the robot's joints.
+
+        ψ are the coordinates in which the task computes, such as absolute angles; limits are those
+        of the robot's own joints.
+        """
         (values,) = as_matrices(("values", values, f"{self.task.n}"))
         return self.task.joints(values)
 
@@ -225,7 +257,10 @@ def cycle_of(moment: float, cycles: int) -> int:
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select the indices of at most ``most`` rows per cycle of a motion, cycle ends included."""
+    """Select the indices of at most ``most`` rows per cycle of a motion, cycle ends included.
+
+    Plots, files and collision checks need fewer samples than the integration has.
+    """
     cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(
         np.intp
     )[:-1]
@@ -237,7 +272,7 @@ def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class Violation:
-    """First violation of a joint limit, or first collision.
+    """First violation of a joint limit, or first collision: when, and of which joint or links.
 
     Attributes
     ----------
@@ -266,6 +301,8 @@ def violations_of(
 ) -> tuple[Violation, ...]:
     """List the first limit violation and the first collision of a motion, in order of time.
 
+    The tuple is empty if the motion can be sent to the robot.
+
     Parameters
     ----------
     motion
@@ -287,6 +324,8 @@ def violations_of(
 
 def refuse_violations(motion: JointMotion, remedy: str) -> None:
     """Raise InputError for a motion with a limit violation or a collision.
+
+    It keeps a trajectory that would damage a robot from being written. ``remedy`` ends the message.
 
     Raises
     ------

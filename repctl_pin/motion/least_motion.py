@@ -1,6 +1,8 @@
 """Closed motion of minimum joint speed on a path, to which repeatable controllers are compared.
 
 The minimum is found by Newton's method in the null space, on an augmented Lagrangian of the limits.
+A motion is K configurations q_k at the points s_k of the path, s from 0 to 1; N_k spans the null
+space of J at q_k. The cost and the limits with their multipliers are :class:`_Cost`.
 """
 
 from __future__ import annotations
@@ -149,7 +151,10 @@ def least_closed_motion(
 
 
 def _plain(cost: _Cost, start: Array) -> Array:
-    """Follow the path with J⁺: configurations (K + 1, n), in general not closed."""
+    """Follow the path with J⁺ from a start: configurations (K + 1, n), in general not closed.
+
+    This is the first guess, which :func:`_closed` then deforms.
+    """
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
         Q.append(solve_near(cost.task, Q[-1], target, tolerance=1e-10))
@@ -159,8 +164,9 @@ def _plain(cost: _Cost, start: Array) -> Array:
 def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
     """Deform a motion (K + 1, n) on the path until it ends where it began: one cycle (K, n).
 
-    Each stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and
-    moves the configurations back to the path along J⁺.
+    The motion of J⁺ is not closed in general, and the descent must begin with a closed one. Each
+    stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and moves
+    the configurations back to the path along J⁺.
     """
     for _ in range(_STAGES):
         gap = Q[-1] - Q[0]
@@ -178,7 +184,12 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
 
 
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
-    """Sample the first cycle of a motion at the points of the path: (K, n)."""
+    """Sample the first cycle of a motion at the points of a path, and move it onto the path.
+
+    Return one cycle (K, n). A fixed start replaces the first configuration. ``grid`` are the values
+    of s, 0 to 1. InputError is raised for another number of joints, or for a guess too far from the
+    path.
+    """
     cycle = guess.cycle(0)
     t = guess.t[: guess.steps + 1]
     if cycle.shape[1] != cost.task.n:
@@ -201,11 +212,11 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of
-    ``T q_k + λ_k / ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k
-    the multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the
-    point's share of the cycle. ``first`` is the index of the first configuration that is free: 0,
-    or 1 if the start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``T q_k + λ_k /
+    ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k the
+    multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the point's
+    share of the cycle. The limits stand in the cost as penalties, which the multipliers make exact.
+    ``first`` is the index of the first configuration that is free: 0, or 1 if the start is fixed.
     """
 
     task: Task
@@ -227,7 +238,11 @@ class _Cost:
         free_start: bool,
         margin: float = 0.0,
     ) -> _Cost:
-        """Create the cost at the points s = ``grid`` of a path, with multipliers 0."""
+        """Create the cost at the points s = ``grid`` of a path, with multipliers 0.
+
+        The multipliers are the forces of the joint limits, which :func:`_within_limits` finds.
+        ``margin`` is the joint-limit margin to keep, rad or m.
+        """
         targets = [path.placement(float(s)) for s in grid[:-1]]
         lengths = np.diff(grid)
         return cls(
@@ -244,7 +259,8 @@ class _Cost:
     def excess(self, Q: Array, *, shifted: bool = True) -> Array:
         """Excess of joint positions over the joint limits less the margin: (K, n), 0 inside.
 
-        If ``shifted``, the positions are those in the augmented Lagrangian, shifted by λ_k / ρ_k.
+        If ``shifted``, the positions are those in the augmented Lagrangian: joint values plus the
+        multiplier divided by the point's stiffness, λ_k / ρ_k.
         """
         lower, upper, _ = self.task.joint_limits
         joints = self.task.joints(Q)
@@ -254,14 +270,20 @@ class _Cost:
         return joints - np.clip(joints, lower + kept, upper - kept)
 
     def value(self, Q: Array) -> float:
-        """Evaluate the augmented Lagrangian, up to a constant."""
+        """Evaluate the augmented Lagrangian, up to a constant; the line search compares its values.
+
+        Q (K, n) is one cycle. Only configurations that are free are tested for limits.
+        """
         chords = ((np.roll(Q, -1, axis=0) - Q) ** 2).sum(axis=1)
         beyond = (self.excess(Q)[self.first :] ** 2).sum(axis=1)
         stiff = self.stiffness * self.share[self.first :]
         return float(self.weights @ chords + stiff @ beyond) / 2
 
     def moved(self, Q: Array) -> Array | None:
-        """Move configurations (K, n) along J⁺ onto the path; None if one of them fails."""
+        """Move free configurations of Q (K, n) along J⁺ onto the path; None if one of them fails.
+
+        A step along the null space leaves the path in second order.
+        """
         moved = _on_path(self.task, self.targets[self.first :], Q[self.first :])
         return None if moved is None else np.vstack([Q[: self.first], moved])
 
@@ -305,7 +327,10 @@ class _Cost:
 
 
 def _inverses(J: Array) -> tuple[Array, Array]:
-    """Evaluate J⁺ (K, n, m) and N (K, n, r) of Jacobians (K, m, n)."""
+    """Evaluate J⁺ (K, n, m) and N (K, n, r), null-space bases, of Jacobians (K, m, n).
+
+    One QR factorisation of Jᵀ gives both.
+    """
     m = J.shape[1]
     basis, R = row_factor(J, mode="complete")
     inverse = np.swapaxes(
@@ -315,13 +340,19 @@ def _inverses(J: Array) -> tuple[Array, Array]:
 
 
 def _convex(blocks: Array) -> Array:
-    """Replace the negative eigenvalues of symmetric blocks (K, r, r) by 0."""
+    """Replace the negative eigenvalues of symmetric blocks (K, r, r) by 0.
+
+    A Newton matrix made of such blocks is positive definite, so that its step goes downhill.
+    """
     values, vectors = np.linalg.eigh(blocks)
     return (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
 def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
-    """Move configurations (K, n) along J⁺ to their target placements; None if one of them fails."""
+    """Move configurations (K, n) along J⁺ to their target placements; None if one of them fails.
+
+    ``targets`` has one placement per row. A row fails at a singularity or after 20 Newton steps.
+    """
 
     def correction(Q: Array, rows: NDArray[np.intp]) -> Array:
         errors = task.errors(Q, [targets[k] for k in rows])
@@ -339,7 +370,8 @@ def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
 def _descended(cost: _Cost, Q: Array) -> Array:
     """Minimise the cost from Q (K, n) by Newton's method with a line search: (K, n).
 
-    Where Newton's matrix is not positive definite, its convex approximation is used.
+    The limits are in the cost as penalties. Where Newton's matrix is not positive definite, its
+    convex approximation is used.
 
     Raises
     ------
@@ -369,7 +401,8 @@ def _descended(cost: _Cost, Q: Array) -> Array:
 def _within_limits(cost: _Cost, Q: Array) -> Array:
     """Minimise the cost within the joint limits by the method of multipliers: (K, n).
 
-    The search begins at Q (K, n), which is on the path.
+    The search begins at Q (K, n), which is on the path. After each descent the multipliers are
+    updated, and the penalty is made five times as stiff, until no configuration exceeds its limits.
 
     Raises
     ------

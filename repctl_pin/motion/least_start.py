@@ -1,4 +1,8 @@
-"""Search for the start whose closed motion needs minimum joint speed, before a design is made."""
+"""Search for the start whose closed motion needs minimum joint speed, before a design is made.
+
+Other starts with the frame at the same place lie on the self-motions of the given one. Each closed
+motion of :mod:`least_motion` from such a start shows what the best controller could reach there.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +106,9 @@ def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> _LeastStart:
 def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
     """Improve a motion by a free start; return ``given`` if no result with a margin is better.
 
-    ``kept`` is the joint-limit margin that the result must have, rad or m.
+    ``given`` is the motion from the user's start. ``kept`` is the joint-limit margin that the
+    result must have, rad or m; it is searched with growing spare margins, the factors of
+    ``_SPARE``.
     """
     found = (_free(motion, factor * kept) for factor in _SPARE)
     better = (one for one in found if one is not None and _better(one, given, kept))
@@ -114,8 +120,9 @@ def _along_self_motions(
 ) -> Iterator[Motion]:
     """Generate closed motions of minimum joint speed from starts along a start's self-motions.
 
-    ``turn`` (r, r) rotates the directions. The walks go on beyond joint limits: other parts of a
-    self-motion can be inside them again.
+    Each motion is the guess for the one from the next start. ``turn`` (r, r) rotates the
+    directions. The walks go on beyond joint limits: other parts of a self-motion can be inside them
+    again.
     """
     start = given.q[0]
     target = path.placement(0.0)
@@ -146,8 +153,8 @@ def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion
 def _free(motion: Motion, margin: float) -> Motion | None:
     """Improve a motion by a free start, found with a margin to the limits; None if that fails.
 
-    The result begins at the start found, and is a motion of minimum joint speed without that
-    margin.
+    The first search may move the start; the margin keeps it from the limits. The result begins at
+    the start found, and is a motion of minimum joint speed without that margin.
     """
     try:
         found = least_closed_motion(
@@ -168,7 +175,10 @@ def _free(motion: Motion, margin: float) -> Motion | None:
 
 
 def _better(motion: Motion, given: Motion, margin: float) -> bool:
-    """Test for a joint speed below that of ``given``, a margin to the limits, and no collision."""
+    """Test for a joint speed below that of ``given``, a margin to the limits, and no collision.
+
+    ``margin`` is the smallest joint-limit margin allowed, rad or m.
+    """
     fast = motion.rms_speed < given.rms_speed
     return fast and _margin(motion) >= margin and bool(motion.body_distance.min() >= 0)
 

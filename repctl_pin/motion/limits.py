@@ -64,7 +64,9 @@ _UNLIMITED = 10.0
 def presumed_acceleration(task: Task) -> tuple[Array, str]:
     """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
 
-    They are published ones if the arm has any, else each joint's speed limit divided by 0.2 s.
+    A URDF has none, but the fastest cycle, which a study reports, needs some. They are published
+    ones if the arm has any, else each joint's speed limit divided by 0.2 s, or 10 rad/s² (m/s²)
+    without one.
     """
     entry = task.robot.entry
     names = task.robot_joints
@@ -84,6 +86,9 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
 @read_only
 class Limits:
     """Limits for :func:`timed`, :func:`approach` and :class:`Governor`: speeds to torques.
+
+    They determine how fast a joint path can be traversed. Without a limit of acceleration there is
+    no fastest motion from rest, so that it must be given.
 
     Attributes
     ----------
@@ -143,7 +148,12 @@ def _known(
     name: str,
     published: dict[str, tuple[tuple[float, ...], str]] | None = None,
 ) -> Array | str | None:
-    """Check limits as far as that is possible without a robot; return numbers or a known name."""
+    """Check limits as far as that is possible without a robot; return numbers or a known name.
+
+    ``given`` is a positive number, or one per joint, or a name in ``published``, which maps names
+    to numbers and their source. None is returned as it is. Other values raise InputError under
+    ``name``.
+    """
     if given is None:
         return None
     if isinstance(given, str) and published is not None:
@@ -172,7 +182,9 @@ _InverseDynamics = Callable[[Array, Array, Array], Array]
 @dataclass(frozen=True, eq=False)
 @read_only
 class JointLimits:
-    """Limits of the joints (n,) and of the tool.
+    """Limits of the joints (n,) and of the tool, as numbers for one task.
+
+    :class:`Limits` are what the user gives; the computation of times uses these.
 
     Attributes
     ----------
@@ -193,7 +205,11 @@ class JointLimits:
     tool: Callable[[Array, Array], Array] | None = None
 
     def most_rate(self, Q: Array, slope: Array) -> Array:
-        """Compute the largest ṡ within the speed limits at points of a path: (K,)."""
+        """Compute the largest ṡ, 1/s, within the speed limits at K points of a path: (K,).
+
+        ṡ is the rate of the path parameter s, which timing chooses. Q (K, n) are the configurations
+        and ``slope`` (K, n) their derivatives dq/ds by the path parameter s.
+        """
         used = (np.abs(slope) / self.velocity).max(axis=1)
         if self.tool is not None:
             used = np.maximum(used, self.tool(Q, slope))
@@ -247,7 +263,11 @@ def _per_joint(
     task: Task,
     what: str,
 ) -> Array:
-    """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,)."""
+    """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,).
+
+    ``known`` maps published names to numbers and their source. InputError is raised if the numbers
+    are not one or one per joint; ``what`` names the limit in the message.
+    """
     n = len(task.robot_joints)
     if isinstance(given, str):
         given = np.array(known[given][0], dtype=float)
@@ -258,7 +278,11 @@ def _per_joint(
 
 
 def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
-    """Make the function (q, q̇), (K, n) each, → max(|v| / v_max, |ω| / ω_max) (K,) of the frame."""
+    """Make the function (q, q̇), (K, n) each, → max(|v| / v_max, |ω| / ω_max) (K,) of the frame.
+
+    It is the largest share of the tool's speed limits that is used. ``most`` is v_max, m/s, or
+    v_max and ω_max, rad/s; a single number does not limit ω.
+    """
     v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
     if np.size(np.asarray(most)) == 1:  # m/s alone
         omega_max = np.inf
@@ -275,6 +299,9 @@ def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
 
 
 def _own(task: Task, joints: Array) -> Array:
-    """Convert positions or velocities (K, n) of the robot's own joints to those in ψ."""
+    """Convert positions or velocities (K, n) of the robot's own joints to those in ψ.
+
+    ψ are the coordinates in which the task computes; most tasks have the robot's own joints.
+    """
     change = task.coordinates
     return joints if change is None else change.coordinates(joints)

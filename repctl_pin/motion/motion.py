@@ -26,7 +26,7 @@ ON_PATH = 1e-3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Motion(JointMotion):
-    """Motion of a strategy on a closed path.
+    """Motion of a strategy on a closed path, with its drift and its errors.
 
     On arms with revolute and prismatic joints, norms of q weight 1 rad and 1 m equally.
 
@@ -85,7 +85,10 @@ class Motion(JointMotion):
 
     @property
     def outside(self) -> float | None:
-        """Share of the motion outside Ω, where repeatability is not guaranteed; None without Ω."""
+        """Share of the motion outside Ω, where repeatability is not guaranteed; None without Ω.
+
+        Ω is the region of joint space for which the design was made.
+        """
         return (
             None
             if self.region is None
@@ -96,7 +99,10 @@ class Motion(JointMotion):
     def beyond_closing_radius(self) -> float | None:
         """Share of the samples beyond the proved closing radius; None without such a radius.
 
-        Nothing is wrong there, but a loop that goes there is not proved to close."""
+        The closing radius is a distance of poses from those of the design. Every closed path within
+        it is proved to end in the configuration it began in. Beyond it nothing is wrong, but not
+        proved either.
+        """
         closes = self.closing_radius
         if not closes:
             return None
@@ -109,7 +115,9 @@ class Motion(JointMotion):
 
         None if it stays on the path.
 
-        It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad."""
+        It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad. A controller
+        that leaves its path has no meaningful drift.
+        """
         length = arm_length(self.task, self.q[0]) or 1.0
         off = ~(
             (self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH)
@@ -122,7 +130,8 @@ class Motion(JointMotion):
     def slowed(self, factor: float) -> Motion:
         """Return the motion with its duration multiplied by ``factor``.
 
-        It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
+        It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed. So
+        one motion serves for all speeds.
         """
         factor = positive(factor, "the factor")
         return replace(
@@ -178,7 +187,8 @@ def motion_along(
 ) -> Motion:
     """Create a motion along a path, and evaluate its drift and the errors of the frame.
 
-    ``targets`` are the placements on the path at the points of one cycle, with both ends.
+    ``t`` (T + 1,), ``q`` and ``qdot`` (T + 1, n) are its samples, with equal numbers of steps per
+    cycle. ``targets`` are the placements on the path at the points of one cycle, with both ends.
     """
     steps = len(targets) - 1
     cycles = (len(q) - 1) // steps

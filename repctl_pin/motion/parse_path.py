@@ -1,4 +1,8 @@
-"""Paths given by name: ``circle:0.1``, ``square:0.2``, ``loop.csv``."""
+"""Paths given by name: ``circle:0.1``, ``square:0.2``, ``loop.csv``.
+
+The option ``--path`` of the commands takes such a name, the spec of the path. A path can be made
+only when the robot and its start q0 are known, so that parsing returns a function of both.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +87,12 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
 
 
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
-    """Make the function ``(task, q0, plane) → path`` of a kind of path and its text parameters."""
+    """Make the function ``(task, q0, plane) → path`` of a kind of path and its text parameters.
+
+    ``kind`` and ``parts`` are what stands between the colons, ``text`` the whole name for messages,
+    ``blend`` the radius of rounded corners, m. Kinds of plug-ins come last. InputError is raised
+    for an unknown kind, and for parameters that it does not take.
+    """
     if kind == "circle" and len(parts) == 2:
         radius = _length(parts[0], text)
         degrees = number(parts[1])
@@ -126,7 +135,11 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 
 
 def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Drawn:
-    """Make the function that creates a polygon from corners (x, y) in a plane, m from the start."""
+    """Make the function that creates a polygon from corners (x, y) in a plane, m from the start.
+
+    The start is the corner (0, 0), which ``corners`` omits. ``blend`` is the radius of its rounded
+    corners, m; ``name`` describes it in reports.
+    """
 
     def draw(task: Task, q0: Array, plane: str) -> TaskPath:
         points = np.zeros((len(corners), 3))
@@ -137,7 +150,10 @@ def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Dr
 
 
 def _length(part: str, text: str) -> float:
-    """Parse a length above 0, m; InputError if it is not one."""
+    """Parse a length above 0, m, of a path; raise InputError if it is not one.
+
+    ``part`` is the length and ``text`` the whole path, which the message quotes.
+    """
     value = number(part)
     if not (np.isfinite(value) and value > 0):
         raise InputError(

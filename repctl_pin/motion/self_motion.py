@@ -1,4 +1,7 @@
-"""Walks along the self-motions of a configuration, on which the frame stays where it is."""
+"""Walks along the self-motions of a configuration, on which the frame stays where it is.
+
+A redundant arm has r = n − m dimensions of such motions. Searches for a better start walk on them.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,13 @@ def self_motions(
 def _walk(
     task: Task, q: Array, target: Placement, along: Array, stride: float, limits: bool
 ) -> Iterator[Array]:
-    """Generate the configurations (n,) of a walk along one self-motion, in one direction."""
+    """Generate the configurations (n,) of a walk along one self-motion, in one direction.
+
+    ``along`` (n,) is the first direction; each step goes along its projection onto the null space.
+    ``stride`` is the length of a step, rad; for prismatic joints in arm lengths. The walk ends
+    after a full turn (2π), at a joint limit if ``limits`` is True, or where the direction leaves
+    the null space.
+    """
     L = joint_scale(task, q)
     for _ in range(int(2 * np.pi / stride)):
         N = nullspace(task.jacobian(q))
@@ -71,7 +80,8 @@ def self_moved(
 ) -> Array | None:
     """Take a step of a self-motion: the configuration (n,) with the frame at the target.
 
-    None if there is none near q + step, or it is outside the joint limits and ``limits`` is True.
+    None if there is none near q + step, or it is outside the joint limits and ``limits`` is True. A
+    step along the null space leaves the pose in second order, which Newton's method corrects.
     """
     try:
         return solve_near(task, q + step, target, tolerance=1e-11, limits=limits)

@@ -38,7 +38,10 @@ _FAR = 10
 
 
 class _Attempt(NamedTuple):
-    """Result of Newton's method from one start: the last configuration, and its task error (m,)."""
+    """Result of Newton's method from one start: the last configuration, and its task error (m,).
+
+    The attempt that ends nearest to the target is named in the message if all starts fail.
+    """
 
     q: Array
     error: Array
@@ -137,6 +140,8 @@ def solve_near(
 ) -> Array:
     """Find q with f(q) at the target near q0: as :func:`solve_ik`, but from q0 only.
 
+    Walks along a path or a self-motion need the solution next to the one before, not any solution.
+
     Raises
     ------
     InputError
@@ -155,7 +160,10 @@ def solve_near(
 
 
 def _starts(task: Task, q0: Array) -> Iterator[Array]:
-    """Yield q0, and configurations on the way from there to random ones, the nearest first."""
+    """Yield q0, and configurations on the way from there to random ones, the nearest first.
+
+    There are 41 in all. Near starts come first, because their solution is most like q0.
+    """
     yield q0
     count = _STARTS - 1
     ends = random_configurations(task, count, np.random.default_rng(0))
@@ -166,7 +174,12 @@ def _starts(task: Task, q0: Array) -> Iterator[Array]:
 def _newton(
     task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations: int
 ) -> _Attempt:
-    """Solve for the target from one start."""
+    """Solve for the target from one start, and return where Newton's method ends, solved or not.
+
+    Steps are ``J⁺ e`` with the task error e, at most 0.3 rad or m per joint. It ends at an error
+    below ``tolerance``, after ``iterations`` steps, or at a singularity; there the start is
+    returned.
+    """
     error = task.error(q0, target)
 
     def residual(q: Array) -> float:
@@ -194,6 +207,8 @@ def _newton(
 
 def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
     """Raise InputError if the target is farther from the first joint than the arm is long.
+
+    It is a better message than that of a failed search: it names the distance and the arm's length.
 
     Parameters
     ----------
@@ -233,6 +248,8 @@ def _amount(task: Task, error: Array) -> str:
 def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
     """Solve for a configuration at the first point of a path; q0 itself if it is there already.
 
+    A motion must begin on its path. At a path with named corners, the message names the corner.
+
     Raises
     ------
     InputError
@@ -269,7 +286,11 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath) -> None:
 def _with_corner(
     error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float
 ) -> InputError:
-    """Return an error extended by the path's name, its corner near s, and a hint at the cause."""
+    """Return an error extended by the path's name, its corner near s, and a hint at the cause.
+
+    ``start`` and ``q`` are the start and the last configuration that was on the path. s is the path
+    parameter, 0 to 1. For a path without named corners the error is returned unchanged.
+    """
     if not path.corners:
         return error
     knots = (0.0, *path.breaks, 1.0)
@@ -288,7 +309,11 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Suggest a different unit or origin, if the whole path can be reached with it; else empty."""
+    """Suggest a different unit or origin, if the whole path can be reached with it; else empty.
+
+    Waypoints in mm, or counted from the start, are common errors. ``knots`` are the values of the
+    path parameter s at the corners and both ends.
+    """
     if len(task.frames) > 1:
         return ""
     points = np.array([path.point(s) for s in knots])
@@ -304,13 +329,16 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 
 
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
-    """Test whether all points (K, 3) can be reached from q, with the path's first orientation."""
+    """Test whether all points (K, 3), m, can be reached from q, with the first orientation."""
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Explain in text why a target cannot be reached from q; empty if it can."""
+    """Explain in text why a target cannot be reached from q; empty if it can.
+
+    The text is the message of the failed inverse kinematics, for a message about a path.
+    """
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:
@@ -321,7 +349,7 @@ def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
 def random_configurations(task: Task, count: int, rng: np.random.Generator) -> Array:
     """Draw configurations (count, n), uniform between the joint limits.
 
-    A side of a joint without a limit is taken π rad (m) from the reference configuration.
+    A side of a joint without a limit is taken π rad (m) from the task's reference configuration.
     """
     low = np.where(np.isfinite(task.lower), task.lower, task.reference - np.pi)
     high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)

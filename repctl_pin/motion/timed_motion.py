@@ -17,6 +17,8 @@ from .joint_motion import JointMotion
 class TimedMotion:
     """Positions of the robot's own joints over time, from rest to rest, at even time steps.
 
+    It is what a robot can execute. A motion of :func:`follow`, in contrast, starts at path speed.
+
     Attributes
     ----------
     joints : tuple of str
@@ -79,12 +81,18 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Time of a steady cycle, s; the mean over all cycles if there are fewer than three."""
+        """Time of a steady cycle, s: that of the second; the mean if there are fewer than three.
+
+        The first and the last cycle begin or end at rest, so that they take longer.
+        """
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
-        """Samples of cycle k, counted from 0: time from its start, q, q̇, q̈."""
+        """Samples of cycle k, counted from 0: time from its start, s, and q, q̇, q̈.
+
+        They are arrays with a row per sample; q, q̇ and q̈ have a column per joint.
+        """
         if as_int(k, "k") >= len(self.starts) - 1:
             raise InputError(
                 f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}"

@@ -70,7 +70,7 @@ def write_motion(
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
     """Return a motion with the velocities that a strategy commands at its points, ``q̇ = G ẋ``.
 
-    They replace the mean velocities per step.
+    They replace the mean velocities per step, so that a file has what the controller would send.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0
@@ -89,7 +89,8 @@ def commanded(motion: Motion, strategy: Strategy) -> Motion:
 def yaml_text(motion: Motion | TimedMotion) -> str:
     """Format a motion as ROS 2 ``trajectory_msgs/msg/JointTrajectory``, for ``ros2 topic pub``.
 
-    Includes accelerations if the motion is timed.
+    Includes accelerations if the motion is timed. All points are listed with positions and
+    velocities, in the robot's own joints.
     """
     if isinstance(motion, TimedMotion):
         names, t = motion.joints, motion.t
@@ -127,7 +128,10 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
 
 
 def _quoted(name: str) -> str:
-    """Quote a name for YAML, with line breaks and other control characters as escapes."""
+    """Quote a name for YAML, with line breaks and other control characters as escapes.
+
+    A joint name such as ``yes`` or ``1`` would otherwise be read as no text.
+    """
     if name.isprintable():
         return "'" + name.replace("'", "''") + "'"
     plain = (

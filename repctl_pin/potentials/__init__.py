@@ -1,6 +1,7 @@
 """Potentials h(q), which a repeatable controller keeps constant, and their gradients.
 
-A study uses polynomials only, so the other bases are not imported here.
+The arm then stays on one leaf, the set h(q) = c, as a function of the pose alone, so that closed
+paths end where they began. A study uses polynomials only, so the other bases are not imported here.
 """
 
 from .basis import CurvedPotentials, Joined, PotentialBasis, Potentials

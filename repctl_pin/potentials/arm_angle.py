@@ -110,7 +110,10 @@ class ArmAngle(PotentialBasis):
         return (f"{kind} {' '.join(self.frames)}",)
 
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate ψ at every row of Q (K, n): (K, 1), rad, from −π to π."""
+        """Evaluate ψ at every row of Q (K, n): (K, 1), rad, from −π to π.
+
+        ψ is the angle of the elbow about the line from shoulder to wrist.
+        """
         return np.array(
             [
                 [self._angle(q)[0]]
@@ -119,12 +122,15 @@ class ArmAngle(PotentialBasis):
         ).reshape(-1, 1)
 
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate ∂ψ/∂q at every row of Q (K, n): (K, n, 1)."""
+        """Evaluate ∂ψ/∂q, the gradient of the arm angle, at every row of Q (K, n): (K, n, 1)."""
         Q = as_configurations(Q, self.task.n, "an arm angle")
         return np.array([self._angle(q)[1] for q in Q]).reshape(len(Q), self.task.n, 1)
 
     def distance(self, q: ArrayLike) -> float:
-        """Compute the angle, rad, from the wrist's direction to the nearest singular direction."""
+        """Compute the angle, rad, from the wrist's direction to the nearest singular direction.
+
+        There the arm angle is not defined; a design should keep away from it.
+        """
         w = self._points(vector(q, self.task.n, "q"))[1][0]
         w = w / np.linalg.norm(w)
         along = abs(w @ self.reference) if self.singular is None else w @ self.singular
@@ -134,7 +140,10 @@ class ArmAngle(PotentialBasis):
         return self.names[0]
 
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Evaluate elbow and wrist relative to the shoulder (3,), each with its Jacobian (3, n)."""
+        """Evaluate elbow and wrist relative to the shoulder (3,), m, each with its Jacobian (3, n).
+
+        The result is ``((e, J_e), (w, J_w))``, all in base axes.
+        """
         model, data = self.task.model, self.task._data
         q = self.task._vector(q)
         J = [
@@ -148,7 +157,11 @@ class ArmAngle(PotentialBasis):
         return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])
 
     def _angle(self, q: Array) -> tuple[float, Array]:
-        """Evaluate ψ, and its gradient (n,) by the chain rule through elbow and wrist."""
+        """Evaluate the arm angle ψ, rad, and its gradient (n,), through elbow and wrist.
+
+        A SingularityError is raised where the angle is not defined: the wrist on the shoulder, a
+        straight arm, or the wrist in a singular direction.
+        """
         (e, J_e), (w, J_w) = self._points(np.asarray(q, float))
         length = float(np.linalg.norm(w))
         if length < _SINGULAR:
@@ -175,7 +188,11 @@ class ArmAngle(PotentialBasis):
         return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
 
     def _zero(self, w_hat: Array) -> tuple[Array, Array]:
-        """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3)."""
+        """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3).
+
+        ``w_hat`` is ŵ, the unit vector from the shoulder to the wrist. ψ is the angle of the elbow
+        about it, counted from y.
+        """
         r, t = self.reference, self.singular
         if t is None:
             return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(

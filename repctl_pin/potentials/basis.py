@@ -1,6 +1,8 @@
 """Potentials h(q), whose level sets are leaves, and bases h_1 … h_N of them (35).
 
-The base class of bases, joined bases ``a + b``, and the weighted sums that a basis makes.
+A repeatable controller keeps r potentials h = Aᵀ (h_1 … h_N) constant; a design chooses the
+coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients. Here are the base class of bases,
+joined bases ``a + b``, and the weighted sums that a basis makes.
 """
 
 from __future__ import annotations
@@ -27,30 +29,46 @@ A_BASIS = (
 class Potentials(Protocol):
     """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller.
 
-    A class that inherits from it needs no ``gradient`` of its own.
+    A leaf is the set of configurations on which all motions stay. A class that inherits from it
+    needs no ``gradient`` of its own.
     """
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
 
     def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at one q (n,): (n, r)."""
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
 
 
 @runtime_checkable
 class CurvedPotentials(Potentials, Protocol):
-    """Potentials with second derivatives, which an exact Lie bracket requires."""
+    """Potentials with second derivatives, which an exact Lie bracket requires.
+
+    The Lie bracket condition tests repeatability; without second derivatives it is computed by
+    differences.
+    """
 
     def hessian(self, q: Array) -> Array:
-        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
+
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        """
 
 
 def check_joints(potentials: object, n: int) -> None:
     """Check that potentials are of n joints, as many as a task has, or take any number.
+
+    Otherwise a design for another arm would fail later, with an error about array shapes.
 
     Raises
     ------
@@ -64,6 +82,8 @@ def check_joints(potentials: object, n: int) -> None:
 
 def _common_joints(parts: Sequence[object]) -> int | None:
     """Return the common number of joints of several potentials; None if they take any number.
+
+    Potentials of different arms cannot be added.
 
     Raises
     ------
@@ -93,36 +113,52 @@ def coefficients(A: ArrayLike, size: int) -> Array:
 
 
 class SumMap(Potentials):
-    """Sum of several maps of r potentials each: ``h = h_a + h_b + …``"""
+    """Sum of several maps of r potentials each: ``h = h_a + h_b + …``.
+
+    It is what a joined basis of different kinds makes of its coefficients.
+    """
 
     def __init__(self, maps: Sequence[Potentials]) -> None:
         self.maps, self.n = tuple(maps), _common_joints(maps)
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
         return np.sum([part.value(q) for part in self.maps], axis=0)
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
         return np.sum([part.gradients(Q) for part in self.maps], axis=0)
 
 
 class _CurvedSumMap(SumMap):
-    """Sum of several maps of r potentials each, all with second derivatives."""
+    """Sum of several maps of r potentials each, all with second derivatives.
+
+    It is a class of its own, because the method ``hessian`` tells that second derivatives exist.
+    """
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
         super().__init__(maps)
         self._curved = tuple(maps)
 
     def hessian(self, q: Array) -> Array:
-        """Evaluate ∂V/∂q: (n, n, r)."""
+        """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
+
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        """
         return np.sum([part.hessian(q) for part in self._curved], axis=0)
 
 
 class PotentialBasis(ABC):
     """Base class of bases h_1 … h_N of potentials h(q) (35).
 
-    A subclass has a ``size`` and defines ``values`` and ``gradients``.
+    A design combines them to r potentials h, which its controller keeps constant. A subclass has a
+    ``size`` and defines ``values`` and ``gradients``.
 
     Attributes
     ----------
@@ -146,7 +182,7 @@ class PotentialBasis(ABC):
 
     @abstractmethod
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
 
     @abstractmethod
     def gradients(self, Q: ArrayLike) -> Array:
@@ -156,7 +192,10 @@ class PotentialBasis(ABC):
         """
 
     def weighted(self, A: ArrayLike) -> Potentials:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
+
+        A design chooses A; a repeatable controller keeps these r sums constant.
+        """
         return CustomMap(self, coefficients(A, self.size))
 
     def __add__(self, other: PotentialBasis) -> Joined:
@@ -170,7 +209,10 @@ class PotentialBasis(ABC):
 
 
 class CustomMap(Potentials):
-    """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis."""
+    """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis.
+
+    It serves bases that have no faster map; polynomials and Fourier series have their own.
+    """
 
     def __init__(self, basis: PotentialBasis, A: Array) -> None:
         self.basis, self.A, self.n = basis, A, basis.n
@@ -179,11 +221,17 @@ class CustomMap(Potentials):
         return f"<{len(self.A[0])} weighted sums of {self.basis!r}>"
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
         return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
         return self.basis.gradients(Q) @ self.A
 
 
@@ -234,21 +282,30 @@ class Joined(PotentialBasis):
         return tuple(name for part in self.parts for name in part.names)
 
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
         Q = as_configurations(Q, None, "a joined basis")
         return np.concatenate([part.values(Q) for part in self.parts], axis=-1)
 
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        """Evaluate the gradients ∇h_j of the N potentials at Q (K, n): (K, n, N), per rad or m.
+
+        Entry ``[k, i, j]`` is ∂h_j/∂q_i at row k.
+        """
         Q = as_configurations(Q, None, "a joined basis")
         return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
 
     def split(self, A: ArrayLike) -> list[Array]:
-        """Split coefficients A (N, r) into one array per part."""
+        """Split coefficients A (N, r) into one array per part.
+
+        A are the coefficients of the r potentials in the joined basis.
+        """
         return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
+
+        A design chooses A; a repeatable controller keeps these r sums constant.
+        """
         maps = [
             part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)
         ]
@@ -262,7 +319,8 @@ class Joined(PotentialBasis):
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
     """Convert the indices of the joints on which potentials depend; None stands for all n joints.
 
-    Returns them sorted and without duplicates, counted from 0.
+    Returns them sorted and without duplicates, counted from 0. Potentials of few joints have fewer
+    coefficients.
 
     Raises
     ------

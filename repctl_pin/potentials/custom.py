@@ -101,7 +101,10 @@ class CustomPotentials(PotentialBasis):
 
     @property
     def numerical(self) -> tuple[bool, ...]:
-        """True if each gradient is computed by differences: (N,)."""
+        """True if each gradient is computed by differences: (N,), one per potential.
+
+        Names and reports say so, because differences are less accurate and slower.
+        """
         return tuple(g is None for g in self._gradients)
 
     @property
@@ -113,14 +116,17 @@ class CustomPotentials(PotentialBasis):
         )
 
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
         Q = as_configurations(Q, None, "this basis")
         return np.array(
             [[self._value(j, q) for j in range(self.size)] for q in Q]
         ).reshape(len(Q), self.size)
 
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        """Evaluate the gradients ∇h_j of the N potentials at Q (K, n): (K, n, N), per rad or m.
+
+        Entry ``[k, i, j]`` is ∂h_j/∂q_i at row k.
+        """
         Q = as_configurations(Q, None, "this basis")
         D = np.empty((*Q.shape, self.size))
         for k, q in enumerate(Q):

@@ -111,18 +111,24 @@ class Fourier(PotentialBasis):
         return (*(f"sin({k})" for k in inner), *(f"cos({k})" for k in inner))
 
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
         phase = as_configurations(Q, self.n, "this Fourier basis") @ self.waves.T
         return np.concatenate([np.sin(phase), np.cos(phase)], axis=-1)
 
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        """Evaluate the gradients ∇h_j of the N potentials at Q (K, n): (K, n, N), per rad or m.
+
+        Entry ``[k, i, j]`` is ∂h_j/∂q_i at row k.
+        """
         phase = as_configurations(Q, self.n, "this Fourier basis") @ self.waves.T
         slopes = np.concatenate([np.cos(phase), -np.sin(phase)], axis=-1)
         return slopes[:, None, :] * np.concatenate([self.waves, self.waves]).T
 
     def weighted(self, A: ArrayLike) -> FourierMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
+
+        A design chooses A; a repeatable controller keeps these r sums constant.
+        """
         return FourierMap(self.waves, coefficients(A, self.size))
 
     def __str__(self) -> str:
@@ -133,26 +139,39 @@ class Fourier(PotentialBasis):
 
 
 class FourierMap(Potentials):
-    """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,)."""
+    """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,).
+
+    It evaluates the potentials of a design from its coefficients A (2 K, r): all sines, then all
+    cosines. ``waves`` (K, n) are the wave vectors k, per rad or m.
+    """
 
     def __init__(self, waves: Array, A: Array) -> None:
         self.waves, self.n = waves, waves.shape[1]
         self.sines, self.cosines = np.split(A, 2)  # (N / 2, r)
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
         phase = self.waves @ q
         return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
         phase = (np.asarray(Q, float) @ self.waves.T)[..., None]  # (K, N / 2, 1)
         return self.waves.T @ (
             np.cos(phase) * self.sines - np.sin(phase) * self.cosines
         )
 
     def hessian(self, q: Array) -> Array:
-        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
+
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        """
         phase = self.waves @ q
         bend = -(
             np.sin(phase)[:, None] * self.sines + np.cos(phase)[:, None] * self.cosines
@@ -160,7 +179,10 @@ class FourierMap(Potentials):
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the series; waves without coefficients are left out."""
+        """Create the struct :data:`PART` of the series, with which C evaluates h and its gradients.
+
+        Waves without coefficients are left out; one wave is kept if none has any.
+        """
         used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
         used[0] |= not used.any()
         weight = np.stack([self.sines[used], self.cosines[used]], axis=-1)
@@ -170,7 +192,10 @@ class FourierMap(Potentials):
 
 
 def _sum(k: NDArray[np.int_]) -> str:
-    """Write the sum k · u as text, such as ``2 u_0 − u_3``."""
+    """Write the sum k · u as text, such as ``2 u_0 − u_3``, for the names of potentials.
+
+    k (n,) are whole numbers, not all 0.
+    """
     text = ""
     for i in np.flatnonzero(k):
         size = "" if abs(k[i]) == 1 else f"{abs(k[i])} "

@@ -124,12 +124,15 @@ class Polynomial(PotentialBasis):
         )
 
     def values(self, Q: ArrayLike) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
+        """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
         P, _ = self._tables(Q)
         return np.prod(P[:, self._variable, self._order], axis=1) * self.norms
 
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""
+        """Evaluate the gradients ∇h_j of the N potentials at Q (K, n): (K, n, N), per rad or m.
+
+        Entry ``[k, i, j]`` is ∂h_j/∂q_i at row k.
+        """
         P, dP = (
             np.ascontiguousarray(np.moveaxis(table, 0, -1)) for table in self._tables(Q)
         )  # (n, d + 1, K)
@@ -150,7 +153,10 @@ class Polynomial(PotentialBasis):
         return gradients.reshape(K, n, self.size)
 
     def weighted(self, A: ArrayLike) -> PolynomialMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
+
+        A design chooses A; a repeatable controller keeps these r sums constant.
+        """
         A = coefficients(A, self.size)
         d, joints = self.degree, np.array(self.variables)
         # Legendre to monomial coefficients, variable by variable, in an array of exponents.
@@ -174,7 +180,11 @@ class Polynomial(PotentialBasis):
         return PolynomialMap(center, scale, d, terms, joints, self.n)
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1)."""
+        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1).
+
+        u are the scaled joint coordinates, and k = 0 … d is the last axis. All potentials are
+        products of these numbers. The derivatives are by u, not by q.
+        """
         u = (
             as_configurations(Q, self.n, "this polynomial basis") - self.center
         ) / self.scale
@@ -238,13 +248,19 @@ class PolynomialMap(Potentials):
         self._rising = [slice(*pair) for pair in pairwise(ends)]  # degrees 1, 2, …
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h(q), one number per potential: (r,).
+
+        The arm stays on the set h(q) = c, its leaf.
+        """
         away = np.asarray(q, float)[self.joints] - self.center
         w = self._powers(away[None] / self.scale)[:, 0] @ self._weight.swapaxes(0, 1)
         return w @ np.append(1.0, away) / self.degree
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
+
+        V and J together determine the repeatable inverse.
+        """
         U = (np.asarray(Q, float)[:, self.joints] - self.center) / self.scale
         gradients = np.zeros((len(U), self.n, self._weight.shape[1]))
         own = self._powers(U).T @ self._slopes
@@ -252,7 +268,10 @@ class PolynomialMap(Potentials):
         return gradients
 
     def hessian(self, q: Array) -> Array:
-        """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+        """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
+
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        """
         u = (np.asarray(q, float)[self.joints] - self.center) / self.scale
         M = self._powers(u[None])
         dM = np.zeros((len(M), len(u)))  # ∂M/∂u, by the product rule
@@ -266,7 +285,11 @@ class PolynomialMap(Potentials):
         return hessian
 
     def _powers(self, U: Array) -> Array:
-        """Evaluate the monomials of the table at U (K, k): (count, K)."""
+        """Evaluate the monomials u^β of the table at U (K, k): (count, K).
+
+        U are scaled coordinates of the k joints of the potentials. Each monomial is an earlier one,
+        its parent, times one coordinate.
+        """
         M = np.ones((len(self._parent), len(U)))
         factors = U.T
         for rows in self._rising:
@@ -274,7 +297,7 @@ class PolynomialMap(Potentials):
         return M
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the polynomials."""
+        """Create the struct :data:`PART` of the polynomials, with which C evaluates them."""
         indices = {"joint": self.joints, "parent": self._parent, "factor": self._factor}
         reals = {
             "center": self.center,
@@ -293,7 +316,12 @@ class PolynomialMap(Potentials):
 def _shares(
     terms: dict[_Powers, Array], degree: int, scale: Array
 ) -> dict[_Powers, Array]:
-    """Differentiate polynomials with respect to z: the weights (r, k + 1) of each u^β in w."""
+    """Differentiate polynomials with respect to z: the weights (r, k + 1) of each u^β in w.
+
+    ``terms`` are the coefficients (r,) of the monomials u^β by their powers β. See
+    :class:`PolynomialMap` for z and ``w_i = ∂h/∂z_i``: weights are stored instead of coefficients,
+    because one table then gives values and all derivatives.
+    """
     shares: dict[_Powers, Array] = {}
 
     def add(beta: _Powers, i: int, share: Array) -> None:
@@ -314,9 +342,9 @@ def _monomials(
 ) -> tuple[list[_Powers], NDArray[np.intp], NDArray[np.intp]]:
     """Order monomials so that each is an earlier one (its parent) times a variable.
 
-    Monomials of k variables that are needed as parents are added to the ``expected`` ones. Returns
-    for each monomial, by rising degree, its powers, the index of its parent, and the index of the
-    variable.
+    One multiplication then evaluates each. Monomials of k variables that are needed as parents are
+    added to the ``expected`` ones. Returns for each monomial, by rising degree, its powers, the
+    index of its parent, and the index of the variable.
     """
     needed = {(0,) * k}
     for beta in expected:
@@ -334,6 +362,10 @@ def _monomials(
 
 
 def _lower(beta: _Powers) -> tuple[_Powers, int]:
-    """Divide a monomial by its last variable: the remaining powers, and the variable's index."""
+    """Divide a monomial by its last variable: return the remaining powers, and that variable.
+
+    The powers have one number per variable, and the variable is given by its index. The monomial
+    must not be 1.
+    """
     last = max(i for i, power in enumerate(beta) if power)
     return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last

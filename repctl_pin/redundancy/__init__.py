@@ -1,4 +1,8 @@
-"""Formulas of kinematic redundancy on arrays, batched over leading axes."""
+"""Formulas of kinematic redundancy on arrays, batched over leading axes.
+
+J (m, n) is the Jacobian, N (n, r) an orthonormal basis of its null space, r = n − m, G an inverse
+with J G = I, and V (n, r) the gradients of r potentials. Nothing here depends on a robot model.
+"""
 
 from .augmented import augmented_inverse as augmented_inverse
 from .augmented import leaf_margin as leaf_margin

@@ -1,5 +1,9 @@
-"""Augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and its distance from an
-algorithmic singularity."""
+"""Augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and the leaf margin.
+
+V are the gradients of the r potentials that a repeatable inverse keeps constant. Where J_V is
+singular though J has full rank, an algorithmic singularity, this inverse does not exist. The leaf
+margin is the distance from there.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,8 @@ SINGULAR = "J_V is singular: the arm is at a singularity, or the control's V is 
 def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
     """Invert the augmented Jacobian ``J_V = [J; Vᵀ]`` (37).
 
-    The first m columns of the inverse are G_r, with ``J G_r = I`` and ``Vᵀ G_r = 0``.
+    The first m columns of the inverse are the repeatable inverse G_r, with ``J G_r = I`` and ``Vᵀ
+    G_r = 0``. V are the gradients of the potentials that it keeps constant.
 
     Parameters
     ----------
@@ -60,9 +65,10 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
 def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
     """Test which square matrices are numerically regular, given their inverses.
 
-    The sine of the angle between row i of A and the span of the other rows is
-    ``1 / (‖row_i of A‖ ‖column_i of A⁻¹‖)``. Its minimum over the rows must exceed 1e-6. The sine
-    depends neither on the units of the rows nor on the scale of a potential.
+    The sine of the angle between row i of A and the span of the other rows is ``1 / (‖row_i of A‖
+    ‖column_i of A⁻¹‖)``. Its minimum over the rows must exceed 1e-6. The sine depends neither on
+    the units of the rows nor on the scale of a potential. An inverse of a nearly singular matrix is
+    only rounding error.
 
     Parameters
     ----------
@@ -84,7 +90,8 @@ def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
 def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
     """Correct a desired inverse so that its motions keep the potentials h constant.
 
-    ``G_r = G_d − N (Vᵀ N)⁻¹ Vᵀ G_d`` (32), (38).
+    N spans the null space of J, and V are the gradients of h. ``G_r = G_d − N (Vᵀ N)⁻¹ Vᵀ G_d``
+    (32), (38).
 
     Parameters
     ----------
@@ -116,8 +123,10 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
 def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂)``: from 1 (best) to 0, an algorithmic singularity.
 
-    V̂ is an orthonormal basis of the columns of V. The margin is the sine of the smallest angle
-    between span V and the row space of J. It is the same for V and V T, with T invertible.
+    It is the distance from the failure of a repeatable inverse. N spans the null space of J, V are
+    the gradients of its potentials, and V̂ is an orthonormal basis of the columns of V. The margin
+    is the sine of the smallest angle between span V and the row space of J. It is the same for V
+    and V T, with T invertible.
 
     Parameters
     ----------

@@ -1,5 +1,8 @@
-"""Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, and the null-space component
-W of ``G = J⁺ + N Wᵀ`` (21), (22)."""
+"""Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, null-space component.
+
+An inverse has J G = I, so that ``q̇ = G ẋ`` moves the frame with ẋ. W is the component in the null
+space N of J: ``G = J⁺ + N Wᵀ`` (21), (22).
+"""
 
 from __future__ import annotations
 
@@ -72,8 +75,9 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
 def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
     """Evaluate ∂J⁺/∂q, the derivatives of the pseudoinverse with respect to all joints.
 
-    ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``. The factor
-    ``(J Jᵀ)⁻¹`` is computed as ``J⁺ᵀ J⁺``.
+    ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``. The factor ``(J
+    Jᵀ)⁻¹`` is computed as ``J⁺ᵀ J⁺``. With it the Lie brackets of J⁺, which test repeatability, are
+    exact.
 
     Parameters
     ----------
@@ -100,15 +104,19 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
 def null_component(G: ArrayLike, N: ArrayLike) -> Array:
     """Evaluate the null-space component ``W = Gᵀ N`` (..., m, r) of ``G = J⁺ + N Wᵀ`` (21), (22).
 
-    G (..., n, m) is a generalized inverse of J, N (..., n, r) an orthonormal null-space basis.
+    G (..., n, m) is a generalized inverse of J, N (..., n, r) an orthonormal null-space basis. W is
+    the part in which inverses of one J differ.
     """
     G, N = as_matrices(("G", G, "n m"), ("N", N, "n r"))
     return np.swapaxes(G, -1, -2) @ N
 
 
 def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
-    """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (..., n, m) from its null-space component W
-    (..., m, r) (21)."""
+    """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (..., n, m) from its component W (21).
+
+    W is (..., m, r), and N (..., n, r) an orthonormal basis of the null space of J. Each W gives an
+    inverse, and each inverse one W, so that W are the free parameters of a design.
+    """
     J, N, W = as_matrices(("J", J, "m n"), ("N", N, "n r"), ("W", W, "m r"))
     return pseudoinverse(J) + N @ np.swapaxes(W, -1, -2)
 
@@ -123,6 +131,8 @@ def row_factor(
     J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced"
 ) -> tuple[Array, Array]:
     """Factor ``Jᵀ = Q R``, and raise an error if J does not have full row rank.
+
+    J⁺ and the null space both come from this factorisation, which tests the rank for all of them.
 
     Returns
     -------

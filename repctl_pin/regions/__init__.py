@@ -1,4 +1,7 @@
-"""Design regions Ω: boxes and tubes in joint space, boxes of the workspace."""
+"""Design regions Ω: boxes and tubes in joint space, boxes of the workspace.
+
+A design minimises its cost in the mean over Ω, and guarantees repeatability only there.
+"""
 
 from .box import Box
 from .region import Region

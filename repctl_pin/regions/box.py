@@ -83,7 +83,10 @@ class Box(Region):
     def between(
         cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None
     ) -> Box:
-        """Create the box between two opposite corners (n,)."""
+        """Create the box between two opposite corners (n,), such as two lists of joint limits.
+
+        InputError is raised unless lower < upper for every joint.
+        """
         low = vector(lower, None, "the lower corner of a box")
         high = vector(upper, len(low), "the upper corner of a box")
         if not (low < high).all():
@@ -110,7 +113,12 @@ class Box(Region):
         return self
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1."""
+        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1.
+
+        The weighted sum over them approximates the mean over the box. They are a Gauss–Legendre
+        grid, which is exact for polynomials of moderate degree, up to three joints, and Sobol
+        points for more.
+        """
         if self.n > 3:
             return super().nodes(count, seed)
         count = as_int(count, "the number of nodes", 1, MOST_NODES)
@@ -124,12 +132,17 @@ class Box(Region):
         return Q, normalised(weights * evaluate_density(self.density, Q))
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points in the box: (K, n), K the power of two from ``count`` up."""
+        """Draw scrambled Sobol points in the box: (K, n), K the power of two from ``count`` up.
+
+        They fill it more evenly than random points.
+        """
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the box would have to be scaled for each row of Q to lie on its
-        boundary: (K,); above 1 is outside."""
+        """Compute the scale factor that brings the box's boundary to each row of Q: (K,).
+
+        The factor is of its widths: below 1 for a row inside, above 1 outside.
+        """
         Q = as_configurations(Q, self.n, "this box")
         return (np.abs(Q - self.center) / self.half_width).max(-1)
 
@@ -146,7 +159,10 @@ class Box(Region):
         )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
-        """Intersect the box with limits, such as ``task.lower`` and ``task.upper``."""
+        """Intersect the box with limits, such as ``task.lower`` and ``task.upper``.
+
+        A design then does not spend its accuracy on configurations that the arm cannot reach.
+        """
         low, high = (
             limits(values, self.n, "the limits of this box")
             for values in (lower, upper)

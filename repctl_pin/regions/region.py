@@ -1,4 +1,8 @@
-"""Design regions Ω of joint space: base class, Sobol points and densities."""
+"""Design regions Ω of joint space: base class, Sobol points and densities.
+
+Nodes are the configurations at which a design evaluates its cost; with weights, their sum
+approximates the mean over Ω. A density gives some configurations more weight than others.
+"""
 
 from __future__ import annotations
 
@@ -61,23 +65,38 @@ class Region(ABC):
 
     @abstractmethod
     def random(self, count: int, seed: int) -> Array:
-        """Draw quasi-random points of the region: (K, n), K ≥ ``count``, determined by the seed."""
+        """Draw quasi-random points of the region: (K, n), K ≥ ``count``, determined by the seed.
+
+        They are held-out nodes of a design, and candidates of searches.
+        """
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,); above 1 is outside."""
+        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
+
+        The factor is of its widths: below 1 for a row inside, above 1 outside. A motion is thus
+        known to stay in Ω, where repeatability is guaranteed.
+        """
 
     @abstractmethod
     def clip(self, Q: ArrayLike) -> Array:
-        """Move configurations (K, n) that lie outside to the boundary, or close to it."""
+        """Move configurations (K, n) that lie outside to the boundary, or close to it.
+
+        A search of the region for singularities keeps its points inside with it.
+        """
 
     @abstractmethod
     def shrunk(self, factor: float) -> Region:
-        """Create the region with the same center and all widths multiplied by ``factor``."""
+        """Create the region with the same center and all widths multiplied by ``factor``.
+
+        A design uses it to find a region free of singularities.
+        """
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1."""
+        """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
+
+        The weighted sum of a function over them approximates its mean over the region.
+        """
         Q = self.random(count, seed)
         return Q, self.weights(Q)
 
@@ -99,14 +118,20 @@ class Region(ABC):
 
 
 def span(widths: Array, sign: str = "") -> str:
-    """Format widths as text: the smallest and the largest, or one number if they are equal."""
+    """Format widths as text: the smallest and the largest, or one number if they are equal.
+
+    ``sign`` is written before each, as in ``±0.2 to ±0.5``.
+    """
     return " to ".join(
         dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max()))
     )
 
 
 def sobol(n: int, count: int, seed: int) -> Array:
-    """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up."""
+    """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up.
+
+    They fill the cube more evenly than random points, so that a mean needs fewer of them.
+    """
     count = as_int(count, "the number of nodes", 1, MOST_NODES)
     seed = as_int(seed, "seed")
     return scrambled_points(n, int(np.ceil(np.log2(max(count, 2)))), seed)
@@ -121,7 +146,11 @@ def check_density(density: Density | None) -> None:
 
 
 def evaluate_density(density: Density | None, Q: Array) -> Array:
-    """Evaluate a user-defined density at the rows of Q: (K,) finite weights ≥ 0; 1 without one."""
+    """Evaluate a user-defined density at the rows of Q (K, n): (K,) finite weights ≥ 0.
+
+    Without a density all weights are 1. InputError is raised if the function returns anything else,
+    so that a mean is never taken with wrong weights.
+    """
     if density is None:
         return np.ones(len(Q))
     try:
@@ -142,7 +171,7 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
 
 
 def normalised(weights: Array) -> Array:
-    """Scale weights (K,) so that their sum is 1."""
+    """Scale weights (K,) so that their sum is 1; InputError if all of them are 0."""
     total = float(weights.sum())
     if not total > 0:
         raise InputError(

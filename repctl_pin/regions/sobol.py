@@ -36,6 +36,8 @@ _MOST_DIMENSIONS = 2 + _JOE_KUO.count(";")
 def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Array:
     """Draw 2^power Sobol points in the unit cube, scrambled by a random matrix and a digital shift.
 
+    They fill the cube more evenly than random points; seeds give independent sets.
+
     Parameters
     ----------
     n
@@ -71,8 +73,10 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
 
 @cache
 def _direction_digits() -> NDArray[np.uint32]:
-    """Tabulate the binary digits of the direction numbers: [dimension, digit (most significant
-    first), number].
+    """Tabulate the binary digits of the direction numbers of all dimensions; computed once.
+
+    The axes are [dimension, digit (most significant first), number]. The points of the sequence are
+    exclusive ors of direction numbers.
     """
     numbers = [[1] * _BITS]
     for row in _JOE_KUO.split(";"):
@@ -85,7 +89,11 @@ def _direction_digits() -> NDArray[np.uint32]:
 
 
 def _extended(polynomial: int, initial: list[int]) -> list[int]:
-    """Extend the numbers m_1, m_2, … of one dimension to BITS, by its polynomial's recurrence."""
+    """Extend the numbers m_1, m_2, … of one dimension to 30, by its polynomial's recurrence.
+
+    The binary digits of ``polynomial`` are its coefficients over GF(2), as in the table of Joe and
+    Kuo.
+    """
     degree = len(initial)
     m = list(initial)
     for j in range(degree, _BITS):

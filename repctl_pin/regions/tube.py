@@ -30,8 +30,8 @@ class Tube(Region):
     """All q within ``|q_i − s_i| ≤ radius_i`` of any sample s: a box moved along a motion.
 
     The mean over a tube is the average of the means over the samples' boxes. Parts of the motion
-    with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes
-    are scrambled Sobol points for any n.
+    with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes are
+    scrambled Sobol points for any n. A design for one path needs no larger region Ω.
 
     Parameters
     ----------
@@ -79,7 +79,10 @@ class Tube(Region):
 
     @property
     def bounds(self) -> Box:
-        """Smallest box around the tube."""
+        """Smallest box around the tube.
+
+        Half-widths of it scale the steps of searches.
+        """
         return Box.between(
             self.samples.min(0) - self.radius, self.samples.max(0) + self.radius
         )
@@ -93,8 +96,10 @@ class Tube(Region):
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the radius would have to be scaled for each row of Q to lie on the
-        boundary: (K,); above 1 is outside."""
+        """Compute the scale factor that brings the tube's boundary to each row of Q: (K,).
+
+        The factor is of its radius: below 1 for a row inside, above 1 outside.
+        """
         return self._nearest(Q)[1]
 
     def clip(self, Q: ArrayLike) -> Array:
@@ -114,7 +119,8 @@ class Tube(Region):
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """Find the sample nearest to each row of Q: its index and its distance, (K,) each.
 
-        The distance is the maximum over the joints, in units of the radius.
+        The distance is the maximum over the joints, in units of the radius: at most 1 inside the
+        tube.
         """
         Q = as_configurations(Q, self.n, "this tube")
         distance, which = self._tree.query(Q / self.radius, p=np.inf)

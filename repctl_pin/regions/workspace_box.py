@@ -1,5 +1,7 @@
-"""Design region Ω of all configurations whose frame lies in a box of the workspace: the paper's
-alternative to a box in joint space."""
+"""Design region Ω of all configurations whose frame lies in a box of the workspace.
+
+It is the paper's alternative to a box in joint space.
+"""
 
 from __future__ import annotations
 
@@ -149,7 +151,8 @@ class WorkspaceBox(Region):
     def weights(self, Q: ArrayLike) -> Array:
         """Quadrature weights of points from :meth:`random`: (K,), which sum to 1.
 
-        They are proportional to ``√det(J Jᵀ)`` and to the density.
+        They are proportional to ``√det(J Jᵀ)`` and to the density. So the sum over them is a mean
+        over poses and self-motions, not over joint angles.
         """
         Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
@@ -157,8 +160,10 @@ class WorkspaceBox(Region):
         return normalised(volume * evaluate_density(self.density, Q))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which both boxes would have to be scaled for each row of Q to lie on the
-        boundary: (K,); above 1 is outside."""
+        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
+
+        The factor is of the half-widths of both boxes: below 1 for a row inside, above 1 outside.
+        """
         kind = self.task.kind
         axes = kind.rows[kind.linear]
         away = np.abs(self.task.positions(Q)[:, axes] - self.position) / self.half_width

@@ -1,5 +1,7 @@
-"""Numerical methods that do not depend on robots: Newton's method, Levenberg–Marquardt, descent in
-a box, block-tridiagonal systems."""
+"""Numerical methods that do not depend on robots.
+
+These are Newton's method, Levenberg–Marquardt, descent in a box, and block-tridiagonal systems.
+"""
 
 from .block_tridiagonal import solve_block_tridiagonal
 from .box_descent import StepLengths, descend_in_box

@@ -1,4 +1,9 @@
-"""Symmetric block-tridiagonal systems, open or cyclic, by a banded Cholesky factorisation."""
+"""Symmetric block-tridiagonal systems, open or cyclic, by a banded Cholesky factorisation.
+
+Newton's method for a motion of many points has such a matrix, because each point is coupled to its
+neighbours only; a closed motion is cyclic. The effort grows with the number of points, not its
+cube.
+"""
 
 from __future__ import annotations
 

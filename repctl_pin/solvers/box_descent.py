@@ -18,6 +18,8 @@ _Rows = NDArray[np.intp]
 class StepLengths:
     """Parameters of the adaptive step lengths in :func:`descend_in_box`.
 
+    Lengths are in the unit in which the problem takes its trial steps.
+
     Attributes
     ----------
     first : float

@@ -1,4 +1,9 @@
-"""Levenberg–Marquardt: damped Gauss–Newton steps for nonlinear least squares."""
+"""Levenberg–Marquardt: damped Gauss–Newton steps for nonlinear least squares.
+
+Designs and cells minimise their costs with it. The merit is what steps must decrease, the cost plus
+penalties; g is its gradient, and H the Gauss–Newton matrix. μ is the damping: a large μ makes a
+step short and safe.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ _RELAXED = 100.0
 @dataclass(frozen=True, eq=False)
 @read_only
 class Point(Generic[D]):
-    """The objective at one x.
+    """The objective at one x, with the intermediate values of its evaluation for the next step.
 
     Attributes
     ----------
@@ -50,7 +55,9 @@ class Point(Generic[D]):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Step:
-    """Damped Gauss–Newton step; g, H, D and μ as in :class:`_LeastSquares`.
+    """Damped Gauss–Newton step: the solution dx of ``(H + μ D) dx = −g``.
+
+    g is the gradient, H the Gauss–Newton matrix, μ the damping and D a scaling.
 
     Attributes
     ----------
@@ -68,17 +75,25 @@ class Step:
 
 
 class _LeastSquares(Protocol[D, M]):
-    """Interface of a nonlinear least-squares problem: a merit of x, its gradient g and its
-    Gauss–Newton matrix H."""
+    """Interface of a nonlinear least-squares problem, which :func:`levenberg_marquardt` minimises.
+
+    It has a merit of x, its gradient g and its Gauss–Newton matrix H.
+    """
 
     def evaluate(self, x: Array) -> Point[D]:
         """Evaluate the objective at x, and the intermediate values that :meth:`model` needs."""
 
     def merit(self, x: Array) -> float:
-        """Evaluate the merit alone; infinite where a step may not be accepted."""
+        """Evaluate the merit alone; infinite where a step may not be accepted.
+
+        The line search needs no more.
+        """
 
     def model(self, at: Point[D]) -> M:
-        """Evaluate the gradient g and the Gauss–Newton matrix H at a point."""
+        """Evaluate the gradient g and the Gauss–Newton matrix H at a point.
+
+        They predict the decrease of the merit by a step.
+        """
 
     def step(self, model: M, damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping``; the problem chooses the scaling D."""
@@ -118,7 +133,11 @@ class Damping:
     halvings: int = 0
 
     def after(self, damping: float, gain: float) -> float:
-        """Return the next μ after an accepted step, from its μ and its gain."""
+        """Return the next μ after an accepted step, from its μ and its gain.
+
+        The gain is the actual decrease of the merit divided by the predicted one. A good gain
+        lowers μ, a poor one raises it, and one between leaves it.
+        """
         if gain > self.good:
             damping = damping / _LESS if damping > self.negligible else self.smallest
         elif gain <= self.fair:
@@ -128,7 +147,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class _Solution(Generic[D]):
-    """Result of :func:`levenberg_marquardt`.
+    """Result of :func:`levenberg_marquardt`: the point reached, and how the minimisation ended.
 
     Attributes
     ----------
@@ -228,7 +247,8 @@ def _taken(
     """Backtracking line search: halve a step until the merit decreases sufficiently.
 
     Return the accepted point, or None if no length is accepted. The full step is usually accepted,
-    so it is evaluated with the intermediate values that the next model needs.
+    so it is evaluated with the intermediate values that the next model needs. ``rules`` has the
+    number of halvings and the sufficient decrease.
     """
 
     def most(length: float) -> float:

@@ -32,7 +32,7 @@ def newton(
     contraction: float | None = None,
     residual: Callable[[Array], float] | None = None,
 ) -> Array | None:
-    """Solve one system F(q) = 0 by Newton's method.
+    """Solve one system F(q) = 0 by Newton's method, with few calls, for control loops.
 
     Parameters
     ----------
@@ -92,7 +92,8 @@ def _line_search(
 ) -> tuple[Array, float]:
     """Halve the step ``scale · dq`` until the residual falls below ``left``, the residual at q.
 
-    Return the new q and its residual; the old ones if the residual never falls.
+    Return the new q (n,) and its residual. If the residual never falls, down to a scale of 1e-6,
+    return the old ones, so that the caller sees that no progress is possible.
     """
     while True:
         trial = q + scale * dq
@@ -112,7 +113,7 @@ def newton_rows(
     tolerance: float,
     iterations: int,
 ) -> tuple[Array, Array]:
-    """Solve many systems F_k(q_k) = 0 at once by Newton's method.
+    """Solve many systems F_k(q_k) = 0 at once by Newton's method, as arrays with a row for each.
 
     Parameters
     ----------
@@ -152,7 +153,8 @@ def newton_rows(
 def _shortened(dQ: Array, longest: float) -> Array:
     """Scale Newton steps dQ (K, n) so that no joint moves by more than ``longest``, rad or m.
 
-    Return the scaled steps (K, n), in which NaN and infinite entries are replaced by 0.
+    Long steps leave the range in which Newton's method converges. Return the scaled steps (K, n),
+    in which NaN and infinite entries are replaced by 0.
     """
     dQ = np.where(np.isfinite(dQ), dQ, 0.0)
     size = np.maximum(np.abs(dQ).max(axis=1), 1e-300)

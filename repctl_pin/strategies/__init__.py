@@ -1,6 +1,8 @@
 """Control strategies on a task: joint velocities q̇ for a task velocity ẋ.
 
-A study does not use ``custom``, ``extended`` and ``limit_weight``, so they are not imported here.
+n joints move a frame with m task coordinates; r = n − m is the redundancy. J (m, n) is the
+Jacobian. A study does not use ``custom``, ``extended`` and ``limit_weight``, so they are not
+imported here.
 """
 
 from .pseudoinverse import PostureControl as PostureControl

@@ -57,7 +57,7 @@ class CustomInverse:
         return described(self, self.task)
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate G (n, m).
+        """Evaluate the user's matrix G (n, m) at q (n,), and check J G = I.
 
         Raises
         ------
@@ -69,16 +69,23 @@ class CustomInverse:
         return self._checked(q, self.task.jacobian(q))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate G at every row of Q (K, n): (K, n, m)."""
+        """Evaluate the user's G at every row of Q (K, n): (K, n, m).
+
+        J (K, m, n) are the Jacobians there, if they are known already.
+        """
         Q, J = at_rows(self.task, Q, J)
         G = np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)])
         return G.reshape(len(Q), self.task.n, self.task.m)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Compute ``q̇ = G ẋ`` (n,)."""
+        """Compute ``q̇ = G ẋ`` (n,) with the user's G, for a task velocity ẋ (m,)."""
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
     def _checked(self, q: Array, J: Array) -> Array:
+        """Evaluate the user's G (n, m) at q (n,), and check it against the Jacobian J (m, n).
+
+        InputError is raised if G has another shape, or if J G differs from I.
+        """
         n, m = self.task.n, self.task.m
         G = evaluated(self.function, q, (n, m), "the function's matrix G")
         residual = np.abs(J @ G - np.eye(m))
@@ -93,6 +100,8 @@ class CustomInverse:
 
 class FunctionStrategy:
     """``q̇ = function(q, ẋ)``: a controller outside this package, such as pink or Drake.
+
+    It makes a plain function a strategy, so that its drift can be measured by :func:`follow`.
 
     Parameters
     ----------
@@ -111,7 +120,7 @@ class FunctionStrategy:
         )
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Evaluate the function: q̇ (n,).
+        """Evaluate the user's function at q (n,) and ẋ (m,): q̇ (n,).
 
         Raises
         ------

@@ -18,12 +18,13 @@ from .repeatable import RepeatableInverse
 
 
 class ExtendedJacobian(RepeatableInverse):
-    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U is stationary among
-    the configurations of the same x = f(q).
+    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``, the extended Jacobian.
 
-    N is the null-space basis closest to the basis at a reference configuration, so that h is a
-    function of q alone. For r = 1 the reference fixes the sign of the null vector; for r > 1 the
-    leaves h ≠ 0 depend on it.
+    U is a function to be kept stationary, such as the distance from a posture. On the leaf h = 0, U
+    is stationary among the configurations of the same x = f(q); the potentials h stay constant in
+    every motion, so that closed paths end where they began. N is the null-space basis closest to
+    the basis at a reference configuration, so that h is a function of q alone. For r = 1 the
+    reference fixes the sign of the null vector; for r > 1 the leaves h ≠ 0 depend on it.
 
     Parameters
     ----------
@@ -82,7 +83,11 @@ class ExtendedJacobian(RepeatableInverse):
 
 
 class _ExtendedMap(Potentials):
-    """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
+    """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients V = ∂hᵀ/∂q.
+
+    With them an extended Jacobian is an ordinary repeatable inverse. U is the function whose
+    stationary points the arm should keep, and N the basis of the null space of J.
+    """
 
     def __init__(
         self, task: Task, potential: _Posture | _Given, N_reference: Array
@@ -95,20 +100,20 @@ class _ExtendedMap(Potentials):
         )
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate h(q) = Nᵀ ∇U (r,), which is 0 where U is stationary in the self-motion."""
         q = np.asarray(q, float)
         N, _ = self._aligned(self.task.jacobian(q)[None], q[None])
         return N[0].T @ self.potential.gradients(q[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        r"""Evaluate V at every row of Q (K, n): (K, n, r).
+        r"""Evaluate V = ∂hᵀ/∂q at every row of Q (K, n): (K, n, r).
 
         .. math:: \frac{\partial h}{\partial q_k}
                   = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k, \qquad
                   \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
 
-        with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric:
-        :math:`Z_k S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
+        with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric: :math:`Z_k
+        S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
         """
         Q = np.asarray(Q, float)
         J, H = self.task.jacobians(Q), self.task.hessians(Q)  # (K, m, n), (K, m, n, n)
@@ -136,7 +141,10 @@ class _ExtendedMap(Potentials):
     def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:
         """Evaluate the basis N (K, n, r) that is closest to N_ref, and ``S = Nᵀ N_ref`` (K, r, r).
 
-        N is chosen so that S is symmetric.
+        N spans the null space of J, and N_ref is the basis at the reference configuration. A
+        factorisation returns an arbitrary basis, which jumps from q to q; this one is smooth. N is
+        chosen so that S is symmetric. A SingularityError is raised where the null space is
+        perpendicular to the reference.
         """
         N = nullspace(J)
         alignment = np.swapaxes(N, -1, -2) @ self.N_reference
@@ -156,22 +164,32 @@ class _ExtendedMap(Potentials):
 
 
 class _Posture:
-    """Potential ``U = ½ ‖q − posture‖²``."""
+    """Potential ``U = ½ ‖q − posture‖²``, which keeps an extended Jacobian near a posture."""
 
     def __init__(self, posture: Array) -> None:
         self.posture = posture
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate ``∇U = q − posture`` at every row of Q: (K, n)."""
+        """Evaluate ``∇U = q − posture`` at every row of Q: (K, n).
+
+        An extended Jacobian is made of them.
+        """
         return Q - self.posture
 
     def hessians(self, Q: Array) -> Array:
-        """Evaluate ∂²U/∂q², the identity, at every row of Q: (K, n, n)."""
+        """Evaluate ∂²U/∂q², the identity, at every row of Q: (K, n, n).
+
+        The gradients of the potentials ``Nᵀ ∇U`` need them.
+        """
         return np.broadcast_to(np.eye(Q.shape[1]), (*Q.shape, Q.shape[1]))
 
 
 class _Given:
-    """Potential U given as a function, with given or numerical derivatives."""
+    """Potential U given as a function, with given or numerical derivatives.
+
+    It has the methods of :class:`_Posture`. ``gradient`` returns ∇U (n,) and ``hessian`` (n, n);
+    None means central differences.
+    """
 
     def __init__(
         self,
@@ -184,11 +202,17 @@ class _Given:
         self._hessian = hessian
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate ∇U, or central differences of U, at every row of Q: (K, n)."""
+        """Evaluate ∇U, or central differences of U, at every row of Q: (K, n).
+
+        U is the user's function, which the extended Jacobian keeps stationary.
+        """
         return self._U.gradients(Q)[:, :, 0]
 
     def hessians(self, Q: Array) -> Array:
-        """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n)."""
+        """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n).
+
+        The differences are made symmetric; their step is longer where ∇U itself is by differences.
+        """
         K, n = Q.shape
         if self._hessian is not None:
             what = "the Hessian of potential U"

@@ -1,5 +1,7 @@
 """Law of the leaf lock in NumPy: one step of a repeatable inverse, with feedback to its leaf.
 
+The leaf is the set h(q) = c on which the potentials h keep the arm; the leaf lock corrects c − h(q)
+as a controller corrects the task error. J_V = [J; Vᵀ] is the augmented Jacobian, with V = ∂hᵀ/∂q.
 The law stands twice: in C (:mod:`.native_law`), which is the default, and here, as reference and
 for what C cannot hold: user-defined potentials, arms of more than 64 joints.
 """
@@ -18,7 +20,11 @@ from .step_arguments import StepLimits, failure
 
 
 class NumPyLaw:
-    """The control law as its formulas stand: ``J_V = [J; Vᵀ]`` (37), and its inverse (31)."""
+    """The control law as its formulas stand: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
+
+    It has the methods of :class:`NativeLaw`, whose results it must reproduce. Arguments are checked
+    by the caller.
+    """
 
     def __init__(self, task: Task, potentials: Potentials) -> None:
         self.task = task
@@ -27,21 +33,24 @@ class NumPyLaw:
         self._report = 0.0, 1.0
 
     def leaf(self, q: Array) -> Array:
-        """Evaluate c = h(q) (r,)."""
+        """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q."""
         return self.potentials.value(q)
 
     def inverses(self, Q: Array) -> Array:
-        """Evaluate G_r (K, n, m) at the rows of Q (K, n): the first m columns of J_V⁻¹ (31)."""
+        """Evaluate G_r (K, n, m), the repeatable inverse, at the rows of Q (K, n).
+
+        It is the first m columns of J_V⁻¹ (31).
+        """
         J = self.task.jacobians(Q)
         V = self.potentials.gradients(Q)
         return augmented_inverse(J, V)[:, :, : self.task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
-        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
+        """Compute q̇ (K, n) of the repeatable inverse at the rows of Q (K, n) and Ẋ (K, m)."""
         return (self.inverses(Q) @ Xdot[..., None])[..., 0]
 
     def velocity(self, q: Array, xdot: Array) -> Array:
-        """Compute ``q̇ = J_V⁻¹ [ẋ; 0]`` (n,)."""
+        """Compute ``q̇ = J_V⁻¹ [ẋ; 0]`` (n,): the frame moves with ẋ, and h(q) stays constant."""
         still = np.zeros(self.task.r)
         return self._solved(q, self._augmented(q), np.concatenate([xdot, still]))
 
@@ -55,7 +64,13 @@ class NumPyLaw:
         gain: float | None,
         limits: StepLimits | None,
     ) -> Array:
-        """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,)."""
+        """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,), the next q.
+
+        ``target`` is the placement x, ``twist`` the feed-forward (v, ω), m/s and rad/s, and
+        ``leaf`` the level c; without ``twist`` or ``leaf`` its term is omitted. ``gain`` is K, 1/s;
+        None removes the whole error in one step. With ``limits`` the step is damped near
+        singularities, and shortened to the joint speed limits.
+        """
         task = self.task
         share = 1.0 if gain is None else gain * dt
         J_V = self._augmented(q)
@@ -80,11 +95,15 @@ class NumPyLaw:
         return q + x
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step with limits, and the factor of the limits."""
+        """Return the damping λ of the last step with limits, and the factor, 0 to 1, of the limits.
+
+        The factor is the share of the step that the joint speed limits left; (0, 1) before any
+        step.
+        """
         return self._report
 
     def _augmented(self, q: Array) -> Array:
-        """Evaluate J_V (n, n)."""
+        """Evaluate the augmented Jacobian J_V = [J; Vᵀ] (n, n); InputError if q is not finite."""
         if not np.isfinite(q).all():
             raise failure(self.task, q, q)
         with np.errstate(over="ignore", invalid="ignore"):  # tested when solved
@@ -92,7 +111,11 @@ class NumPyLaw:
         return np.concatenate([self.task.jacobian(q), V.T])
 
     def _solved(self, q: Array, J_V: Array, rhs: Array) -> Array:
-        """Solve ``J_V x = rhs``."""
+        """Solve ``J_V x = rhs`` for the step x (n,); raise an error if that is not possible.
+
+        It is an InputError if ``rhs`` (n,) is not finite, and a SingularityError if J_V is singular
+        or nearly so. q serves the message.
+        """
         if not np.isfinite(rhs).all():
             raise failure(self.task, q, rhs)
         try:
@@ -107,7 +130,11 @@ class NumPyLaw:
     def _damped(
         self, q: Array, J_V: Array, rhs: Array, most: float
     ) -> tuple[Array, float]:
-        """Solve ``J_V x = rhs``, damped if ``most``, λ_max, is above 0; return x and λ."""
+        """Solve ``J_V x = rhs``, damped if ``most``, λ_max, is above 0; return x (n,) and λ.
+
+        λ limits x near singularities; it is 0 elsewhere. Without damping a singularity raises an
+        error.
+        """
         if not most:
             return self._solved(q, J_V, rhs), 0.0
         x, used = damped(J_V, rhs, most)
@@ -119,8 +146,8 @@ class NumPyLaw:
 def _within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     """Shorten a step ``x = x_task + x_leaf`` to the maximum step of each joint.
 
-    The return to the leaf, x_leaf, is scaled down first, so that the task keeps its speed. If that
-    is not enough, the whole step is scaled down.
+    The return to the leaf h(q) = c, x_leaf, is scaled down first, so that the task keeps its speed.
+    If that is not enough, the whole step is scaled down.
 
     Parameters
     ----------

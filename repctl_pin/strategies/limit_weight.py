@@ -63,7 +63,7 @@ class LimitWeight:
         return f"<LimitWeight of {self.n} joints: gain {self.gain:g}, onset {self.onset:g}>"
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate the weights (n,)."""
+        """Evaluate the weights w (n,) of the joint speeds at q (n,), larger near limits."""
         q = vector(q, self.n, "q")
         limited = np.isfinite(self.lower) & np.isfinite(self.upper)
         onset = np.where(limited, self.onset * (self.upper - self.lower) / 2, 1.0)

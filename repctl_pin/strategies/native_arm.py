@@ -1,4 +1,8 @@
-"""The struct Arm of arm.h: a task, potentials, limits and a design region as tables for C."""
+"""The struct Arm of arm.h: a task, potentials, limits and a design region as tables for C.
+
+The native library, exported C code and their Python callers share this struct, so that all compute
+the same.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,9 @@ from ..regions import Box, Tube, WorkspaceBox
 def native_arm(
     task: Task, potentials: Potentials | None = None, region: Any = None
 ) -> Any:
-    """Create the struct :data:`ARM` of a task with potentials and a region Ω.
+    """Create the struct :data:`ARM` of a task with potentials and a region Ω, for C.
+
+    It points to arrays, which it keeps alive.
 
     Raises
     ------
@@ -42,7 +48,10 @@ def native_arm(
 
 
 def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
-    """Create the struct :data:`ARM`; None if there is no native library, or C cannot hold it."""
+    """Create the struct :data:`ARM`; None if there is no native library, or C cannot hold the task.
+
+    With None the caller computes in NumPy. C holds up to 64 joints and no Python functions.
+    """
     if library() is None:
         return None
     try:
@@ -52,9 +61,10 @@ def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
 
 
 def _native_parts(potentials: Any) -> list[Any]:
-    """Create the structs :data:`PART` of the terms of a sum of potentials.
+    """Create the structs :data:`PART` of the terms of a sum of potentials, one per term.
 
-    A term has a method ``_native_part`` that creates its own.
+    A struct PART of arm.h has the coefficients of one polynomial or Fourier series. A term has a
+    method ``_native_part`` that creates its own.
 
     Raises
     ------
@@ -72,7 +82,11 @@ def _native_parts(potentials: Any) -> list[Any]:
 
 
 def _native_region(region: Any, task: Task) -> Any:
-    """Create the struct :data:`REGION` of a region, which may have its own ``_native_region``."""
+    """Create the struct :data:`REGION` of a region, which may have its own ``_native_region``.
+
+    C tests with it whether q lies in Ω, the region of joint space of the design. Box, tube and
+    workspace box are supported. InputError is raised for other types without such a method.
+    """
     if isinstance(region, Tube):
         samples, half = region.samples, region.radius
     elif isinstance(region, Box):

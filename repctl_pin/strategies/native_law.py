@@ -1,4 +1,8 @@
-"""The control law of a repeatable inverse in the native library (arm.c), for one thread."""
+"""The control law of a repeatable inverse in the native library (arm.c), for one thread.
+
+The arguments of the C functions are in one block of memory, the struct Call, which is allocated
+once: a control loop then allocates nothing but its result.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,11 @@ _SINGULAR = 1
 
 @cache
 def holding_library() -> ctypes.PyDLL:
-    """Load the library once more: its functions then keep Python's global interpreter lock."""
+    """Load the library once more: its functions then keep Python's global interpreter lock.
+
+    That is faster for one configuration. Calls for batches use the other library, which releases
+    it.
+    """
     native = library()
     assert native is not None
     return ctypes.PyDLL(native._name)
@@ -32,7 +40,8 @@ def holding_library() -> ctypes.PyDLL:
 def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
     """Allocate the arguments of C functions for one thread: the struct Call of calls.c.
 
-    Returns the arrays by name, and the pointer to pass. ``more`` are further arrays.
+    Returns the arrays by name, and the pointer to pass. ``more`` are further arrays. Allocating
+    them at each call would take longer than the arithmetic.
     """
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "twist": task.twist_size, "leaf": r, "limit": n}
@@ -76,7 +85,12 @@ class NativeLaw:
         self._run_leaf = held.call_leaf
 
     def velocity(self, q: Array, xdot: Array) -> Array:
-        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
+        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
+
+        The frame moves with ẋ, and the arm stays on its leaf, because V are the gradients of the
+        potentials. A SingularityError is raised where [J; Vᵀ] is singular, and an InputError for
+        numbers that are not finite.
+        """
         self._q[...] = q
         self._xdot[...] = xdot
         status = self._run_velocity(self._call)
@@ -85,7 +99,10 @@ class NativeLaw:
         return self._result.copy()
 
     def leaf(self, q: Array) -> Array:
-        """Evaluate c = h(q) (r,)."""
+        """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q.
+
+        An InputError is raised if q is not finite.
+        """
         self._q[...] = q
         status = self._run_leaf(self._call)
         if status:
@@ -102,7 +119,13 @@ class NativeLaw:
         gain: float | None,
         bounds: StepLimits | None,
     ) -> Array:
-        """Compute the next q (n,)."""
+        """Compute the next q (n,) of a control loop, as :meth:`NumPyLaw.step` does.
+
+        ``target`` is the placement x, ``twist`` the feed-forward (v, ω), ``leaf`` the level c, and
+        ``gain`` the feedback gain, 1/s; None removes the whole error in one step. ``bounds`` are
+        the speed limits and the maximum damping. An InputError or a SingularityError is raised if C
+        finds no step.
+        """
         given = 0
         self._q[...] = q
         self._target[...] = target.homogeneous
@@ -125,11 +148,18 @@ class NativeLaw:
         return self._result.copy()
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step, and the factor of the speed limits."""
+        """Return the damping λ of the last step, and the factor, 0 to 1, of the speed limits.
+
+        The factor is the share of the step that the joint speed limits left.
+        """
         return float(self._numbers[3]), float(self._numbers[4])
 
     def inverses(self, Q: Array) -> Array:
-        """Evaluate G_r (K, n, m) at the rows of Q (K, n)."""
+        """Evaluate G_r (K, n, m), the repeatable inverse, at the rows of Q (K, n).
+
+        Where C finds a singular row, NumPy computes all rows again, so that its error names the
+        number of rows.
+        """
         task, h = self._task, self._potentials
         G = np.empty((len(Q), task.n, task.m))
         if self._run_rows("call_inverses", Q, G):
@@ -138,7 +168,10 @@ class NativeLaw:
         return augmented_inverse(J, V)[:, :, : task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
-        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
+        """Compute q̇ (K, n) of the repeatable inverse at the rows of Q (K, n) and Ẋ (K, m).
+
+        If C fails at a row, NumPy computes all rows, and raises the error.
+        """
         Qdot = np.empty((len(Q), self._task.n))
         if self._run_rows("call_velocities", Q, Xdot, Qdot):
             return Qdot
@@ -147,7 +180,8 @@ class NativeLaw:
     def _run_rows(self, name: str, *arrays: Array) -> bool:
         """Call a C function on all rows of arrays, the last of which receives the results.
 
-        Return whether it succeeded at each row.
+        Return whether it succeeded at each row. ``name`` is the function's in the library. A row
+        fails at a singularity.
         """
         native = library()
         assert native is not None
@@ -160,7 +194,11 @@ class NativeLaw:
         return done == count
 
     def _refused(self, status: int, q: Array, target: Any = None) -> Exception:
-        """Create the exception for a status of C."""
+        """Create the exception for a status of C: InputError or SingularityError, with its message.
+
+        ``status`` is 1 for a singularity; others mean numbers that are not finite, in q or in the
+        target.
+        """
         if status != _SINGULAR and target is not None and np.isfinite(q).all():
             self._task.error(q, target)  # raises if it is not a rotation
         bad = 0.0 if status == _SINGULAR else np.nan

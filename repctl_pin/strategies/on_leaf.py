@@ -1,4 +1,9 @@
-"""Inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf of a repeatable inverse."""
+"""Inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf of a repeatable inverse.
+
+The leaf is the set h(q) = c, with h the potentials that the inverse keeps constant. Pose x and
+level c determine q there, up to the solution branch. J_V = [J; Vᵀ], with V = ∂hᵀ/∂q, is the
+derivative of (f, h).
+"""
 
 from __future__ import annotations
 
@@ -106,9 +111,11 @@ def solve(
 def _newton(
     step: Callable[..., Array], q: Array, target: pin.SE3, c: Array, tolerance: float
 ) -> Array | None:
-    """Solve ``[x − f(q); c − h(q)] = 0`` near q by Newton's method, to a tolerance.
+    """Solve ``[x − f(q); c − h(q)] = 0`` near q by Newton's method, to a tolerance, rad or m.
 
-    None if the first step is too long, the steps do not shrink, or J_V is singular.
+    ``step`` is the method of the inverse that computes the next q of a control loop; with dt = 1 it
+    is a Newton step. None if the first step is too long, the steps do not shrink, or J_V is
+    singular.
     """
 
     def correction(q: Array) -> Array:
@@ -128,7 +135,11 @@ def _newton(
 
 
 def _side(task: Task, potentials: Potentials, q: Array) -> int:
-    """Return the sign of det J_V at q: −1, 0 or 1."""
+    """Return the sign of det J_V at q: −1, 0 or 1.
+
+    It changes only across a singularity of J_V. So equal signs show that two configurations can be
+    on one solution branch.
+    """
     J_V = np.vstack([task.jacobian(q), potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
 
@@ -136,7 +147,11 @@ def _side(task: Task, potentials: Potentials, q: Array) -> int:
 def _line(
     task: Task, start: Sequence[pin.SE3], target: Any
 ) -> Callable[[float], pin.SE3 | Placements]:
-    """Make the function share → placement on the straight line, of each frame of the task."""
+    """Make the function share → placement on the straight line, of each frame of the task.
+
+    ``start`` has one placement per frame, and ``target`` is one placement, or :class:`Placements`
+    of several frames. The share runs from 0 to 1.
+    """
     if not isinstance(target, Placements):
         turn = _turn(task.kind, start[0], target)
         return lambda s: _between(start[0], target, turn, s)
@@ -160,7 +175,11 @@ def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
 
 
 def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
-    """Interpolate the placement at the share s of the path."""
+    """Interpolate the placement at the share s of the path, 0 to 1.
+
+    The position moves in a straight line, and the orientation by s times the rotation vector
+    ``turn`` (3,), rad, in base axes.
+    """
     p = start.translation + s * (target.translation - start.translation)
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
 
@@ -168,7 +187,11 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
 def _unreached(
     task: Task, potentials: Potentials, target: pin.SE3, q: Array, done: float
 ) -> InputError:
-    """Create the error for a target that cannot be reached on the leaf: the path ends at q."""
+    """Create the error for a target that cannot be reached on the leaf: the path ends at q.
+
+    The message says how much of the path was ``done`` (0 to 1), and whether the arm or the leaf, by
+    its margin, is near a singularity there.
+    """
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)
     if inverse_condition_number(J) < 0.02:

@@ -31,6 +31,8 @@ from .strategy import described
 class Pseudoinverse:
     """Minimum joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
 
+    It is the usual controller, with which all others are compared.
+
     Raises
     ------
     InputError
@@ -55,11 +57,11 @@ class Pseudoinverse:
         return described(self, self.task)
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate J⁺ (n, m)."""
+        """Evaluate J⁺ (n, m), the pseudoinverse of the Jacobian, at q (n,)."""
         return pseudoinverse(self.task.jacobian(q))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺ at every row of Q (K, n): (K, n, m)."""
+        """Evaluate J⁺ at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
         return pseudoinverse(at_rows(self.task, Q, J)[1])
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
@@ -128,16 +130,20 @@ class WeightedInverse:
         )
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate J⁺_M (n, m)."""
+        """Evaluate J⁺_M (n, m), the inverse of minimum ``q̇ᵀ M q̇``, at q (n,)."""
         return self.batch(vector(q, self.task.n, "q")[None])[0]
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m)."""
+        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
         Q, J = at_rows(self.task, Q, J)
         return weighted_pseudoinverse(J, self._weights(Q))
 
     def _weights(self, Q: Array) -> Array:
-        """Evaluate the weight matrix M at every row of Q: (K, n, n), or (n, n) if constant."""
+        """Evaluate the weight matrix M at every row of Q: (K, n, n), or (n, n) if constant.
+
+        M is the inertia matrix of the arm, a user's function of q, or a constant, as the weight was
+        given.
+        """
         if isinstance(self.weight, str):
             return self.task.inertias(Q)
         if callable(self.weight):
@@ -145,7 +151,7 @@ class WeightedInverse:
         return np.asarray(self.weight)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Compute ``q̇ = J⁺_M ẋ`` (n,)."""
+        """Compute ``q̇ = J⁺_M ẋ`` (n,), which minimises ``q̇ᵀ M q̇``, for ẋ (m,)."""
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
@@ -197,7 +203,8 @@ def _least_speed(
 def _positive(weight: ArrayLike, n: int) -> Array:
     """Check a weight and return it as a matrix M (n, n).
 
-    It can be n positive numbers, or a symmetric positive definite (n, n) matrix.
+    It can be n positive numbers, or a symmetric positive definite (n, n) matrix. Otherwise
+    InputError is raised: ``q̇ᵀ M q̇`` would have no minimum.
     """
     M = as_numbers(weight)
     if M is None:
@@ -217,7 +224,10 @@ def _positive(weight: ArrayLike, n: int) -> Array:
 
 
 def _check_inertia(task: Task) -> None:
-    """Raise InputError if a joint moves no mass: the inertia is then no positive weight."""
+    """Raise InputError if a joint moves no mass: the inertia is then no positive weight.
+
+    The message names the joint and the link that lacks an ``<inertial>``.
+    """
     own = np.diagonal(task.inertias(task.reference[None])[0])
     light = own <= 1e-12 * own.max()
     if light.any():
@@ -236,7 +246,7 @@ def _check_inertia(task: Task) -> None:
 def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array]:
     """Check configurations Q (K, n), and return them with their Jacobians J (K, m, n).
 
-    A given J is checked; otherwise J is evaluated.
+    A given J is checked; otherwise J is evaluated. All inverses take their batches in this way.
     """
     Q = as_configurations(Q, task.n, "batch()")
     if J is None:
@@ -246,9 +256,9 @@ def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array
 
 
 def redundant(value: Any) -> Task:
-    """Copy a task with separate scratch memory, see :func:`own_task`.
+    """Copy a task with separate scratch memory, and require r ≥ 0; see :func:`own_task`.
 
-    Raises InputError if it has fewer joints than coordinates, r < 0.
+    InputError is raised if it has fewer joints than coordinates: then no inverse has J G = I.
     """
     task = own_task(value)
     if task.r < 0:
@@ -299,6 +309,6 @@ class PostureControl:
         return described(self, self.task, f"gain {self.gain:g} 1/s")
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Compute q̇ (n,) for a task velocity ẋ (m,)."""
+        """Compute q̇ (n,), with attraction to the posture, for a task velocity ẋ (m,)."""
         n, m = self.task.n, self.task.m
         return self._quick.own(*as_velocity_arguments(q, xdot, n, m))

@@ -1,7 +1,8 @@
 """A repeatable inverse G_r: its motions keep h(q) constant.
 
 So a closed path ends in the configuration it began in, if it can be shrunk to a point through
-closed paths whose motions all stay in Ω.
+closed paths whose motions all stay in Ω, the region of joint space of the design. h are r
+potentials, functions of q; the set h(q) = c is a leaf, and c its level.
 """
 
 from __future__ import annotations
@@ -49,13 +50,15 @@ _EDGE = 1e-9
 
 @runtime_checkable
 class Bounded(Protocol):
-    """A region of joint space that can tell how far inside or outside configurations lie."""
+    """A region of joint space that can tell how far inside or outside configurations lie.
+
+    This is all that a controller needs of its region Ω, to warn outside it.
+    """
 
     def ratio(self, Q: Array) -> Array:
-        """Factor by which the region would have to be scaled for each row of Q to lie on its
-        boundary: (K,).
+        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
 
-        Above 1 is outside.
+        The factor is of its widths: below 1 for a row inside, above 1 outside.
         """
 
 
@@ -66,7 +69,9 @@ _SAME_LEAF = 1e-6
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
-    Several threads may use one object at the same time.
+    h are r potentials, functions of q that stay constant in every motion. Closed paths of the frame
+    thus end in the configuration they began in. Several threads may use one object at the same
+    time.
 
     Parameters
     ----------
@@ -129,14 +134,14 @@ class RepeatableInverse:
     # ---- the inverse -----------------------------------------------------------------------------
 
     def __call__(self, q: ArrayLike) -> Array:
-        """Evaluate G_r (n, m)."""
+        """Evaluate G_r (n, m), the matrix of ``q̇ = G_r ẋ``, at q (n,)."""
         q = vector(q, self.task.n, "q")
         return augmented_inverse(self.task.jacobian(q), self.potentials.gradient(q))[
             :, : self.task.m
         ]
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
+        """Evaluate G_r at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
         if J is None:
             return self._law.own.inverses(as_configurations(Q, self.task.n, "batch()"))
         Q, J = at_rows(self.task, Q, J)
@@ -148,6 +153,8 @@ class RepeatableInverse:
         self, q: ArrayLike, xdot: ArrayLike, *, outside: _Outside = "ignore"
     ) -> Array:
         """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
+
+        The frame moves with ẋ, and the potentials h, whose gradients are V, stay constant.
 
         Parameters
         ----------
@@ -169,7 +176,10 @@ class RepeatableInverse:
         return self._law.own.velocity(*as_velocity_arguments(q, xdot, task.n, task.m))
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
-        """Compute q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
+        """Compute q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n).
+
+        It is faster than a loop over :meth:`velocity`.
+        """
         Q = as_configurations(Q, self.task.n, "velocities()")
         (Xdot,) = as_matrices(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
         return self._law.own.velocities(Q, Xdot)
@@ -189,8 +199,9 @@ class RepeatableInverse:
     ) -> Array:
         """Compute the next q (n,) of a control loop, with feedback of the task and leaf errors.
 
-        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Only
-        the result is allocated. The controller holds no state: a step that raises changes nothing.
+        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock,
+        which returns the arm to the level c of the potentials h. Only the result is allocated. The
+        controller holds no state: a step that raises changes nothing.
 
         Parameters
         ----------
@@ -251,6 +262,8 @@ class RepeatableInverse:
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
+        Both tell that a step was not what was asked for: near a singularity, or at a speed limit.
+
         Returns
         -------
         Step
@@ -276,7 +289,11 @@ class RepeatableInverse:
         return Step(following, *law.report())
 
     def _check_region(self, q: ArrayLike, outside: str) -> None:
-        """Warn or raise, as ``outside`` says, if q lies outside Ω."""
+        """Warn or raise, as ``outside`` says, if q lies outside Ω.
+
+        Repeatability is not guaranteed there. ``outside`` is "warn" or "raise". InputError is
+        raised if the inverse has no region.
+        """
         require_choice(outside, _ACTIONS, "action outside Ω")
         if self.region is None:
             raise InputError(
@@ -293,7 +310,10 @@ class RepeatableInverse:
             )
 
     def _check_limits(self, q: ArrayLike, what: str, outside: str) -> None:
-        """Warn or raise, as ``outside`` says, if q (called ``what``) violates a joint limit."""
+        """Warn or raise, as ``outside`` says, if q (called ``what``) violates a joint limit.
+
+        ``outside`` is "warn" or "raise".
+        """
         try:
             self.task.check(q, what)
         except InputError as error:
@@ -308,7 +328,8 @@ class RepeatableInverse:
     def same_leaf(self, q: ArrayLike, other: ArrayLike) -> bool:
         """Test whether two configurations lie on one leaf: ``|h(q) − h(q′)| ≤ 1e-6``.
 
-        What is proved of paths on one leaf is not proved on another.
+        A leaf is the set of configurations with one value of h(q). What is proved of paths on one
+        leaf is not proved on another.
 
         Parameters
         ----------
@@ -322,7 +343,8 @@ class RepeatableInverse:
     ) -> Array:
         """Solve f(q) = x on a leaf: the inverse kinematic function q = F(x; c).
 
-        On the solution branch of q0, the result depends on x and c alone, not on the motion before.
+        A leaf is the set h(q) = c of the potentials h, on which pose x and level c determine q. On
+        the solution branch of q0, the result depends on x and c alone, not on the motion before.
         See :func:`on_leaf.solve`.
 
         Parameters
@@ -355,7 +377,11 @@ class RepeatableInverse:
 
 
 def _laws(task: Task, potentials: Potentials) -> Callable[[], NativeLaw | NumPyLaw]:
-    """Return a function that makes the control law for one thread, in C or else in NumPy."""
+    """Return a function that makes the control law for one thread, in C or else in NumPy.
+
+    A law holds scratch memory, so that each thread needs its own; the C struct of the arm is
+    shared.
+    """
     shared_arm = cache(partial(library_arm, task, potentials))
 
     def law() -> NativeLaw | NumPyLaw:
@@ -370,7 +396,10 @@ def _laws(task: Task, potentials: Potentials) -> Callable[[], NativeLaw | NumPyL
 
 
 def _report(what: str, outside: str) -> None:
-    """Raise an InputError with the message ``what`` if ``outside`` is "raise", else warn."""
+    """Raise an InputError with the message ``what`` if ``outside`` is "raise", else warn.
+
+    The warning points to the line of the user's program.
+    """
     if outside == "raise":
         raise InputError(what)
     warnings.warn(what, UserWarning, stacklevel=4)

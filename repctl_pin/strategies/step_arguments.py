@@ -23,14 +23,21 @@ from ..redundancy.augmented import SINGULAR
 
 
 class StepLimits(NamedTuple):
-    """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max."""
+    """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max.
+
+    The damping shortens steps near singularities; with λ_max = 0 there is none.
+    """
 
     velocity_limit: Array
     damping: float
 
 
 def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> StepLimits:
-    """Check the limits of a step, as :meth:`RepeatableInverse.step` takes them."""
+    """Check the limits of a step, as :meth:`RepeatableInverse.step` takes them, and return them.
+
+    ``velocity_limit`` is a number or n of them, rad/s or m/s, or None; ``damping`` is λ_max, 0 or
+    more.
+    """
     damping = positive(damping, "damping", zero=True)
     limit = inf if velocity_limit is None else velocity_limit
     return StepLimits(per_joint(limit, n, "a speed limit"), damping)
@@ -39,7 +46,10 @@ def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> Ste
 def as_velocity_arguments(
     q: ArrayLike, xdot: ArrayLike, n: int, m: int
 ) -> tuple[Array, Array]:
-    """Check q (n,) and ẋ (m,) of a velocity."""
+    """Check q (n,) and ẋ (m,) of a velocity, and return them as arrays of doubles.
+
+    Arrays of doubles pass without a test of their values, which the solver tests.
+    """
     if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,)):
         q = vector(q, n, "q")
     if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == (m,)):
@@ -56,7 +66,12 @@ def as_step_arguments(
     gain: float | None,
     task: Task,
 ) -> tuple[Array, pin.SE3, float, Array | None, Array | None, float | None]:
-    """Check the arguments of a step, and return them in this order."""
+    """Check the arguments of a step, and return (q, target, dt, twist, leaf, gain).
+
+    ``target`` is a placement, ``dt`` is in s, ``twist`` is (v, ω), m/s and rad/s, ``leaf`` the
+    level c (r,), and ``gain`` in 1/s. None stays None. InputError names the argument that cannot be
+    used.
+    """
     n = task.n
     if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,)):
         q = vector(q, n, "q")
@@ -82,7 +97,8 @@ def as_step_arguments(
 def _as_gain(gain: float, dt: float) -> float:
     """Check a feedback gain, 1/s, and convert it to a float.
 
-    A step removes the share gain · dt of the error.
+    A step removes the share gain · dt of the error, which must be from 0 to 2: above 2, each step
+    would increase the error. Otherwise InputError is raised.
     """
     value = (
         gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
@@ -95,9 +111,10 @@ def _as_gain(gain: float, dt: float) -> float:
 
 
 def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
-    """Create the exception for a step without a finite solution.
+    """Create the exception for a step without a finite solution, with q in its message.
 
-    It is an InputError if q or ``rhs`` is not finite, else a SingularityError.
+    It is an InputError if q or ``rhs`` is not finite, else a SingularityError with the text
+    ``singular``. The cause is searched only after a failure, so that good steps cost nothing.
     """
     if not np.isfinite(q).all():
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")

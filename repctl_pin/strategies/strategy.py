@@ -37,7 +37,10 @@ class Step:
 
 @runtime_checkable
 class Strategy(Protocol):
-    """A control strategy: joint velocities for a task velocity."""
+    """A control strategy: joint velocities for a task velocity.
+
+    :func:`follow` integrates any object with these two members, a user's too.
+    """
 
     @property
     def task(self) -> Task:
@@ -48,17 +51,20 @@ class Strategy(Protocol):
 
 
 def described(strategy: object, task: Task, details: str = "") -> str:
-    """Format the repr of a strategy: its class, its task, and details."""
+    """Format the repr of a strategy: ``<Pseudoinverse of panda panda_hand pose: details>``."""
     of = f"{type(strategy).__name__} of {task.robot.name} {task.frame} {task.kind}"
     return f"<{of}: {details}>" if details else f"<{of}>"
 
 
 @runtime_checkable
 class Inverse(Strategy, Protocol):
-    """A strategy of the form ``q̇ = G(q) ẋ`` (3) with ``J G = I``."""
+    """A strategy of the form ``q̇ = G(q) ẋ`` (3) with ``J G = I``.
+
+    Repeatability tests and designs need the matrix G itself, not only velocities.
+    """
 
     def __call__(self, q: Array) -> Array:
-        """Evaluate G (n, m)."""
+        """Evaluate the matrix G (n, m) of ``q̇ = G ẋ`` at q (n,)."""
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m); with J (K, m, n) where it is known."""
