@@ -187,14 +187,15 @@ def _native_frames(
 def _along_z(chain: _JointChain) -> tuple[Array, Array]:
     """Turn the frames of the joints, so that each joint moves about or along its own z axis.
 
-    A frame can then be turned about its z axis, as its joint does. Each one is turned so that the
-    rotation from it to the next one is about its x axis, if a rotation about z after it permits.
-    Products with such rotations need fewer operations in C.
+    Each frame is also turned about its z axis, which its joint does anyway, so that the rotation to
+    the next frame is one about x, unless the two z axes are parallel. Products with such
+    rotations need fewer operations in C.
 
     Returns
     -------
     R, p : (P + 1, 3, 3) and (P + 1, 3) arrays
-        Rotation and origin of each frame relative to the previous one.
+        Rotation and origin of each frame relative to the previous one: of the P joints, and of the
+        task's frame.
     """
     B = [np.eye(3), *map(_z_along, chain.axes), np.eye(3)]
     for j in range(1, len(chain.axes)):

@@ -142,7 +142,9 @@ def couple(
 ) -> Coupling:
     """Create the coupling of a model's joints (N names) to its free joints (n names).
 
-    ``joints`` gives each joint by name; one that is not free must mimic a free one.
+    It is the map ``θ = S q + offset`` from free joints q (n,) to all joints θ (N,), S (N, n).
+    ``joints`` gives each joint by name. A joint that is not free must mimic a free one; chains of
+    mimic joints are already resolved to it.
     """
     S = np.zeros((len(names), len(free)))
     offset = np.zeros(len(names))

@@ -522,10 +522,12 @@ class Cell:
         return U, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
-        """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), which scales u to unit task speed.
+        """Evaluate the matrices ``C = (EᵀE)^(−1/2)`` that turn rates of u into task speeds.
 
-        E = ∂x/∂u is that of :meth:`twists`. For a function F, the product ∂F/∂u C is in joint speed
-        per unit of task speed, so that cells of different sizes can be compared.
+        E = ∂x/∂u is that of :meth:`twists`, m and rad per unit of the k + l coordinates u of the
+        cell: k of position, l of rotation. For a function q = F(u), ∂F/∂u C is the joint speed per
+        unit of task speed, 1 m/s or 1 rad/s, so that cells of different sizes can be compared.
+        U is (K, k + l), and C (K, k + l, k + l).
         """
         _, R = self.placements(U)
         E = self.twists(U, R)

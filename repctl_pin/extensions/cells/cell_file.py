@@ -117,12 +117,12 @@ class _BodiesFile(Part):
 
 
 class _CellFigures(Part):
-    """Evaluation of a function over a cell.
+    """Figures of a saved cell, as they are stored: those of an ``Evaluation``, by other names.
 
-    See :class:`repctl_pin.extensions.cells.cell_evaluation.Evaluation`. A margin is null without
-    joint limits, ``body_distance`` is null without collision bodies. Figures with a default are not
-    in older files. ``least_leaf_margin`` is :attr:`Evaluation.leaf_margin`; ``leaf_margin`` stands
-    in older files only, is σ_min(Nᵀ n̂_ref), and is not read.
+    A margin is null without joint limits, ``body_distance`` is null without collision bodies.
+    Figures with a default are not in older files. The leaf margin is stored as
+    ``least_leaf_margin``. Older files have another figure of the name ``leaf_margin``, which is not
+    read.
     """
 
     cost: float

@@ -270,7 +270,8 @@ class Chart:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
         s is the position along the self-motion, and 0 if F is the function of the chart. The
-        derivative ∂ with respect to u follows from the two equations of the chart:
+        derivative ∂ with respect to the coordinates u follows from the two equations of the chart,
+        f(q) = x(u) and n_refᵀ (q − q_ref) = s:
 
         .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
                   \partial s + n_{ref}^T \partial q_{ref}

@@ -157,8 +157,10 @@ def touching(
 def round_the_base(cell: Cell) -> str:
     """Write that the cell contains the axis of the arm's first joint, so that no function exists.
 
-    The text is part of an error message. Return an empty text if the cell does not contain the
-    axis, if the first joint is prismatic, or if the cell is a sector.
+    On the way around that axis the first joint turns once, so the pose at the end is that at the
+    beginning, but the joints are not. The text is part of an error message. It is empty if the cell
+    does not contain the axis, if the first joint is prismatic, or if the cell is a sector, whose
+    coordinates are made to go around an axis.
     """
     task = cell.task
     turning = np.flatnonzero(task.revolute)

@@ -438,11 +438,12 @@ class Servo:
         return True
 
     def _compare(self, q: Array, age: float) -> bool:
-        """Compare measured joints q (n,), ``age`` s old, with the last command; hold if too far.
+        """Compare measured joints q (n,), ``age`` s old, with the last command; stop if too far.
 
-        A collision or a lost controller shows like this. The joints may have moved since, at their
-        speed limits. Returns True if no command may be sent: the arm did not follow, and the
-        commands are at rest.
+        An arm that collided, or whose controller was lost, does not follow its commands. Since the
+        measurement it may have moved at its speed limits; so much is allowed beyond the tolerance.
+        If it is farther away, the commands slow down to rest. Returns False while they do, and
+        True from then on, when no command may be sent.
         """
         off = (
             np.abs(q - self._commands[-1]) - age * self._limits.velocity

@@ -263,11 +263,12 @@ class _Search:
             np.copyto(rates, np.maximum(rates, np.where(value[b] > rates, high, 0)))
 
     def reach(self) -> Reach:
-        """Return the length that lines may have with the rates proved so far, for the worst place.
+        """Return the length that lines may have with the rates proved so far.
 
-        A rate is the motion of a joint per metre of a line. A line is extended through the sets S_1
-        ⊂ S_2 ⊂ … until a joint may leave the last one. Undecided boxes count with their last
-        bounds.
+        It is the minimum over all places, the parts of the path where lines begin. A rate is the
+        motion of a joint per metre of a line. A line is extended through the sets S_1 ⊂ S_2 ⊂ … until a
+        joint may leave the last one. Undecided boxes count with their last bounds, so the length is
+        valid at any time of the search.
         """
         rates = self.rates.copy()
         bound = np.where(np.isnan(self.bound), np.inf, self.bound)

@@ -153,7 +153,8 @@ class BodyGuard:
             Samples (K, n) of the plan, from the present to rest. From tick to tick the joints move
             on a straight line.
         S
-            Ways of the joints up to each sample (K, n).
+            Distance (K, n), rad or m, that each joint has moved, there and back, from the first
+            sample to each sample. It bounds how far the bodies move between samples.
         """
         if not self._drive.identity:
             Q, S = self._drive.joints(Q), S @ np.abs(self._drive.S).T
