@@ -266,9 +266,9 @@ class _Search:
         """Return the length that lines may have with the rates proved so far.
 
         It is the minimum over all places, the parts of the path where lines begin. A rate is the
-        motion of a joint per metre of a line. A line is extended through the sets S_1 ⊂ S_2 ⊂ … until a
-        joint may leave the last one. Undecided boxes count with their last bounds, so the length is
-        valid at any time of the search.
+        motion of a joint per metre of a line. A line is extended through the sets S_1 ⊂ S_2 ⊂ …
+        until a joint may leave the last one. Undecided boxes count with their last bounds, so the
+        length is valid at any time of the search.
         """
         rates = self.rates.copy()
         bound = np.where(np.isnan(self.bound), np.inf, self.bound)
