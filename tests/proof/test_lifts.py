@@ -43,8 +43,8 @@ MUTANTS = {
         "half = self.widths",
     ),
     "no rotation": (
-        "self.rates[place, within], self.ratio",
-        "self.rates[place, within], 0",
+        "self.rates[place, within], self.ratios",
+        "self.rates[place, within], 0 * self.ratios",
     ),
     "the slowest joint": ("step = left.min(axis=1)", "step = left.max(axis=1)"),
     "joints that do not move": ("step[:, None] * finite", "0 * finite"),
