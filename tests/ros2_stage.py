@@ -203,6 +203,7 @@ class Stage:
             process.wait()
         self._ends = True
         self._thread.join()
+        self._executor.shutdown()  # else the node may go while a callback runs
         self._node.destroy_node()
         rclpy.try_shutdown()
 
