@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..errors import InputError, needed
 from .shapes import Shape, find_mesh
-from .surfaces import unit
+from .surfaces import HEAD, unit
 
 _LARGEST_FILE = 100_000_000
 """Maximum size of a mesh file, bytes."""
@@ -263,7 +263,7 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
         )
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
-        meters = unit(path.read_bytes()) if path.suffix.lower() == ".dae" else 1.0
+        meters = _unit_of(path)
         vertices = np.asarray(mesh.vertices, float) * meters * scale
         faces = np.asarray(mesh.faces, np.intp)
     except Exception as error:  # trimesh's readers raise errors of many kinds
@@ -287,6 +287,14 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
         vertices = vertices[used]
         faces = np.searchsorted(used, faces)
     return vertices, faces
+
+
+def _unit_of(path: Path) -> float:
+    """Read the unit of length of a mesh file, m: only COLLADA files have another than 1 m."""
+    if path.suffix.lower() != ".dae":
+        return 1.0
+    with path.open("rb") as file:
+        return unit(file.read(HEAD))
 
 
 def _convex_hull(vertices: Array) -> Any:

@@ -17,6 +17,9 @@ from ..arguments import Array, read_only
 from ..errors import InputError
 from .shapes import Shape
 
+HEAD = 20_000
+"""Number of bytes at the beginning of a COLLADA file that hold its unit of length."""
+
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
 """Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""
 
@@ -224,7 +227,7 @@ def unit(data: bytes) -> float:
 
     InputError is raised if it is not a positive number.
     """
-    found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:20_000])
+    found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:HEAD])
     try:
         meters = float(found[1].replace(b",", b".")) if found else 1.0
     except ValueError:

@@ -101,7 +101,7 @@ class MotionBetween(TimedMotion):
         times = as_numbers(t)
         if times is None or times.ndim > 1 or not np.isfinite(times).all():
             raise InputError("t must be a finite number, s, or an array (T,) of them")
-        q = np.asarray(self.trajectory.derivatives(np.atleast_1d(times))[0], float)
+        q = self.trajectory.positions(np.atleast_1d(times))
         return q if times.ndim else q[0]
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arguments import MOST_STEPS, Array, read_only
 from ...errors import InputError, needed
@@ -70,6 +71,10 @@ class Segment:
         tau = t - self.t[i]
         s = self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
         return s, self.speed[i] + push * tau, push, np.zeros(len(t))
+
+    def positions(self, t: Array) -> Array:
+        """Evaluate q (T, n) at times (T,), s, from the segment's start."""
+        return np.asarray(self.curve(self.law(t)[0]))
 
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate q, q̇, q̈ and q⃛, each (T, n), at times (T,), s, from the segment's start."""
@@ -155,17 +160,39 @@ class Course:
 
         The arm is at rest before the start, between two segments, and after the end.
         """
-        which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
-        found = np.zeros((4, len(t), self.segments[0].curve.c.shape[2]))
-        for k in np.unique(which):
-            rows, segment = np.flatnonzero(which == k), self.segments[k]
+        found = np.zeros((4, len(t), self._joints))
+        for rows, segment, own, factor in self._parts(t):
             end = segment.t[-1]
-            factor = self.durations[k] / end
-            own = (t[rows] - self.begins[k]) / factor
             moved = np.array(segment.derivatives(np.clip(own, 0.0, end)))
             found[:, rows] = moved / factor ** np.arange(4)[:, None, None]
             found[1:, rows[(own < 0) | (own > end)]] = 0.0
         return found
+
+    def positions(self, t: Array) -> Array:
+        """Evaluate q (T, n) at times (T,), s: the first of :meth:`derivatives`, sooner."""
+        found = np.zeros((len(t), self._joints))
+        for rows, segment, own, _ in self._parts(t):
+            found[rows] = segment.positions(np.clip(own, 0.0, segment.t[-1]))
+        return found
+
+    @property
+    def _joints(self) -> int:
+        """Number of joints."""
+        return int(self.segments[0].curve.c.shape[2])
+
+    def _parts(
+        self, t: Array
+    ) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
+        """Generate the segments at times (T,), s.
+
+        With each come the rows of t that are in it, its own times there, which may be beyond its
+        ends, and the factor by which it is stretched.
+        """
+        which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
+        for k in np.unique(which):
+            rows, segment = np.flatnonzero(which == k), self.segments[k]
+            factor = float(self.durations[k] / segment.t[-1])
+            yield rows, segment, (t[rows] - self.begins[k]) / factor, factor
 
 
 def require_samples(count: float, seconds: float, rate: float) -> None:

@@ -304,7 +304,7 @@ def _sampled(
     clock = np.arange(-lead, samples - lead, dtype=float) * dt
     course = profile.course.stretched(factor)
     back, before, q, after, beyond = (
-        course.derivatives(clock + k * moment)[0] for k in range(-2, 3)
+        course.positions(clock + k * moment) for k in range(-2, 3)
     )
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)
