@@ -21,7 +21,7 @@ export class Callouts {
   say(read = null) {
     for (const { arm, part, hand } of this.sets) {
       const grey = arm.ghostSpot() ? ", in grey" : "", base = this.scene.leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
-      const from = arm.repeats && !this.scene.leading ? "the same in every cycle" : `from ${base}${grey}`;
+      const from = !arm.repeats ? `from ${base}${grey}` : this.scene.leading ? "" : "the same in every cycle";
       const [off, when] = read ? read(arm) : [arm.partOff(), from], way = arm.handOff();
       write(part.note, when);
       write(part.value, this.words(off));
