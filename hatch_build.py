@@ -56,9 +56,7 @@ def obtainable(package: str) -> bool:
 
     What get_requires_for_build_wheel returns and the frontend does not find ends the installation.
     """
-    environment = {
-        name: text for name, text in os.environ.items() if name != "PYTHONPATH"
-    }
+    environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
     with tempfile.TemporaryDirectory() as folder:
         if "UV" in os.environ:
             dry = ["--dry-run", "--no-deps", "--target", folder]
@@ -66,10 +64,7 @@ def obtainable(package: str) -> bool:
         else:
             line = [sys.executable, "-m", "pip", "index", "versions", package]
         answer = subprocess.run(
-            [*line, *index_options(frontend())],
-            env=environment,
-            capture_output=True,
-            text=True,
+            [*line, *index_options(frontend())], env=environment, capture_output=True, text=True
         )
     return answer.returncode == 0 or "No module named pip" in answer.stderr
 
@@ -104,9 +99,7 @@ class CustomBuildHook(BuildHookInterface):
             return
         self.folder = tempfile.TemporaryDirectory()
         editable = version == "editable"
-        library = (
-            native.LIBRARY if editable else Path(self.folder.name) / "librepctl.so.1"
-        )
+        library = native.LIBRARY if editable else Path(self.folder.name) / "librepctl.so.1"
         try:
             native.build(library)
         except native.NoCompilerError as error:
@@ -115,9 +108,7 @@ class CustomBuildHook(BuildHookInterface):
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform_tag()}"
         if not editable:
-            build_data["force_include"][str(library)] = (
-                "repctl_pin/native/librepctl.so.1"
-            )
+            build_data["force_include"][str(library)] = "repctl_pin/native/librepctl.so.1"
 
 
 def platform_tag() -> str:
@@ -125,8 +116,4 @@ def platform_tag() -> str:
     machine, system = native.target().split("-", 1)
     if system == "macos.11.0":
         return f"macosx_11_0_{machine.replace('aarch64', 'arm64')}"
-    return (
-        f"manylinux_2_17_{machine}"
-        if "REPCTL_TARGET" in os.environ
-        else f"linux_{machine}"
-    )
+    return f"manylinux_2_17_{machine}" if "REPCTL_TARGET" in os.environ else f"linux_{machine}"

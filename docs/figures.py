@@ -29,10 +29,7 @@ def drift() -> Figure:
     desired, path = rp.Pseudoinverse(task), rp.circle(task, q0, radius=0.1, normal="x")
     box = rp.Box(q0, 0.4)
     nearest = rp.nearest_repeatable(
-        desired,
-        rp.Polynomial(q0, 2, 0.4),
-        box,
-        options=rp.FitOptions(samples=512, held_out=256),
+        desired, rp.Polynomial(q0, 2, 0.4), box, options=rp.FitOptions(samples=512, held_out=256)
     )
     controls = [
         ("J⁺", desired, VERMILLION),
@@ -62,9 +59,7 @@ def ring() -> Figure:
     assert rp.prove(design, margin=0.5)
     q0 = np.array([-3.1, 0.9, 0.9])
     x, y, _ = task.placement(q0).translation
-    path = rp.circle(
-        task, q0, radius=np.hypot(x, y), normal="z", start_angle=np.arctan2(y, x)
-    )
+    path = rp.circle(task, q0, radius=np.hypot(x, y), normal="z", start_angle=np.arctan2(y, x))
     motion = rp.follow(design.inverse, path, q0, cycles=1, steps=400)
     assert box.ratio(motion.q).max() < 1
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
@@ -92,10 +87,7 @@ def cell() -> Figure:
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
     box = rp.Cell(task, middle, (0.1, 0.2, 0.1))
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        box,
-        degree=3,
-        options=rp.FitOptions(samples=128, held_out=128),
+        rp.Pseudoinverse(task), box, degree=3, options=rp.FitOptions(samples=128, held_out=128)
     )
     return cell_figure(found, slices(found, 15))
 
@@ -112,10 +104,7 @@ def proofs() -> Figure:
             {
                 f"Panda, pose, degree {degree}": (
                     widths,
-                    [
-                        proof_over(panda, panda.reference, width, degree)
-                        for width in widths
-                    ],
+                    [proof_over(panda, panda.reference, width, degree) for width in widths],
                 )
                 for degree in (2, 3)
             },
@@ -134,9 +123,7 @@ def proofs() -> Figure:
 
 
 def growth(
-    panels: Sequence[
-        tuple[str, dict[str, tuple[Sequence[float], list[tuple[float, float]]]]]
-    ],
+    panels: Sequence[tuple[str, dict[str, tuple[Sequence[float], list[tuple[float, float]]]]]],
     first: str,
     limits: tuple[float, float],
 ) -> Figure:
@@ -144,19 +131,11 @@ def growth(
     figure = Figure(figsize=(9.6, 3.8), layout="constrained")
     for left, (what, lines) in zip(figure.subplots(1, 2), panels, strict=True):
         right = left.twinx()
-        for colour, (name, (x, found)) in zip(
-            (BLUE, VERMILLION), lines.items(), strict=False
-        ):
+        for colour, (name, (x, found)) in zip((BLUE, VERMILLION), lines.items(), strict=False):
             left.plot(x, [value for value, _ in found], "o-", color=colour, label=name)
             right.plot(x, [time for _, time in found], "s:", color=colour)
         ticks = sorted({tick for x, _ in lines.values() for tick in x})
-        left.set(
-            xlabel=what,
-            ylabel=f"{first} (solid)",
-            yscale="log",
-            ylim=limits,
-            xticks=ticks,
-        )
+        left.set(xlabel=what, ylabel=f"{first} (solid)", yscale="log", ylim=limits, xticks=ticks)
         right.set(ylabel="processor time, s (dotted)", yscale="log", ylim=(0.01, 100))
         left.legend(loc="upper left")
     return figure
@@ -205,9 +184,7 @@ def radius_over(task: rp.Task, q0: np.ndarray, width: float) -> tuple[float, flo
     return 100 * closes.metres, thread_time() - begun
 
 
-def proof_over(
-    task: rp.Task, q0: np.ndarray, width: float, degree: int
-) -> tuple[int, float]:
+def proof_over(task: rp.Task, q0: np.ndarray, width: float, degree: int) -> tuple[int, float]:
     """Design over a box, and prove 80 % of the smallest leaf margin found: boxes, and time in s."""
     design = designed(task, q0, width, degree)
     begun = thread_time()
@@ -284,9 +261,7 @@ def states() -> Figure:
         )
         boxes[name] = axes.add_patch(box)
         lines = rest.count("\n")
-        axes.text(
-            x, y + 0.12 + 0.06 * lines, title, ha="center", va="center", weight="bold"
-        )
+        axes.text(x, y + 0.12 + 0.06 * lines, title, ha="center", va="center", weight="bold")
         axes.text(x, y - 0.1 - 0.02 * lines, rest, ha="center", va="center", fontsize=9)
     for start, end, cause, bend in CHANGES:
         (x0, y0, _), (x1, y1, _) = STATES[start], STATES[end]
@@ -322,9 +297,7 @@ def main(folder: Path, names: Sequence[str] = tuple(FIGURES)) -> None:
     for name in names:
         picture = io.BytesIO()
         FIGURES[name]().savefig(picture, dpi=110)
-        Image.open(picture).convert("RGB").quantize(256).save(
-            folder / f"{name}.png", optimize=True
-        )
+        Image.open(picture).convert("RGB").quantize(256).save(folder / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,11 @@ const nameChoices = (colours) => {
   group.setAttribute("aria-label", "Colours");
   group.append(...colours.childNodes);
   colours.append(group);
-  for (const choice of colours.querySelectorAll("input")) choice.setAttribute("aria-label", choice.dataset.mdColorMedia.match(/light|dark/)?.[0] || "as the system");
+  for (const choice of colours.querySelectorAll("input"))
+    choice.setAttribute(
+      "aria-label",
+      choice.dataset.mdColorMedia.match(/light|dark/)?.[0] || "as the system",
+    );
   for (const label of colours.querySelectorAll("label[for]")) {
     const choice = document.getElementById(label.htmlFor);
     label.removeAttribute("for");
@@ -19,7 +23,9 @@ const nameChoices = (colours) => {
 
 const named = () => {
   document.querySelector(".md-search")?.setAttribute("aria-label", "Search");
-  document.querySelectorAll(".md-code__nav").forEach((buttons, k) => buttons.setAttribute("aria-label", `Code ${k + 1}`));
+  document
+    .querySelectorAll(".md-code__nav")
+    .forEach((buttons, k) => buttons.setAttribute("aria-label", `Code ${k + 1}`));
   const colours = document.querySelector("[data-md-component=palette]");
   if (colours) nameChoices(colours);
 };

@@ -45,9 +45,7 @@ def pink_control(
     def velocity(q: np.ndarray, xdot: np.ndarray) -> np.ndarray:
         configuration.update(q)
         here = configuration.get_transform_frame_to_world(task.frame)
-        there = pin.SE3(
-            pin.exp3(DT * xdot[3:]) @ here.rotation, here.translation + DT * xdot[:3]
-        )
+        there = pin.SE3(pin.exp3(DT * xdot[3:]) @ here.rotation, here.translation + DT * xdot[:3])
         frame.set_target(there)
         return pink.solve_ik(configuration, [frame, *extra], DT, solver="daqp")
 

@@ -24,9 +24,7 @@ import repctl_pin as rp
 def design_around(task: rp.Task, center: np.ndarray, half_width: float) -> rp.Design:
     """Find the quadratic design around a configuration."""
     potentials = rp.Polynomial(center, 2, half_width)
-    return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, rp.Box(center, half_width)
-    )
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(center, half_width))
 
 
 def tiago() -> tuple[rp.BestLeaf, rp.RepeatableInverse, rp.TaskPath]:
@@ -56,9 +54,7 @@ def main() -> None:
     """Print the best start of both, and check it over ten cycles."""
     for name, (found, inverse, path) in {"tiago": tiago(), "panda": panda()}.items():
         print(f"{name}: {found.summary()}")
-        motion = rp.follow(
-            inverse, path, found.q0, cycles=10, integrator=rp.LeafLock(2)
-        )
+        motion = rp.follow(inverse, path, found.q0, cycles=10, integrator=rp.LeafLock(2))
         violation = motion.first_violation
         respected = "joint limits respected"
         limits = respected if violation is None else f"{violation[1]} exceeds a limit"

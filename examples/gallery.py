@@ -91,23 +91,14 @@ def photograph(
         for flag in FLAGS:
             options.add_argument(flag)
         options.add_argument(f"--user-data-dir={folder}/profile")
-        driver = webdriver.Chrome(
-            options=options, service=Service(shutil.which("chromedriver"))
-        )
+        driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
         driver.set_script_timeout(seconds)
         try:
-            size = {
-                "width": SIZE[0],
-                "height": SIZE[1],
-                "deviceScaleFactor": 2,
-                "mobile": False,
-            }
+            size = {"width": SIZE[0], "height": SIZE[1], "deviceScaleFactor": 2, "mobile": False}
             driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
             driver.get(source.as_uri() + "#paused")
             deadline = time.monotonic() + seconds
-            while not driver.execute_script(
-                "return Boolean(window.repctl && repctl.ready)"
-            ):
+            while not driver.execute_script("return Boolean(window.repctl && repctl.ready)"):
                 if time.monotonic() > deadline:
                     raise SystemExit(f"{file.name}: the page did not become ready")
                 time.sleep(0.1)
@@ -116,10 +107,7 @@ def photograph(
                 "{ textContent: 'footer, #cards, .tiles { display: none !important }' }))"
             )
             last = driver.execute_script("return repctl.cycles")
-            shots = [
-                _shot(driver, cycle)
-                for cycle in (range(last + 1) if moving else [last])
-            ]
+            shots = [_shot(driver, cycle) for cycle in (range(last + 1) if moving else [last])]
         finally:
             driver.quit()
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -147,9 +135,7 @@ def _shot(driver: webdriver.Chrome, cycle: int) -> Image.Image:
     """Photograph the window at the end of a cycle."""
     driver.execute_script("repctl.seek(arguments[0])", cycle)
     # wait until the frame is drawn
-    driver.execute_async_script(
-        "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
-    )
+    driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
     return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
 
 
@@ -165,9 +151,7 @@ def few_colours(picture: Image.Image) -> Image.Image:
     The file is then a quarter of its size."""
     arms_and_white = [0xD5, 0x5E, 0x00, 0x00, 0x72, 0xB2, 255, 255, 255]
     palette = Image.new("P", (1, 1))
-    palette.putpalette(
-        [*picture.quantize(253).getpalette()[: 253 * 3], *arms_and_white]
-    )
+    palette.putpalette([*picture.quantize(253).getpalette()[: 253 * 3], *arms_and_white])
     return picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
 
 

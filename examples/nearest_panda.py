@@ -74,16 +74,11 @@ class Result:
 def square(task: rp.Task, side: float) -> rp.TaskPath:
     """Make a square in x–y from the tool position at q0: +x, +y, −x, −y."""
     return rp.polygon(
-        task,
-        Q0,
-        [[side, 0, 0], [side, side, 0], [0, side, 0]],
-        name=f"square of {side:g} m",
+        task, Q0, [[side, 0, 0], [side, side, 0], [0, side, 0]], name=f"square of {side:g} m"
     )
 
 
-def self_motion(
-    task: rp.Task, length: float, step: float = 0.01
-) -> tuple[np.ndarray, np.ndarray]:
+def self_motion(task: rp.Task, length: float, step: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
     """Integrate the self-motion in both directions: distance (K,), rad, and configurations (K, 7).
 
     The null vector is the generalized cross product, which is smooth; the integrator is RK4."""
@@ -120,16 +115,10 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
     figure = Figure(figsize=(15, 4.6), layout="constrained")
     loops, along, area = figure.subplots(1, 3)
     law = r"$A\,\|\Delta_{xy}\|$, from one evaluation"
-    loops.loglog(
-        found.sides * 100, found.predicted, color=INK, lw=1, ls="--", label=law
-    )
-    loops.loglog(
-        found.sides * 100, found.measured, "o", color=VERMILLION, label="J⁺, measured"
-    )
+    loops.loglog(found.sides * 100, found.predicted, color=INK, lw=1, ls="--", label=law)
+    loops.loglog(found.sides * 100, found.measured, "o", color=VERMILLION, label="J⁺, measured")
     floor = np.maximum(found.repeatable, 1e-16)
-    loops.loglog(
-        found.sides * 100, floor, "s", color=BLUE, label="nearest repeatable, measured"
-    )
+    loops.loglog(found.sides * 100, floor, "s", color=BLUE, label="nearest repeatable, measured")
     loops.set(xlabel="side of the square (cm)", ylabel="drift after one cycle (rad)")
     loops.set_title("The small-loop law", fontsize=10, loc="left")
     loops.legend(fontsize=8, frameon=False, loc="center left")
@@ -140,22 +129,15 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
         color=BLUE,
         label="nearest repeatable",
     )
-    along.set(
-        xlabel="distance along the self-motion (rad)",
-        ylabel="relative defect (per rad)",
-    )
+    along.set(xlabel="distance along the self-motion (rad)", ylabel="relative defect (per rad)")
     along.set_title("The same tool pose, other configurations", fontsize=10, loc="left")
     along.legend(fontsize=8, frameon=False, loc="center left")
     side, norm = slice_of(plain, count)
-    image = area.pcolormesh(
-        side, side, norm, cmap="cividis", shading="gouraud", rasterized=True
-    )
+    image = area.pcolormesh(side, side, norm, cmap="cividis", shading="gouraud", rasterized=True)
     area.plot(0, 0, "o", color="white", ms=5)
     area.annotate("q₀", (0.02, 0.02), color="white")
     area.set(xlabel="joint 2 − q₀ (rad)", ylabel="joint 4 − q₀ (rad)", aspect="equal")
-    area.set_title(
-        "Relative defect of J⁺ in a slice of Ω (per rad)", fontsize=10, loc="left"
-    )
+    area.set_title("Relative defect of J⁺ in a slice of Ω (per rad)", fontsize=10, loc="left")
     figure.colorbar(image, ax=area, shrink=0.8)
     for ax in (loops, along):
         ax.spines[["top", "right"]].set_visible(False)
@@ -164,11 +146,7 @@ def picture(found: Result, plain: rp.Pseudoinverse, count: int) -> Figure:
 
 
 def main(
-    out: Path,
-    *,
-    degrees: tuple[int, ...] = (1, 2, 3),
-    steps: int = 200,
-    count: int = 41,
+    out: Path, *, degrees: tuple[int, ...] = (1, 2, 3), steps: int = 200, count: int = 41
 ) -> Result:
     """Print the tables and write the picture.
 
@@ -187,8 +165,7 @@ def main(
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     plain, box = rp.Pseudoinverse(task), rp.Box(Q0, HALF_WIDTH)
     designs = {
-        d: rp.nearest_repeatable(plain, rp.Polynomial(Q0, d, HALF_WIDTH), box)
-        for d in degrees
+        d: rp.nearest_repeatable(plain, rp.Polynomial(Q0, d, HALF_WIDTH), box) for d in degrees
     }
     inverse = designs[degrees[-1]].inverse
 
@@ -204,19 +181,12 @@ def main(
             motion = rp.follow(strategy, square(task, side), Q0, cycles=1, steps=steps)
             drifts.append(motion.drift[-1])
     predicted = per_area * sides**2
-    print(
-        f"\none square in x–y from q0; predicted drift: {per_area:.4g} rad/m² times its area\n"
-    )
+    print(f"\none square in x–y from q0; predicted drift: {per_area:.4g} rad/m² times its area\n")
     rows = [
         [f"{100 * s:g} cm", f"{p:.3e}", f"{m:.3e}", f"{m / p - 1:+.1%}", number(r)]
         for s, p, m, r in zip(sides, predicted, measured, repeatable, strict=True)
     ]
-    print(
-        table(
-            ["side", "predicted", "J⁺ measured", "deviation", "nearest repeatable"],
-            rows,
-        )
-    )
+    print(table(["side", "predicted", "J⁺ measured", "deviation", "nearest repeatable"], rows))
 
     angle, Q = self_motion(task, 0.6)
     defect, defect_repeatable = measure(plain, Q).norm, measure(inverse, Q).norm
@@ -236,16 +206,7 @@ def main(
         for d, x in designs.items()
     ]
     print(
-        table(
-            [
-                "potentials",
-                "number",
-                "mean ‖G_r − J⁺‖²",
-                "distance from J⁺",
-                "leaf margin",
-            ],
-            rows,
-        )
+        table(["potentials", "number", "mean ‖G_r − J⁺‖²", "distance from J⁺", "leaf margin"], rows)
     )
 
     found = Result(
@@ -268,9 +229,6 @@ def main(
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("repctl-out/nearest_panda"),
-        help="folder for the picture",
+        "--out", type=Path, default=Path("repctl-out/nearest_panda"), help="folder for the picture"
     )
     found = main(parser.parse_args().out)  # for inspection after python -i

@@ -64,13 +64,8 @@ class PaperInverse:
         phi, theta = np.arctan(self.k), np.asarray(Q, float)[:, 2]
         one = np.ones_like(theta)
         direction = np.stack([np.sin(theta), -np.cos(theta), one], axis=-1)  # √2 n̂ (41)
-        amount = (
-            np.sin(theta + phi)[:, None] / 2 * [np.cos(phi), -np.sin(phi)]
-        )  # w/√2 (48), (49)
-        return (
-            rp.Pseudoinverse(self.task).batch(Q, J)
-            + direction[:, :, None] * amount[:, None, :]
-        )
+        amount = np.sin(theta + phi)[:, None] / 2 * [np.cos(phi), -np.sin(phi)]  # w/√2 (48), (49)
+        return rp.Pseudoinverse(self.task).batch(Q, J) + direction[:, :, None] * amount[:, None, :]
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Evaluate G_r (3, 2)."""
@@ -89,17 +84,13 @@ def best_k(a: float, b: float) -> float | None:
         return None
     phi = -(a + b) / 2 + (0 if length < PI else PI / 2)  # (58)
     folded = (phi + PI / 2) % PI - PI / 2
-    return (
-        np.inf if np.isclose(abs(folded), PI / 2, atol=1e-12) else float(np.tan(folded))
-    )
+    return np.inf if np.isclose(abs(folded), PI / 2, atol=1e-12) else float(np.tan(folded))
 
 
 def mean_cost(a: float, b: float, k: float) -> float:
     """Compute C(k) of (57), divided by the length of the interval: the mean of ½ sin²(θ₃ + φ)."""
     phi = np.arctan(k)
-    return float(
-        0.25 * (1 - (np.sin(2 * (b + phi)) - np.sin(2 * (a + phi))) / (2 * (b - a)))
-    )
+    return float(0.25 * (1 - (np.sin(2 * (b + phi)) - np.sin(2 * (a + phi))) / (2 * (b - a))))
 
 
 @dataclass(frozen=True)
@@ -194,9 +185,7 @@ def solver(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.D
     )
 
 
-def answer(
-    task: rp.Task, a: float, b: float, degrees: tuple[int, ...], samples: int
-) -> Answer:
+def answer(task: rp.Task, a: float, b: float, degrees: tuple[int, ...], samples: int) -> Answer:
     """Run all three methods on a ≤ θ₃ ≤ b."""
     k = best_k(a, b)
     search = search_family(task, a, b)
@@ -226,9 +215,7 @@ def table_one(answers: list[Answer]) -> str:
             if not isinstance(last, rp.Design)
             else "–"
         )
-        searched = (
-            number(found.search.parameter) if found.search.unique else "any value"
-        )
+        searched = number(found.search.parameter) if found.search.unique else "any value"
         k_text = "any value" if k is None else number(k)
         rows.append([in_pi(b), sign, k_text, w1, w2, searched, by_solver])
     return table(["b", "C₂", "k_opt", "w₁", "w₂", "search over (60)", "solver"], rows)
@@ -253,17 +240,7 @@ def interval_table(answers: list[Answer]) -> str:
         rows.append([interval, k_text, k_search, k_solver, *cost, *excess, verdict])
     degrees = [f"degree {d}" for d in answers[0].solver]
     return table(
-        [
-            "θ₃ in",
-            "k* (59)",
-            "search",
-            "solver",
-            "C(k*) (52)",
-            "search",
-            *degrees,
-            "solver",
-        ],
-        rows,
+        ["θ₃ in", "k* (59)", "search", "solver", "C(k*) (52)", "search", *degrees, "solver"], rows
     )
 
 
@@ -280,9 +257,7 @@ def in_pi(angle: float) -> str:
 
 def number(k: float) -> str:
     """Write k, or ∞."""
-    return (
-        "∞" if np.isinf(k) else f"{k if abs(k) > 5e-7 else 0.0:.5f}".replace("-", "−")
-    )
+    return "∞" if np.isinf(k) else f"{k if abs(k) > 5e-7 else 0.0:.5f}".replace("-", "−")
 
 
 # ---- the two foliations side by side ----------------------------------------
@@ -301,9 +276,7 @@ def leaves(potential: Potential, starts: tuple[float, ...], count: int) -> np.nd
     levels = potential(np.array([[0.0, 0.0, start] for start in starts]))
     points = np.empty((len(starts), count, count, 3))
     for i in range(count):
-        Q = np.stack(np.meshgrid(d[i], d, theta, indexing="ij"), axis=-1)[
-            0
-        ]  # (count, 121, 3)
+        Q = np.stack(np.meshgrid(d[i], d, theta, indexing="ij"), axis=-1)[0]  # (count, 121, 3)
         h = potential(Q.reshape(-1, 3)).reshape(Q.shape[:-1])
         up = np.sign(h[0, -1] - h[0, 0])
         if not (np.diff(h) * up > 0).all():
@@ -312,9 +285,7 @@ def leaves(potential: Potential, starts: tuple[float, ...], count: int) -> np.nd
             )
         points[:, i, :, :2] = Q[:, 0, :2]
         for j in range(count):
-            points[:, i, j, 2] = np.interp(
-                up * levels, up * h[j], theta, left=np.nan, right=np.nan
-            )
+            points[:, i, j, 2] = np.interp(up * levels, up * h[j], theta, left=np.nan, right=np.nan)
     return points
 
 
@@ -421,13 +392,9 @@ def main(
     print("\nTable I: optimal parameters for symmetric joint limits, −b ≤ θ₃ ≤ b\n")
     symmetric = [answer(task, -b, b, degrees, samples) for b in (1.0, PI / 2, 2.0, PI)]
     print(table_one(symmetric))
-    print(
-        "solver: {d₁, d₂, polynomials of θ₃}; –: not converged in the degree, see below"
-    )
+    print("solver: {d₁, d₂, polynomials of θ₃}; –: not converged in the degree, see below")
 
-    print(
-        "\nOther intervals; the columns by degree give the solver's cost relative to C(k*)\n"
-    )
+    print("\nOther intervals; the columns by degree give the solver's cost relative to C(k*)\n")
     intervals = [answer(task, a, b, degrees, samples) for a, b in pairs]
     print(interval_table(intervals))
     print(
@@ -439,17 +406,11 @@ def main(
     )
     half = [1.0, 1.0, 2.0]
     products = rp.Polynomial([0, 0, 0], 6, half, variables=[0, 2])
-    mixed = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), products, rp.Box([0, 0, 0], half)
-    )
+    mixed = rp.nearest_repeatable(rp.Pseudoinverse(task), products, rp.Box([0, 0, 0], half))
     best = mean_cost(-2, 2, np.inf)
-    print(
-        f"θ₃ in [−2, 2], polynomials of (d₁, θ₃), degree 6: {mixed.cost:.6f}; C(∞) = {best:.6f}"
-    )
+    print(f"θ₃ in [−2, 2], polynomials of (d₁, θ₃), degree 6: {mixed.cost:.6f}; C(∞) = {best:.6f}")
 
-    print(
-        "\nBeyond the paper: potentials of all three joints over |d₁|, |d₂|, |θ₃| ≤ 1\n"
-    )
+    print("\nBeyond the paper: potentials of all three joints over |d₁|, |d₂|, |θ₃| ≤ 1\n")
     cube = rp.Box([0, 0, 0], 1.0)
     all_joints = {
         degree: rp.nearest_repeatable(
@@ -460,11 +421,7 @@ def main(
     rows = [["the paper's k = 0, θ₃ alone", f"{mean_cost(-1, 1, 0.0):.5f}", "–"]]
     for degree, design in all_joints.items():
         rows.append(
-            [
-                f"all joints, degree {degree}",
-                f"{design.cost:.5f}",
-                f"{design.leaf_margin:.3f}",
-            ]
+            [f"all joints, degree {degree}", f"{design.cost:.5f}", f"{design.leaf_margin:.3f}"]
         )
     print(table(["potentials", "mean ‖G_r − J⁺‖²", "leaf margin"], rows))
 

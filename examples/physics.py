@@ -71,9 +71,7 @@ def physics(task: rp.Task, *, servos: bool) -> mujoco.MjModel:
     spec.option.timestep = DT
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for name in task.joint_names:
-        motor = spec.add_actuator(
-            name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
-        )
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         if servos:
             motor.set_to_position(kp=STIFFNESS, kv=DAMPING)
     return spec.compile()
@@ -92,9 +90,7 @@ class PushedArm:
         )
         self.body = int(self.model.jnt_bodyid[joint])
         jacobian = np.zeros((3, task.n))
-        mujoco.mj_jac(
-            self.model, self.data, jacobian, None, self.data.xpos[self.body], self.body
-        )
+        mujoco.mj_jac(self.model, self.data, jacobian, None, self.data.xpos[self.body], self.body)
         along = jacobian @ nullspace(task.jacobian(q0))[:, 0]
         self.along = along / np.linalg.norm(along)
 
@@ -106,9 +102,7 @@ class PushedArm:
         return self.data.qpos.copy()
 
 
-def ten_cycles(
-    task: rp.Task, path: rp.TaskPath, q0: np.ndarray, control: Control
-) -> np.ndarray:
+def ten_cycles(task: rp.Task, path: rp.TaskPath, q0: np.ndarray, control: Control) -> np.ndarray:
     """Simulate a controller with servos; return q after every step (T + 1, n)."""
     arm, noise = PushedArm(task, q0, servos=True), np.random.default_rng(1)
     q, command, visited = q0.copy(), q0.copy(), [q0]
@@ -122,9 +116,7 @@ def ten_cycles(
     return np.array(visited)
 
 
-def controls(
-    design: rp.Design, path: rp.TaskPath, q0: np.ndarray
-) -> dict[str, Control]:
+def controls(design: rp.Design, path: rp.TaskPath, q0: np.ndarray) -> dict[str, Control]:
     """Make the controllers J⁺ and nearest repeatable, with the same feedback of the task error."""
     task, inverse, plain = design.task, design.inverse, design.desired
     leaf = inverse.leaf(q0)
@@ -135,9 +127,7 @@ def controls(
 
     def repeatable(q: np.ndarray, s: float) -> np.ndarray:
         twist = path.twist(s) / PERIOD
-        return (
-            inverse.step(q, path.placement(s), DT, twist, leaf=leaf, gain=GAIN) - q
-        ) / DT
+        return (inverse.step(q, path.placement(s), DT, twist, leaf=leaf, gain=GAIN) - q) / DT
 
     return {"J⁺": pseudoinverse, "nearest repeatable": repeatable}
 
@@ -157,24 +147,16 @@ def held_by_torques(design: rp.Design, q0: np.ndarray) -> np.ndarray:
 
 
 def page(
-    task: rp.Task,
-    moved: dict[str, np.ndarray],
-    colours: list[str],
-    cycles: int,
-    name: str,
+    task: rp.Task, moved: dict[str, np.ndarray], colours: list[str], cycles: int, name: str
 ) -> str:
     """Make a page of simulated motions side by side, 100 samples per cycle."""
     tracks = []
     for (label, Q), colour in zip(moved.items(), colours, strict=True):
         rows = np.rint(np.linspace(0, len(Q) - 1, 100 * cycles + 1)).astype(int)
         drift = np.linalg.norm(Q[rows[100::100]] - Q[0], axis=1)
-        tracks.append(
-            Playback(label, colour, task.to_robot(Q[rows]), cycles, drift, t=rows * DT)
-        )
+        tracks.append(Playback(label, colour, task.to_robot(Q[rows]), cycles, drift, t=rows * DT))
     return playback_page(
-        [TracedChain(task, elbow(task, task.from_robot(tracks[0].Q[0])))],
-        tracks,
-        name=name,
+        [TracedChain(task, elbow(task, task.from_robot(tracks[0].Q[0])))], tracks, name=name
     )
 
 
@@ -198,14 +180,10 @@ def main() -> dict[str, np.ndarray]:
         moved[name] = ten_cycles(task, path, q0, control)
         ends = moved[name][:: round(PERIOD / DT)]
         off = found[name] = np.linalg.norm(ends - ends[2], axis=1)
-        shown = ", ".join(
-            f"{off[k]:.2f}" if off[k] > 1e-4 else "< 1e-4" for k in (3, 4, 5, 10)
-        )
+        shown = ", ".join(f"{off[k]:.2f}" if off[k] > 1e-4 else "< 1e-4" for k in (3, 4, 5, 10))
         print(f"  {name:19s} {shown}")
     held = held_by_torques(design, q0)
-    joints, hand = (
-        np.linalg.norm(x - x[0], axis=1) for x in (held, task.positions(held))
-    )
+    joints, hand = (np.linalg.norm(x - x[0], axis=1) for x in (held, task.positions(held)))
     force, seconds = TORQUE_PUSH
     later = joints[round(2.5 / DT)]
     print(
@@ -215,16 +193,8 @@ def main() -> dict[str, np.ndarray]:
         f"  joints 2 s after the push: {later:.0e} rad"
     )
     folder = prepare_folder(Path("repctl-out"))
-    servos = page(
-        task,
-        moved,
-        [COLOURS["pseudoinverse"], COLOURS["repeatable"]],
-        CYCLES,
-        path.name,
-    )
-    unpushed = np.repeat(
-        held[:1], len(held) - 1, axis=0
-    )  # for comparison, a cycle without a push
+    servos = page(task, moved, [COLOURS["pseudoinverse"], COLOURS["repeatable"]], CYCLES, path.name)
+    unpushed = np.repeat(held[:1], len(held) - 1, axis=0)  # for comparison, a cycle without a push
     torques = page(
         task,
         {"torques on the leaf": np.vstack([unpushed, held])},

@@ -77,8 +77,7 @@ def planar_arm(lengths: Sequence[float]) -> rp.Task:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "planar.urdf"
         path.write_text(
-            f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>',
-            encoding="utf-8",
+            f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>', encoding="utf-8"
         )
         return rp.Robot.load(path).task("tool", "xy")
 
@@ -92,10 +91,7 @@ def find(name: str, coordinates: str, task: rp.Task, samples: int) -> Case:
     """Search for the surfaces of J⁺ in all of joint space: ±1 m, ±3.1 rad."""
     box = rp.Box(np.zeros(task.n), np.where(task.revolute, 3.1, 1.0))
     return Case(
-        name,
-        coordinates,
-        task,
-        rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples),
+        name, coordinates, task, rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples)
     )
 
 
@@ -113,18 +109,7 @@ def summary(cases: Sequence[Case]) -> str:
         ]
         for case in cases
     ]
-    return table(
-        [
-            "arm",
-            "angles",
-            "r",
-            "points",
-            "stable",
-            "candidates",
-            "verdict",
-        ],
-        rows,
-    )
+    return table(["arm", "angles", "r", "points", "stable", "candidates", "verdict"], rows)
 
 
 def curl(task: rp.Task, Q: np.ndarray) -> np.ndarray:
@@ -163,14 +148,7 @@ def draw(
     s = curl(case.task, at(plane.reshape(-1, 2))).reshape(101, 101)
     top = np.abs(s).max()
     image = ax.pcolormesh(
-        side,
-        side,
-        s,
-        cmap="PuOr",
-        vmin=-top,
-        vmax=top,
-        shading="gouraud",
-        rasterized=True,
+        side, side, s, cmap="PuOr", vmin=-top, vmax=top, shading="gouraud", rasterized=True
     )
     ax.contour(side, side, s, levels=[0], colors=INK, linewidths=0.6)
     for points, colour, label in (
@@ -198,12 +176,8 @@ def draw(
         aspect="equal",
     )
     ax.set_title(f"{case.name}\n{case.coordinates} angles", fontsize=10, loc="left")
-    ax.legend(
-        loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0
-    )
-    ax.figure.colorbar(
-        image, ax=ax, shrink=0.72, label=r"$s = n_J \cdot \nabla \times n_J$"
-    )
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0)
+    ax.figure.colorbar(image, ax=ax, shrink=0.72, label=r"$s = n_J \cdot \nabla \times n_J$")
 
 
 def picture(prr: Case, relative: Case, turned: Case) -> Figure:
@@ -217,13 +191,7 @@ def picture(prr: Case, relative: Case, turned: Case) -> Figure:
 
     draw(axes[0], prr, lambda q: q[:, 1:], at, ("ψ₂ (rad)", "ψ₃ (rad)"))
     draw(axes[1], relative, lambda q: q[:, 1:], at, ("θ₂ (rad)", "θ₃ (rad)"))
-    draw(
-        axes[2],
-        turned,
-        lambda q: q[:, 1:] - q[:, :1],
-        at,
-        ("ψ₂ − ψ₁ (rad)", "ψ₃ − ψ₁ (rad)"),
-    )
+    draw(axes[2], turned, lambda q: q[:, 1:] - q[:, :1], at, ("ψ₂ − ψ₁ (rad)", "ψ₃ − ψ₁ (rad)"))
     return figure
 
 

@@ -86,9 +86,7 @@ def main(arguments: Sequence[str] = (), **options: int) -> list[str]:
         known = {name for name, _, _ in ARMS}
         chosen = tuple(row for row in ARMS if row[0] in arguments)
         chosen += tuple(
-            (name, None, ("pose", "position"))
-            for name in arguments
-            if name not in known
+            (name, None, ("pose", "position")) for name in arguments if name not in known
         )
     lines = [markdown(COLUMNS), markdown(["---"] * len(COLUMNS))]
     print("\n".join(lines))

@@ -91,12 +91,8 @@ def ring(side: float) -> np.ndarray:
 
 def square(strategy: Control, side: float, steps: int, cycles: int = 1) -> rp.Motion:
     """Follow a square from its corner A at ``SPEED``, from q = (0, 0, 0)."""
-    path = rp.polygon(
-        strategy.task, START, corners(side)[1:], name=f"square of side {side:g} m"
-    )
-    return rp.follow(
-        strategy, path, START, cycles=cycles, steps=steps, period=4 * side / SPEED
-    )
+    path = rp.polygon(strategy.task, START, corners(side)[1:], name=f"square of side {side:g} m")
+    return rp.follow(strategy, path, START, cycles=cycles, steps=steps, period=4 * side / SPEED)
 
 
 @dataclass(frozen=True)
@@ -133,31 +129,21 @@ class Run:
 
 def place(s: float) -> np.ndarray:
     """Compute the tool position at s: (x, y, 0), m."""
-    return np.array(
-        [np.interp(s, SIDES[-1] * np.arange(5), x) for x in ring(SIDES[-1]).T]
-    )
+    return np.array([np.interp(s, SIDES[-1] * np.arange(5), x) for x in ring(SIDES[-1]).T])
 
 
 def turn(motion: rp.Motion, count: int = 0) -> Run:
     """Extract one cycle from a motion that started at A."""
     rows = slice(count * motion.steps, (count + 1) * motion.steps + 1)
-    return Run(
-        (motion.t[rows] - motion.t[rows][0]) * SPEED, motion.q[rows], motion.qdot[rows]
-    )
+    return Run((motion.t[rows] - motion.t[rows][0]) * SPEED, motion.q[rows], motion.qdot[rows])
 
 
-def turn_from(
-    strategy: Control, s: float, q: np.ndarray, steps: int
-) -> tuple[Run, float]:
+def turn_from(strategy: Control, s: float, q: np.ndarray, steps: int) -> tuple[Run, float]:
     """Follow the largest square once from a point on D → A; return the run sorted from A on, and
     ‖q − q₀‖ at its end."""
     side = SIDES[-1]
-    path = rp.polygon(
-        strategy.task, q, ring(side)[:4] - place(s), name="largest square, from G"
-    )
-    motion = rp.follow(
-        strategy, path, q, cycles=1, steps=steps, period=4 * side / SPEED
-    )
+    path = rp.polygon(strategy.task, q, ring(side)[:4] - place(s), name="largest square, from G")
+    motion = rp.follow(strategy, path, q, cycles=1, steps=steps, period=4 * side / SPEED)
     along = motion.t * SPEED + s
     after = along >= 4 * side - 1e-9  # past E = A
     order = np.concatenate([np.flatnonzero(after), np.flatnonzero(~after)])
@@ -229,19 +215,8 @@ def compute(steps: int = 800) -> Result:
     G = float(brentq(lambda s: theta(s) + 5 * PI / 4, 3 * side, 4 * side, xtol=1e-12))
     one, closed = turn_from(k1, G, first.at(G), steps)
     H = crossing(second, one, 0.0, side)
-    points = {letter: i * side for i, letter in enumerate("ABCDE")} | {
-        "F": F,
-        "G": G,
-        "H": H,
-    }
-    return Result(
-        task,
-        squares,
-        {"J⁺": first, "k = 0": zero, "k = 1": one},
-        second,
-        points,
-        closed,
-    )
+    points = {letter: i * side for i, letter in enumerate("ABCDE")} | {"F": F, "G": G, "H": H}
+    return Result(task, squares, {"J⁺": first, "k = 0": zero, "k = 1": one}, second, points, closed)
 
 
 # ---- figures ----------------------------------------------------------------
@@ -277,12 +252,7 @@ def tidy(ax: Axes, xlabel: str, ylabel: str) -> None:
 
 
 def letter(
-    ax: Axes,
-    text: str,
-    x: float,
-    y: float,
-    offset: tuple[float, float] = (6, 6),
-    dot: bool = True,
+    ax: Axes, text: str, x: float, y: float, offset: tuple[float, float] = (6, 6), dot: bool = True
 ) -> None:
     """Mark a point and write its letter beside it."""
     if dot:
@@ -309,9 +279,7 @@ def shade(side: float) -> tuple[float, float, float, float]:
 def side_bar(figure: Figure, axes: list[Axes]) -> None:
     """Draw a colour bar for the sides of the squares."""
     bar = figure.colorbar(
-        ScalarMappable(Normalize(0, SIDES[-1]), colormaps["viridis"].reversed()),
-        ax=axes,
-        pad=0.01,
+        ScalarMappable(Normalize(0, SIDES[-1]), colormaps["viridis"].reversed()), ax=axes, pad=0.01
     )
     bar.set_label("side of the square (m)")
     bar.set_ticks(SIDES)
@@ -323,23 +291,13 @@ def figure_4(task: rp.Task) -> Figure:
     Q = np.stack([0 * theta, 0 * theta, theta], axis=-1)
     desired = rp.Pseudoinverse(task).batch(Q)
     norm = np.array(
-        [
-            np.linalg.norm(paper_inverse(task, k).batch(Q) - desired, 2, axis=(1, 2))
-            for k in ks
-        ]
+        [np.linalg.norm(paper_inverse(task, k).batch(Q) - desired, 2, axis=(1, 2)) for k in ks]
     )
     figure = Figure(figsize=(12, 5))
     ax = figure.add_axes((0.0, 0.0, 0.5, 0.95), projection="3d")
     X, Y = np.meshgrid(theta, ks)
     ax.plot_surface(
-        X,
-        Y,
-        norm,
-        cmap="cividis",
-        rcount=65,
-        ccount=121,
-        linewidth=0,
-        antialiased=False,
+        X, Y, norm, cmap="cividis", rcount=65, ccount=121, linewidth=0, antialiased=False
     )
     ax.set(xlabel="θ₃ (rad)", ylabel="k", zlabel="‖w‖₂", zlim=(0, 0.75))
     ax.set_xticks(*pi_ticks(-1, 1))
@@ -347,9 +305,7 @@ def figure_4(task: rp.Task) -> Figure:
     ax.view_init(32, -58)
     flat = figure.add_axes((0.55, 0.13, 0.37, 0.75))
     mesh = flat.contourf(X, Y, norm, levels=np.linspace(0, 0.71, 72), cmap="cividis")
-    lines = flat.contour(
-        X, Y, norm, levels=[0.1, 0.3, 0.5, 0.7], colors="white", linewidths=0.7
-    )
+    lines = flat.contour(X, Y, norm, levels=[0.1, 0.3, 0.5, 0.7], colors="white", linewidths=0.7)
     flat.clabel(lines, fontsize=8)
     phi = np.linspace(-1.32, 1.32, 200)
     for turn_by in (-PI, 0, PI):
@@ -461,9 +417,7 @@ def figure_8(result: Result) -> Figure:
     """Draw the leaf of k = 0 through the origin, and the motion of J⁺ that leaves the leaf."""
     run, points = result.runs["J⁺"], result.points
     figure = Figure(figsize=(8.2, 6.6))
-    ax: Axes3D = figure.add_axes(
-        (0.0, 0.02, 0.98, 0.92), projection="3d", computed_zorder=False
-    )
+    ax: Axes3D = figure.add_axes((0.0, 0.02, 0.98, 0.92), projection="3d", computed_zorder=False)
     d1, theta = np.linspace(-0.5, 5.2, 30), np.linspace(-1.47, 0.45, 90)
     X, T = np.meshgrid(d1, theta)
     ax.plot_surface(
@@ -481,13 +435,7 @@ def figure_8(result: Result) -> Figure:
     )
     on = run.s <= points["F"]
     ax.plot(*run.q[on].T, color=BLUE, lw=2.6, zorder=4, label="J⁺ on the leaf, A to F")
-    ax.plot(
-        *run.q[~on].T,
-        color=VERMILLION,
-        lw=2.6,
-        zorder=4,
-        label="J⁺ off the leaf, from F on",
-    )
+    ax.plot(*run.q[~on].T, color=VERMILLION, lw=2.6, zorder=4, label="J⁺ off the leaf, from F on")
     zero = result.runs["k = 0"]
     off = zero.s >= points["F"]
     ax.plot(
@@ -528,9 +476,7 @@ def figure_8(result: Result) -> Figure:
     ax.view_init(24, -128)
     figure.legend(loc="lower center", ncols=3, frameon=False, fontsize=9)
     ax.set_title(
-        "Fig. 8: a motion of J⁺ and the leaf of k = 0 through the origin",
-        fontsize=11,
-        y=1.0,
+        "Fig. 8: a motion of J⁺ and the leaf of k = 0 through the origin", fontsize=11, y=1.0
     )
     return figure
 
@@ -572,9 +518,7 @@ def figure_9(result: Result) -> Figure:
         "Fig. 9: J⁺ and the repeatable inverses k = 0 and k = 1 on the largest square"
     )
     for ax, (i, j) in zip(axes, VIEWS, strict=True):
-        draw_runs(
-            ax, result, lambda run, i=i: run.q[:, i], lambda run, j=j: run.q[:, j]
-        )
+        draw_runs(ax, result, lambda run, i=i: run.q[:, i], lambda run, j=j: run.q[:, j])
         ax.margins(0.07)
         for text, offset in OFFSETS_9[i, j].items():
             run = result.second if text == "H" else result.runs["J⁺"]
@@ -582,40 +526,23 @@ def figure_9(result: Result) -> Figure:
             letter(ax, "C, F" if text == "C" else text, q[i], q[j], offset)
     draw_fiber(axes, fiber(-5.2))
     handles, labels = axes[1].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=9
-    )
+    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     return figure
 
 
 def draw_runs(
-    ax: Axes,
-    result: Result,
-    x: Callable[[Run], np.ndarray],
-    y: Callable[[Run], np.ndarray],
+    ax: Axes, result: Result, x: Callable[[Run], np.ndarray], y: Callable[[Run], np.ndarray]
 ) -> None:
     """Draw the three runs, with the beginning of the second cycle of J⁺."""
     wide = {"J⁺": 3.2, "k = 0": 1.5, "k = 1": 1.8}
     for label, run in result.runs.items():
         ax.plot(
-            x(run),
-            y(run),
-            color=STYLE[label],
-            lw=wide[label],
-            label=label,
-            solid_capstyle="butt",
+            x(run), y(run), color=STYLE[label], lw=wide[label], label=label, solid_capstyle="butt"
         )
     second = result.second
     part = second.s <= SIDES[-1] / 2
     cut = Run(second.s[part], second.q[part], second.qdot[part])
-    ax.plot(
-        x(cut),
-        y(cut),
-        color=STYLE["J⁺"],
-        lw=1.6,
-        ls=(0, (1, 1)),
-        label="J⁺, second cycle",
-    )
+    ax.plot(x(cut), y(cut), color=STYLE["J⁺"], lw=1.6, ls=(0, (1, 1)), label="J⁺, second cycle")
 
 
 def along_the_square(title: str, ylabel: str) -> tuple[Figure, Axes]:
@@ -649,10 +576,7 @@ def figure_10(result: Result) -> Figure:
     )
     draw_runs(ax, result, lambda run: run.s, lambda run: run.q[:, 2])
     for text, offset in {"F": (9, 9), "G": (4, 12), "H": (8, 9)}.items():
-        run, s = (
-            result.second if text == "H" else result.runs["J⁺"],
-            result.points[text],
-        )
+        run, s = (result.second if text == "H" else result.runs["J⁺"], result.points[text])
         letter(ax, text, s, run.at(s)[2], offset)
     ax.set_yticks(*quarter_ticks(-7, 0))
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
@@ -671,9 +595,7 @@ def quarter_ticks(low: int, high: int) -> tuple[list[float], list[str]]:
         -6: "−3π/2",
         -7: "−7π/4",
     }
-    return [i * PI / 4 for i in range(low, high + 1)], [
-        text[i] for i in range(low, high + 1)
-    ]
+    return [i * PI / 4 for i in range(low, high + 1)], [text[i] for i in range(low, high + 1)]
 
 
 def figure_11(result: Result) -> Figure:
@@ -708,12 +630,7 @@ def figure_12(result: Result) -> Figure:
     s = result.runs["k = 0"].s
     ax.plot(s, difference, color=BLUE, lw=2.2, label="‖q̇(k = 0) − J⁺ ẋ‖")
     ax.plot(
-        s,
-        bound,
-        color=VERMILLION,
-        lw=1.6,
-        ls=(0, (4, 2)),
-        label="‖w‖₂ ‖ẋ‖₂, the worst direction",
+        s, bound, color=VERMILLION, lw=1.6, ls=(0, (4, 2)), label="‖w‖₂ ‖ẋ‖₂, the worst direction"
     )
     ax.set_ylim(bottom=-0.0004)
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
@@ -727,12 +644,8 @@ def penalty(result: Result) -> tuple[np.ndarray, np.ndarray]:
     J = task.jacobians(run.q)
     desired = rp.Pseudoinverse(task).batch(run.q, J)
     xdot = np.einsum("kan,kn->ka", J, run.qdot)
-    difference = np.linalg.norm(
-        run.qdot - np.einsum("kna,ka->kn", desired, xdot), axis=1
-    )
-    w = np.linalg.norm(
-        paper_inverse(task, 0.0).batch(run.q, J) - desired, 2, axis=(1, 2)
-    )
+    difference = np.linalg.norm(run.qdot - np.einsum("kna,ka->kn", desired, xdot), axis=1)
+    w = np.linalg.norm(paper_inverse(task, 0.0).batch(run.q, J) - desired, 2, axis=(1, 2))
     return difference, w * SPEED
 
 
@@ -751,39 +664,27 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
     out.mkdir(parents=True, exist_ok=True)
     result = compute(steps)
     rows = []
-    for side, by_J, by_k in zip(
-        SIDES, result.squares["J⁺"], result.squares["k = 0"], strict=True
-    ):
+    for side, by_J, by_k in zip(SIDES, result.squares["J⁺"], result.squares["k = 0"], strict=True):
         end = ", ".join(f"{value:.8f}".replace("-", "−") for value in by_J.q[-1])
-        rows.append(
-            [f"{side:.1f} m", end, f"{by_J.drift[0]:.4f}", number(by_k.drift[0])]
-        )
-    print(
-        table(["side", "J⁺ ends at (d₁, d₂, θ₃)", "‖q − q₀‖ of J⁺", "of k = 0"], rows)
-    )
+        rows.append([f"{side:.1f} m", end, f"{by_J.drift[0]:.4f}", number(by_k.drift[0])])
+    print(table(["side", "J⁺ ends at (d₁, d₂, θ₃)", "‖q − q₀‖ of J⁺", "of k = 0"], rows))
     G, H = result.points["G"], result.points["H"]
     print(f"\nG = {G:.4f} m from A, where J⁺ has θ₃ = −5π/4: k = 1 starts there")
     print(f"‖q − q₀‖ of k = 1 after one cycle from G: {result.closed:.0e}")
     second, one = result.second, result.runs["k = 1"]
     of_J = np.interp(H, second.s, second.speed)
     of_one = np.interp(H, one.s, one.speed)
-    print(
-        f"H = {H:.4f} m from A, in the second cycle of J⁺: J⁺ and k = 1 have the same q,"
-    )
+    print(f"H = {H:.4f} m from A, in the second cycle of J⁺: J⁺ and k = 1 have the same q,")
     print(f"but ‖q̇‖ = {of_J:.4f} (J⁺) and {of_one:.4f} (k = 1)")
 
     figures = {
         4: figure_4(result.task),
         5: figure_5(),
         6: figure_6_or_7(
-            result.squares["J⁺"],
-            "Fig. 6: the ten motions of J⁺ in joint space",
-            leaf=False,
+            result.squares["J⁺"], "Fig. 6: the ten motions of J⁺ in joint space", leaf=False
         ),
         7: figure_6_or_7(
-            result.squares["k = 0"],
-            "Fig. 7: the ten motions of k = 0 in joint space",
-            leaf=True,
+            result.squares["k = 0"], "Fig. 7: the ten motions of k = 0 in joint space", leaf=True
         ),
         8: figure_8(result),
         9: figure_9(result),

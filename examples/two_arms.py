@@ -36,16 +36,10 @@ def main() -> None:
     parser.add_argument("robot", nargs="?", default="talos")
     parser.add_argument("frames", nargs="*", default=HANDS, metavar="FRAME")
     parser.add_argument(
-        "--lock",
-        action="append",
-        default=[],
-        metavar="JOINT",
-        help="keep a joint fixed",
+        "--lock", action="append", default=[], metavar="JOINT", help="keep a joint fixed"
     )
     parser.add_argument("--cycles", type=int, default=10)
-    parser.add_argument(
-        "--out", type=Path, default=Path("repctl-out"), metavar="FOLDER"
-    )
+    parser.add_argument("--out", type=Path, default=Path("repctl-out"), metavar="FOLDER")
     options = parser.parse_args()
     try:
         robot = rp.Robot.load(options.robot, lock=options.lock)
@@ -53,9 +47,7 @@ def main() -> None:
         page = rp.animation(study).save(options.out / f"{robot.name}-both.html")
     except rp.RepctlError as error:
         raise SystemExit(f"two_arms: {error}") from None
-    drifting, closed = (
-        study.row(key).motion.drift[-1] for key in ("pseudoinverse", "repeatable")
-    )
+    drifting, closed = (study.row(key).motion.drift[-1] for key in ("pseudoinverse", "repeatable"))
     print(f"{study.task.frame}, {study.task.n} joints:")
     print(f"drift after {options.cycles} cycles, rad: J⁺ {drifting:.2g}, ", end="")
     print(f"nearest repeatable {closed:.0e}")

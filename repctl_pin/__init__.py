@@ -51,9 +51,7 @@ _DOOR = {
 }
 """Public names of the core, by the module that defines them; extensions register their own."""
 
-_MODULE_OF = {
-    name: f"{__name__}.{m}" for m, names in _DOOR.items() for name in names.split()
-}
+_MODULE_OF = {name: f"{__name__}.{m}" for m, names in _DOOR.items() for name in names.split()}
 
 
 def _modules() -> dict[str, str]:

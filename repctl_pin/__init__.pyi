@@ -16,16 +16,12 @@ from .extensions.cells.cell_design import CellDesign as CellDesign
 from .extensions.cells.cell_file import load_cell as load_cell
 from .extensions.cells.function import InverseFunction as InverseFunction
 from .extensions.cells.nearest_function import NoFunctionError as NoFunctionError
-from .extensions.cells.nearest_function import (
-    nearest_inverse_function as nearest_inverse_function,
-)
+from .extensions.cells.nearest_function import nearest_inverse_function as nearest_inverse_function
 from .extensions.cells.sector import Sector as Sector
 from .extensions.point_to_point.motion_between import MotionBetween as MotionBetween
 from .extensions.point_to_point.motion_between import motion_between as motion_between
 from .extensions.proof.certify import prove as prove
-from .extensions.proof.path_certificate import (
-    PathCertificate as PathCertificate,
-)
+from .extensions.proof.path_certificate import PathCertificate as PathCertificate
 from .extensions.proof.path_certificate import path_certificate as path_certificate
 from .extensions.recordings.audit import Audit as Audit
 from .extensions.recordings.audit import audit as audit

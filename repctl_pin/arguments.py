@@ -102,9 +102,7 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
     """Convert an argument to a finite number above 0; with ``zero``, 0 is allowed, too."""
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
-        least = (
-            f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
-        )
+        least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
         raise InputError(
             f"must be {least}{' and finite' if number > 0 else ''}, not {shown(value)}",
             argument=name,
@@ -121,33 +119,20 @@ def finite(value: Any, name: str, unit: str = "") -> float:
     return number
 
 
-def vector(
-    values: ArrayLike, n: int | None, name: str, each: str = "one per joint"
-) -> Array:
+def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joint") -> Array:
     """Copy n finite numbers to an array (n,); with n = None, one or more numbers."""
     array = as_numbers(values)
-    wrong = (
-        array is None
-        or array.ndim != 1
-        or not array.size
-        or n not in (None, array.size)
-    )
+    wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
     if array is None or wrong or not np.isfinite(array).all():
         count = f"{n} finite numbers" if n is not None else "a list of finite numbers"
         raise InputError(
-            f"must be {count}{each and ', '}{each}; got {_shape(values, array)}",
-            argument=name,
+            f"must be {count}{each and ', '}{each}; got {_shape(values, array)}", argument=name
         )
     return array
 
 
 def per_joint(
-    values: ArrayLike,
-    n: int,
-    name: str,
-    each: str = "one per joint",
-    *,
-    finite: bool = False,
+    values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False
 ) -> Array:
     """Convert one number above 0, or n of them, to an array (n,).
 
@@ -163,8 +148,7 @@ def per_joint(
     if array is None or not most or not (array > 0).all():
         what = "finite number" if finite else "number"
         raise InputError(
-            f"must be one {what} above 0 or {n} of them, {each}; got {shown(values)}",
-            argument=name,
+            f"must be one {what} above 0 or {n} of them, {each}; got {shown(values)}", argument=name
         )
     if finite and (array < _MIN_LENGTH).any():
         raise InputError(
@@ -179,9 +163,7 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
     """Convert n limits to an array (n,); infinity stands for no limit, and NaN is refused."""
     array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
-        raise InputError(
-            f"must be {n} numbers, {each}; got {shown(values)}", argument=name
-        )
+        raise InputError(f"must be {n} numbers, {each}; got {shown(values)}", argument=name)
     return array
 
 
@@ -201,9 +183,7 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
         if n is None:
             width = "(K, n), one number per joint"
         single = (
-            ": write [q] for a single q"
-            if array is not None and n in (None, array.size)
-            else ""
+            ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
         )
         raise InputError(
             f"{whose} takes Q as an array {width}; got {_shape(values, array)}{single}"
@@ -229,47 +209,33 @@ def as_matrices(
         native = type(values) is np.ndarray and values.dtype is FLOAT  # not copied
         array: Array | None = values if native else as_numbers(values)  # type: ignore[assignment]
         last = () if array is None else array.shape[-len(letters) :]
-        fits = len(last) == len(letters) and (
-            not exact or array is None or array.ndim == len(last)
-        )
+        fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
         fits = fits and all(
-            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size))
-            and (size or x in "rK")
+            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size)) and (size or x in "rK")
             for x, size in zip(letters, last, strict=True)
         )
         if array is None or not fits or (finite and not np.isfinite(array).all()):
             known = ", ".join(
-                f"{x} = {sizes[x]}"
-                for x in letters
-                if x in sizes and name != given[0][0]
+                f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0]
             )
             shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
             what = "finite numbers" if finite else "numbers"
-            raise InputError(
-                f"must be {what} {shape}; got {_shape(values, array)}", argument=name
-            )
+            raise InputError(f"must be {what} {shape}; got {_shape(values, array)}", argument=name)
         arrays.append(array)
     leading = [
-        a.shape[: a.ndim - len(axes.split())]
-        for a, (_, _, axes) in zip(arrays, given, strict=True)
+        a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)
     ]
     if len(set(leading)) > 1:
         try:
             np.broadcast_shapes(*leading)
         except ValueError:
             names = ", ".join(name for name, _, _ in given)
-            raise InputError(
-                f"{names} have different leading sizes: {leading}"
-            ) from None
+            raise InputError(f"{names} have different leading sizes: {leading}") from None
     return arrays
 
 
 def evaluated(
-    function: Callable[..., ArrayLike],
-    q: Array,
-    shape: tuple[int, ...],
-    what: str,
-    *more: Array,
+    function: Callable[..., ArrayLike], q: Array, shape: tuple[int, ...], what: str, *more: Array
 ) -> Array:
     """Call a user's function of q, and of ``more``, which must return finite numbers of a shape.
 
@@ -295,9 +261,7 @@ def evaluated(
 
 def flag(value: Any, name: str) -> bool:
     """Require True or False, or 1 or 0, and return it as a bool."""
-    if isinstance(value, (bool, np.bool_)) or (
-        isinstance(value, int) and value in (0, 1)
-    ):
+    if isinstance(value, (bool, np.bool_)) or (isinstance(value, int) and value in (0, 1)):
         return bool(value)
     raise InputError(f"must be True or False, not {shown(value)}", argument=name)
 
@@ -326,9 +290,7 @@ def list_of(values: Any, name: str, what: str) -> list[Any]:
 
 def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
     """Convert one name, or a list of names, to a tuple."""
-    listed = (
-        (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
-    )
+    listed = (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
     if all(isinstance(v, str) for v in listed):
         return listed
     raise InputError(f"must be {what}, not {shown(values)}", argument=name)
@@ -418,11 +380,7 @@ def as_numbers(values: ArrayLike) -> Array | None:
     """
     try:
         array = np.asarray(values)
-        return (
-            np.array(array, dtype=float, order="C")
-            if array.dtype.kind in "biuf"
-            else None
-        )
+        return np.array(array, dtype=float, order="C") if array.dtype.kind in "biuf" else None
     except (TypeError, ValueError, OverflowError):
         return None
 
@@ -430,11 +388,7 @@ def as_numbers(values: ArrayLike) -> Array | None:
 def _shape(values: ArrayLike, array: Array | None) -> str:
     if array is None:
         return shown(values)
-    return (
-        f"shape {array.shape}"
-        if np.isfinite(array).all()
-        else "numbers that are not finite"
-    )
+    return f"shape {array.shape}" if np.isfinite(array).all() else "numbers that are not finite"
 
 
 def shown(value: Any) -> str:

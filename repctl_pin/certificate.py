@@ -173,11 +173,7 @@ class ClosingRadius:
         """
         if not self:
             return f"no closing radius above 1 mm is proved: {self.reason}"
-        paths = (
-            "closed paths of constant orientation"
-            if self.radians == 0
-            else "closed paths"
-        )
+        paths = "closed paths of constant orientation" if self.radians == 0 else "closed paths"
         where = "path at each moment" if self.around == "path" else self.around
         return f"{paths} within {self.size} of the {where} close"
 
@@ -318,9 +314,7 @@ class Proof:
         """
         state = "proved" if self.proved else "NOT proved"
         place = ", ".join(f"{v:.4g}" for v in np.round(self.worst, 4) + 0.0)
-        wide = (
-            f"{self.half.min():.2g} to {self.half.max():.2g}" if len(self.half) else "0"
-        )
+        wide = f"{self.half.min():.2g} to {self.half.max():.2g}" if len(self.half) else "0"
         lines = [
             f"{state}: {self.what}",
             f"  leaf margin   {self._leaf_words}{_asked(self.asked_leaf_margin)}",
@@ -356,14 +350,8 @@ class Proof:
     @property
     def _limit_words(self) -> str:
         """Text of the bound of the limit margin, with the joints that it leaves out."""
-        words = (
-            "no bound"
-            if self.limit_margin == -np.inf
-            else self._above(self.limit_margin)
-        )
-        return (
-            f"{words} (without {', '.join(self.excepted)})" if self.excepted else words
-        )
+        words = "no bound" if self.limit_margin == -np.inf else self._above(self.limit_margin)
+        return f"{words} (without {', '.join(self.excepted)})" if self.excepted else words
 
     def _words(self, value: float) -> str:
         """Write a bound of a quantity that is never negative, such as ``> 0.12``.
@@ -377,9 +365,7 @@ class Proof:
         return f"> {_below(value)}"
 
 
-def own_proof(
-    proof: Proof | None, subject: Callable[[], str], theorem: int = 0
-) -> Proof | None:
+def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0) -> Proof | None:
     """Return a proof of the subject; None, with a warning, if it proves something else.
 
     A saved or changed design thus never shows a proof that is not its own. ``subject`` computes the

@@ -19,9 +19,7 @@ def printable(text: str, *, lines: bool = False) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(
-        c if c.isprintable() or (lines and c == "\n") else ascii(c)[1:-1] for c in text
-    )
+    return "".join(c if c.isprintable() or (lines and c == "\n") else ascii(c)[1:-1] for c in text)
 
 
 class RepctlError(Exception):
@@ -74,16 +72,10 @@ class RepctlError(Exception):
         parts = (f"{self.argument}{joint}{fact}", self.remedy)
         text = "; ".join(part for part in parts if part)
         text = text if text.isprintable() else printable(" ".join(text.split()))
-        return (
-            text
-            if len(text) <= _LONGEST
-            else f"{text[: _LONGEST - 200]} … {text[-200:]}"
-        )
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 200]} … {text[-200:]}"
 
 
-def _restored(
-    kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]
-) -> RepctlError:
+def _restored(kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]) -> RepctlError:
     """Create an error again from its parts, without calling its constructor, which may take others.
 
     Errors cross from worker processes by pickle. ``args`` and ``parts`` are its attributes.
@@ -150,9 +142,7 @@ def needed(*modules: str, by: str) -> None:
         If a package is missing; the message contains the command that installs it.
     """
     missing = " ".join(
-        dict.fromkeys(
-            _PACKAGES.get(name, name) for name in modules if find_spec(name) is None
-        )
+        dict.fromkeys(_PACKAGES.get(name, name) for name in modules if find_spec(name) is None)
     )
     if missing:
         are = "is" if " " not in missing else "are"

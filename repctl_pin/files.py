@@ -28,9 +28,7 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
     try:
         if make:
             folder.mkdir(parents=True, exist_ok=True)
-        there = next(
-            (part for part in (folder, *folder.parents) if part.exists()), Path()
-        )
+        there = next((part for part in (folder, *folder.parents) if part.exists()), Path())
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
@@ -83,9 +81,7 @@ def written_together(folder: Path) -> Iterator[Path]:
         moves = [(file, folder / file.name) for file in sorted(staged.iterdir())]
         for _, target in moves:
             if target.is_dir() and not target.is_symlink():
-                raise InputError(
-                    f"cannot write {target}: the path is a folder; give a file name"
-                )
+                raise InputError(f"cannot write {target}: the path is a folder; give a file name")
         with _one_at_a_time(folder):
             for file, target in moves:
                 _move(file, target)
@@ -215,9 +211,7 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
         what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise InputError(f"cannot read {path}: it is {what}; give a file")
     if len(data) > largest:
-        raise InputError(
-            f"cannot read {path}: the file is larger than {largest / 1e6:g} MB"
-        )
+        raise InputError(f"cannot read {path}: the file is larger than {largest / 1e6:g} MB")
     return data
 
 

@@ -82,9 +82,7 @@ class FitOptions:
             restarts=as_int(self.restarts, "restarts", 0, _MOST_RESTARTS),
             tolerance=positive(self.tolerance, "the tolerance"),
         )
-        if self.executor is not None and not callable(
-            getattr(self.executor, "submit", None)
-        ):
+        if self.executor is not None and not callable(getattr(self.executor, "submit", None)):
             what = "a concurrent.futures.Executor or a Dask client"
             require_type(self.executor, Executor, "executor", what)
 
@@ -96,9 +94,7 @@ class FitOptions:
         defaults = vars(FitOptions())
         for name, value in vars(self).items():
             if name not in names and value != defaults[name]:
-                raise InputError(
-                    f"{by} has no option {name}; leave it out of FitOptions"
-                )
+                raise InputError(f"{by} has no option {name}; leave it out of FitOptions")
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:

@@ -31,11 +31,7 @@ from .errors import InputError, unknown
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-_ONE_OF = {
-    "strategies": "strategy",
-    "potentials": "basis of potentials",
-    "paths": "path",
-}
+_ONE_OF = {"strategies": "strategy", "potentials": "basis of potentials", "paths": "path"}
 """Kinds of plugins, and the singular noun for each."""
 
 
@@ -77,9 +73,7 @@ def all_extensions() -> tuple[Extension, ...]:
     """
     package = import_module("repctl_pin.extensions")
     names = sorted(found.name for found in iter_modules(package.__path__))
-    return tuple(
-        import_module(f"{package.__name__}.{name}").EXTENSION for name in names
-    )
+    return tuple(import_module(f"{package.__name__}.{name}").EXTENSION for name in names)
 
 
 def parts(place: str) -> list[Any]:
@@ -144,7 +138,5 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
             f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}"
         ) from error
     if not callable(made):
-        raise InputError(
-            f"{name!r} of {package} must be a function or a class, not {made!r}"
-        )
+        raise InputError(f"{name!r} of {package} must be a function or a class, not {made!r}")
     return made

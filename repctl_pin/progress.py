@@ -38,9 +38,7 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
     from tqdm import tqdm
 
     with tqdm(
-        total=1.0,
-        bar_format="{desc:32.32} {percentage:3.0f}%|{bar}| {elapsed}",
-        leave=False,
+        total=1.0, bar_format="{desc:32.32} {percentage:3.0f}%|{bar}| {elapsed}", leave=False
     ) as bar:
 
         def report(what: str, share: float) -> None:

@@ -59,9 +59,7 @@ class Table:
         return f"{self.file}, frame {frame}"
 
 
-def csv_rows(
-    file: str | Path, largest: int = _LARGEST
-) -> Iterator[tuple[int, list[str]]]:
+def csv_rows(file: str | Path, largest: int = _LARGEST) -> Iterator[tuple[int, list[str]]]:
     """Yield the lines of a CSV file that are not empty, the header too, as (line number, fields).
 
     The number is that in the file, so that a message can name the line at fault.
@@ -95,9 +93,7 @@ def refuse_twice(names: Sequence[str], where: str | Path) -> None:
     """
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(
-            f"{where}: two columns are named {twice[0]!r}; rename one of them"
-        )
+        raise InputError(f"{where}: two columns are named {twice[0]!r}; rename one of them")
 
 
 def read_table(file: Path) -> Table:
@@ -113,9 +109,7 @@ def read_table(file: Path) -> Table:
     if suffix == ".parquet":
         needed("pyarrow", by="a Parquet file")
     data = read_bytes(file, _LARGEST)
-    columns = {".csv": _of_csv, ".npz": _of_npz, ".parquet": _of_parquet}[suffix](
-        file, data
-    )
+    columns = {".csv": _of_csv, ".npz": _of_npz, ".parquet": _of_parquet}[suffix](file, data)
     lengths = {len(values) for values in columns.values()}
     if not columns or lengths == {0}:
         raise InputError(f"{file} contains no frames", remedy="write one row per frame")
@@ -169,9 +163,7 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
     """
     text = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline="")
     try:
-        names = [
-            name.strip("#\"' \t") for name in next(csv.reader([text.readline()]), [])
-        ]
+        names = [name.strip("#\"' \t") for name in next(csv.reader([text.readline()]), [])]
         filled = (line for line in iter(text.readline, "") if line.strip())
         first = next(csv.reader([next(filled, "")]), [])
         _check_header(file, names, first)
@@ -208,9 +200,7 @@ def _check_header(file: Path, names: list[str], first: list[str]) -> None:
     ``names`` is the header and ``first`` the first row; InputError if not.
     """
     if any(";" in name for name in names):
-        raise InputError(
-            f"{file}: separate the columns by commas, and use decimal points"
-        )
+        raise InputError(f"{file}: separate the columns by commas, and use decimal points")
     if not names or any(_is_number(name) or not name for name in names):
         raise InputError(
             f"{file}: the first line must name the columns, such as time and the joints"
@@ -219,14 +209,10 @@ def _check_header(file: Path, names: list[str], first: list[str]) -> None:
     if not first:
         raise InputError(f"{file} contains no frames", remedy="write one row per frame")
     if len(first) != len(names):
-        raise InputError(
-            f"{file}, line 2: {len(first)} fields, but the header has {len(names)}"
-        )
+        raise InputError(f"{file}, line 2: {len(first)} fields, but the header has {len(names)}")
 
 
-def _wrong_line(
-    file: Path, size: int, first: list[str], error: Exception
-) -> InputError:
+def _wrong_line(file: Path, size: int, first: list[str], error: Exception) -> InputError:
     """Make the error for the first line of a CSV file that cannot be read.
 
     ``size`` is the number of columns, ``first`` the fields of the first row, whose numbers must be
@@ -262,17 +248,11 @@ def _csv_text(columns: Mapping[str, Column]) -> bytes:
     flat: dict[str, Column] = {}
     for name, values in columns.items():
         wide = values.reshape(len(values), -1)
-        keys = (
-            [name]
-            if values.ndim == 1
-            else [f"{name}_{i}" for i in range(wide.shape[1])]
-        )
+        keys = [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(wide.shape[1])]
         flat |= dict(zip(keys, wide.T, strict=True))
     size = len(next(iter(flat.values())))
     parts = [_lines_of([tuple(flat)])]
-    for k in range(
-        0, size, _BLOCK
-    ):  # text of all rows at once would take four times its size
+    for k in range(0, size, _BLOCK):  # text of all rows at once would take four times its size
         block = (values[k : k + _BLOCK].tolist() for values in flat.values())
         parts.append(_lines_of(zip(*block, strict=True)))
     return b"".join(parts)
@@ -288,14 +268,7 @@ def _of_npz(file: Path, data: bytes) -> dict[str, Column]:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
-    except (
-        ValueError,
-        OSError,
-        EOFError,
-        KeyError,
-        AttributeError,
-        zipfile.BadZipFile,
-    ) as error:
+    except (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as error:
         raise InputError(f"cannot read {file}: {error}") from None
     return {name: values for name, values in found.items() if values.ndim}
 
@@ -318,10 +291,7 @@ def _plain(column: Any) -> Column:
     """
     import pyarrow
 
-    if not (
-        pyarrow.types.is_list(column.type)
-        or pyarrow.types.is_fixed_size_list(column.type)
-    ):
+    if not (pyarrow.types.is_list(column.type) or pyarrow.types.is_fixed_size_list(column.type)):
         return np.asarray(column.to_numpy())
     flat = np.concatenate([np.asarray(chunk.flatten()) for chunk in column.chunks])
     size = len(flat) // max(len(column), 1)
@@ -336,6 +306,4 @@ def _arrow(values: Column) -> Any:
     if values.ndim == 1:
         return pyarrow.array(values)
     wide = values.reshape(len(values), -1)
-    return pyarrow.FixedSizeListArray.from_arrays(
-        pyarrow.array(wide.ravel()), wide.shape[1]
-    )
+    return pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(wide.ravel()), wide.shape[1])

@@ -74,6 +74,5 @@ def _scaled(s: arb, x: Vector) -> Vector:
 def at(Q: np.ndarray, half: np.ndarray, t: np.ndarray) -> Vector:
     """The balls of ``Q + half t``."""
     return [
-        arb(float(q)) + arb(float(h)) * arb(float(v))
-        for q, h, v in zip(Q, half, t, strict=True)
+        arb(float(q)) + arb(float(h)) * arb(float(v)) for q, h, v in zip(Q, half, t, strict=True)
     ]

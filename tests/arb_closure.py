@@ -15,9 +15,7 @@ Vector = list[arb]
 Matrix = list[Vector]
 
 
-def function_in_balls(
-    problem: object, u: Vector, start: np.ndarray
-) -> tuple[Vector, Vector]:
+def function_in_balls(problem: object, u: Vector, start: np.ndarray) -> tuple[Vector, Vector]:
     """Evaluate F and V at u, r = 1, pose task, by Newton's method from a configuration near F.
 
     ``V = n_ref + g' E⁻¹ J``, with g' and E the derivatives by u, at constant q, of ``n_refᵀ (q −
@@ -39,13 +37,9 @@ def function_in_balls(
         E.append([(a - b) / (2 * _STEP) for a, b in zip(*xi, strict=True)])
         both = [_label(problem.chart, v, q) for v in (up, down)]
         slopes.append((both[0] - both[1]) / (2 * _STEP))
-    W = arb_mat(E).solve(
-        arb_mat([[x] for x in slopes])
-    )  # (row W) E = slopes, E by columns
+    W = arb_mat(E).solve(arb_mat([[x] for x in slopes]))  # (row W) E = slopes, E by columns
     normal = _chart(problem.chart, u, 1)
-    V = [
-        normal[c] + sum((W[a, 0] * J[a][c] for a in range(6)), arb(0)) for c in range(n)
-    ]
+    V = [normal[c] + sum((W[a, 0] * J[a][c] for a in range(6)), arb(0)) for c in range(n)]
     return q, V
 
 
@@ -121,8 +115,4 @@ def _minus(a: Vector, b: Vector) -> Vector:
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
-    return [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

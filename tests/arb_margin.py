@@ -21,9 +21,7 @@ def leaf_margin_in_balls(design: rp.Design, q: np.ndarray) -> arb:
     J_V = arb_mat([[J[i][j] for j in range(task.n)] for i in range(6)] + [v])
     unit = arb_mat([[arb(0)]] * 6 + [[arb(1)]])
     x = J_V.solve(unit)
-    size = sum((x[i, 0] * x[i, 0] for i in range(task.n)), arb(0)) * sum(
-        (c * c for c in v), arb(0)
-    )
+    size = sum((x[i, 0] * x[i, 0] for i in range(task.n)), arb(0)) * sum((c * c for c in v), arb(0))
     return arb(1) / size.sqrt()
 
 
@@ -35,23 +33,12 @@ def _jacobian(task: rp.Task, q: np.ndarray) -> list[list[arb]]:
     for j in range(1, model.njoints):
         placement, axis = model.jointPlacements[j], _axis(model, j)
         p = [
-            p[i]
-            + sum(
-                (R[i][k] * arb(float(placement.translation[k])) for k in range(3)),
-                arb(0),
-            )
+            p[i] + sum((R[i][k] * arb(float(placement.translation[k])) for k in range(3)), arb(0))
             for i in range(3)
         ]
         R = _product(R, [[arb(float(x)) for x in row] for row in placement.rotation])
-        w = [
-            sum((R[i][k] * arb(float(axis[k])) for k in range(3)), arb(0))
-            for i in range(3)
-        ]
-        v = [
-            p[1] * w[2] - p[2] * w[1],
-            p[2] * w[0] - p[0] * w[2],
-            p[0] * w[1] - p[1] * w[0],
-        ]
+        w = [sum((R[i][k] * arb(float(axis[k])) for k in range(3)), arb(0)) for i in range(3)]
+        v = [p[1] * w[2] - p[2] * w[1], p[2] * w[0] - p[0] * w[2], p[0] * w[1] - p[1] * w[0]]
         columns.append([*v, *w])
         R = _product(R, _turn(axis, arb(float(q[j - 1]))))
     return [[column[i] for column in columns] for i in range(6)]
@@ -59,9 +46,7 @@ def _jacobian(task: rp.Task, q: np.ndarray) -> list[list[arb]]:
 
 def _axis(model: pin.Model, joint: int) -> np.ndarray:
     data = model.createData()
-    return pin.computeJointJacobian(model, data, pin.neutral(model), joint)[
-        3:, joint - 1
-    ]
+    return pin.computeJointJacobian(model, data, pin.neutral(model), joint)[3:, joint - 1]
 
 
 def _turn(axis: np.ndarray, angle: arb) -> list[list[arb]]:
@@ -69,10 +54,7 @@ def _turn(axis: np.ndarray, angle: arb) -> list[list[arb]]:
     x, y, z = (arb(float(v)) for v in axis)
     a, hat = (x, y, z), [[arb(0), -z, y], [z, arb(0), -x], [-y, x, arb(0)]]
     return [
-        [
-            (c if i == j else arb(0)) + s * hat[i][j] + (1 - c) * a[i] * a[j]
-            for j in range(3)
-        ]
+        [(c if i == j else arb(0)) + s * hat[i][j] + (1 - c) * a[i] * a[j] for j in range(3)]
         for i in range(3)
     ]
 
@@ -101,6 +83,5 @@ def _eye() -> list[list[arb]]:
 
 def _product(A: list[list[arb]], B: list[list[arb]]) -> list[list[arb]]:
     return [
-        [sum((A[i][k] * B[k][j] for k in range(3)), arb(0)) for j in range(3)]
-        for i in range(3)
+        [sum((A[i][k] * B[k][j] for k in range(3)), arb(0)) for j in range(3)] for i in range(3)
     ]

@@ -55,12 +55,7 @@ def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         f'<origin xyz="{offset} 0 0"/></joint>'
     )
-    parts = (
-        '<?xml version="1.0"?>',
-        '<robot name="planar">',
-        "".join(links),
-        "".join(joints),
-    )
+    parts = ('<?xml version="1.0"?>', '<robot name="planar">', "".join(links), "".join(joints))
     return "\n".join((*parts, "</robot>", ""))
 
 
@@ -100,8 +95,7 @@ def spatial_urdf(n: int, seed: int) -> str:
     for i in range(1, n + 1):
         kind = "prismatic" if i % 3 == 0 else "revolute"
         xyz, rpy, axis = (
-            " ".join(f"{v:.6f}" for v in rng.uniform(-1, 1, 3) * s)
-            for s in (0.4, 1.5, 1.0)
+            " ".join(f"{v:.6f}" for v in rng.uniform(-1, 1, 3) * s) for s in (0.4, 1.5, 1.0)
         )
         links.append(f'<link name="link{i}"/>')
         joints.append(
@@ -115,18 +109,11 @@ def spatial_urdf(n: int, seed: int) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         '<origin xyz="0.3 0.1 0.2"/></joint>'
     )
-    parts = (
-        '<?xml version="1.0"?>',
-        '<robot name="spatial">',
-        "".join(links),
-        "".join(joints),
-    )
+    parts = ('<?xml version="1.0"?>', '<robot name="spatial">', "".join(links), "".join(joints))
     return "\n".join((*parts, "</robot>", ""))
 
 
-def spatial_task(
-    n: int, folder: Path, *, kind: str = "position", seed: int = 0
-) -> rp.Task:
+def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0) -> rp.Task:
     """Load such an arm; its position task has r = n − 3."""
     path = folder / f"spatial{n}_{seed}.urdf"
     path.write_text(spatial_urdf(n, seed), encoding="utf-8")
@@ -182,8 +169,6 @@ def chain_with_bodies(folder: Path) -> Path:
     return file
 
 
-def named_path(
-    task: rp.Task, q: np.ndarray, spec: str, plane: str | None = None
-) -> rp.TaskPath:
+def named_path(task: rp.Task, q: np.ndarray, spec: str, plane: str | None = None) -> rp.TaskPath:
     """The path that a problem makes of such words as ``square:0.2``."""
     return rp.Problem(task, start=q, path=spec, plane=plane).cycle

@@ -64,8 +64,7 @@ def require_browser() -> None:
     if CHROMIUM and DRIVER:
         return
     reason = (
-        "chromium and chromedriver are not installed "
-        "(apt-get install chromium chromium-driver)"
+        "chromium and chromedriver are not installed (apt-get install chromium chromium-driver)"
     )
     if os.environ.get("CI") == "true":
         pytest.fail(reason)
@@ -82,11 +81,7 @@ def browser(width: int = 1280, height: int = 760) -> Iterator[Any]:
     options.binary_location = CHROMIUM or ""
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     with tempfile.TemporaryDirectory(prefix="repctl-browser-") as profile:
-        for flag in (
-            *FLAGS,
-            f"--user-data-dir={profile}",
-            f"--window-size={width},{height}",
-        ):
+        for flag in (*FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}"):
             options.add_argument(flag)
         driver = webdriver.Chrome(options=options, service=Service(DRIVER))
         driver.set_script_timeout(60)
@@ -113,9 +108,8 @@ def open_page(driver: Any, page: Path | str, *, seconds: float = 60.0) -> None:
     """Open an animation from its file or address and wait until all of it is drawn; it stands
     still."""
     address = page.resolve().as_uri() if isinstance(page, Path) else page
-    driver.get(
-        "about:blank"
-    )  # an address that differs by nothing, or by its #, would not load anew
+    # an address that differs by nothing, or by its #, would not load anew
+    driver.get("about:blank")
     driver.get_log("browser")  # what came before is not this page's
     with asleep(driver):
         driver.get(address + "#paused")
@@ -144,13 +138,9 @@ def wait_until_drawn(driver: Any, name: str, *, seconds: float = 60.0) -> None:
 def errors(driver: Any) -> list[str]:
     """Everything that went wrong on the page: the console's errors and the page's own list."""
     console = [
-        entry["message"]
-        for entry in driver.get_log("browser")
-        if entry["level"] == "SEVERE"
+        entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"
     ]
-    return console + driver.execute_script(
-        "return (window.repctl && repctl.errors) || []"
-    )
+    return console + driver.execute_script("return (window.repctl && repctl.errors) || []")
 
 
 def picture(
@@ -180,9 +170,7 @@ def picture_now(driver: Any) -> NDArray[np.int16]:
 
 def pane(driver: Any, image: NDArray[np.int16], arm: int) -> NDArray[np.int16]:
     """Cut an arm's pane out of the picture."""
-    left, top, width, height = driver.execute_script(
-        "return repctl.pane(arguments[0])", arm
-    )
+    left, top, width, height = driver.execute_script("return repctl.pane(arguments[0])", arm)
     tall, wide = image.shape[:2]
     return image[
         round(top * tall) : round((top + height) * tall),
@@ -194,12 +182,7 @@ def schemes(
     driver: Any, *, width: int, height: int, dark: bool = False, still: bool = False
 ) -> None:
     """Set the size of the window's inside, and what the person has asked of colours and motion."""
-    size = {
-        "width": width,
-        "height": height,
-        "deviceScaleFactor": 1,
-        "mobile": width < 600,
-    }
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     wishes = {
         "prefers-color-scheme": "dark" if dark else "light",

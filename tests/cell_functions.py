@@ -31,9 +31,7 @@ def middle(kind: str = "pose") -> pin.SE3:
     return pin.SE3(x.rotation, x.translation + [0.15, 0.0, -0.19])
 
 
-def cell_of(
-    kind: str = "pose", rotation: float = 0.0, half_width: float = 0.1
-) -> rp.Cell:
+def cell_of(kind: str = "pose", rotation: float = 0.0, half_width: float = 0.1) -> rp.Cell:
     return rp.Cell(panda(kind), middle(kind), half_width, rotation)
 
 
@@ -48,9 +46,7 @@ def function_of(name: str) -> rp.InverseFunction:
     """A section near straight fibres; what it is worth does not matter here."""
     kind, rotation = CELLS[name]
     cell = cell_of(kind, rotation)
-    return rp.InverseFunction(
-        chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement))
-    )
+    return rp.InverseFunction(chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement)))
 
 
 def f_in_numpy(function: rp.InverseFunction) -> rp.InverseFunction:

@@ -20,17 +20,13 @@ def turns(vectors: np.ndarray) -> np.ndarray:
     o = np.zeros_like(x)
     hat = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
     return (
-        np.eye(3)
-        + np.sinc(angle / np.pi) * hat
-        + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * hat @ hat
+        np.eye(3) + np.sinc(angle / np.pi) * hat + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * hat @ hat
     )
 
 
 def turned_by(R: np.ndarray) -> np.ndarray:
     """Rotation vectors (…, 3) of rotations by less than π."""
-    axis = np.stack(
-        [R[..., i, j] - R[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], -1
-    )
+    axis = np.stack([R[..., i, j] - R[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], -1)
     sine = np.linalg.norm(axis, axis=-1) / 2
     angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
     return axis / 2 * (angle / np.where(sine > 0, sine, 1.0))[..., None]

@@ -20,9 +20,7 @@ import repctl_pin as rp
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-main: Callable[[list[str]], int] = entry_points(group="console_scripts")[
-    "repctl"
-].load()
+main: Callable[[list[str]], int] = entry_points(group="console_scripts")["repctl"].load()
 """The command ``repctl`` as it is installed: words in, exit code out."""
 
 OUT = [
@@ -40,9 +38,7 @@ def parsers() -> dict[str, ArgumentParser]:
         assert main([]) == 2  # without a command, the help of all
     (whole,) = asked
     (commands,) = (
-        action.choices
-        for action in whole._actions
-        if isinstance(action, _SubParsersAction)
+        action.choices for action in whole._actions if isinstance(action, _SubParsersAction)
     )
     return {"": whole, **commands}
 
@@ -58,9 +54,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     assert main([*arguments]) == 2
     captured = capsys.readouterr()
     assert (
-        captured.out == ""
-        and captured.err.count("\n") == 1
-        and captured.err.startswith("repctl: ")
+        captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
     )
     return captured.err
 
@@ -104,10 +98,7 @@ def printed(study: rp.Study, folder: Path, *options: str) -> tuple[str, list[Fig
     """What ``repctl study`` prints of a study that is there already, and the figures in the files
     that it writes into a folder. It prints to a terminal if the test has set one up."""
     screen = type(sys.stdout) if isinstance(sys.stdout, io.StringIO) else io.StringIO
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        contextlib.redirect_stdout(screen()) as out,
-    ):
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(screen()) as out:
         figures = without_pictures(patch)
         patch.setattr(rp, "Problem", lambda *_, **__: None)
         patch.setattr(rp, "study", lambda *_, **__: study)

@@ -11,9 +11,7 @@ import sys
 import tempfile
 import time
 
-os.environ.setdefault(
-    "OMP_NUM_THREADS", "1"
-)  # the tests run side by side; one core each
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -96,9 +94,7 @@ def q_panda() -> np.ndarray:
 def panda_design(panda_pose: rp.Task) -> rp.Design:
     """The quadratic design of the theory: J⁺, box ±0.4 rad."""
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose),
-        rp.Polynomial(Q_PANDA, 2, 0.4),
-        rp.Box(Q_PANDA, 0.4),
+        rp.Pseudoinverse(panda_pose), rp.Polynomial(Q_PANDA, 2, 0.4), rp.Box(Q_PANDA, 0.4)
     )
 
 
@@ -168,9 +164,7 @@ def unoptimised(tmp_path_factory: pytest.TempPathFactory) -> str | None:
 
 @pytest.fixture
 def quick_compiler(
-    request: pytest.FixtureRequest,
-    monkeypatch: pytest.MonkeyPatch,
-    unoptimised: str | None,
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, unoptimised: str | None
 ) -> None:
     """Compile with -O0, in a fifth of the time, but for tests marked ``as_shipped``."""
     if request.node.get_closest_marker("as_shipped") is None and unoptimised:
@@ -178,9 +172,7 @@ def quick_compiler(
 
 
 @pytest.fixture
-def blank_pictures(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def blank_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Write one pixel in place of each figure, except where a test is marked ``pictures``."""
     if request.node.get_closest_marker("pictures") is not None:
         return

@@ -35,14 +35,10 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def some(names: Iterable[str], *default: str) -> list[Any]:
     """Make the parameters of a test: the default names, and the others as slow ones."""
     slow = pytest.mark.slow
-    return [
-        name if name in default else pytest.param(name, marks=slow) for name in names
-    ]
+    return [name if name in default else pytest.param(name, marks=slow) for name in names]
 
 
-NEEDS_C = pytest.mark.skipif(
-    c_compiler() is None, reason="there is no C compiler on this machine"
-)
+NEEDS_C = pytest.mark.skipif(c_compiler() is None, reason="there is no C compiler on this machine")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -102,10 +98,7 @@ def control(
     N = rp.redundancy.nullspace(task.jacobian(center))
     A = np.linalg.lstsq(potentials.gradients(center[None])[0], N, rcond=None)[0]
     return rp.RepeatableInverse(
-        task,
-        potentials.weighted(
-            A + 0.02 * rng.normal(size=A.shape) / np.sqrt(potentials.size)
-        ),
+        task, potentials.weighted(A + 0.02 * rng.normal(size=A.shape) / np.sqrt(potentials.size))
     )
 
 
@@ -124,11 +117,7 @@ def _start(task: rp.Task) -> np.ndarray:
 
 
 def _polynomial(task: rp.Task, degree: int) -> tuple[rp.RepeatableInverse, np.ndarray]:
-    q0 = (
-        Q_PANDA
-        if task.robot.name == "panda" and task.coordinates is None
-        else _start(task)
-    )
+    q0 = Q_PANDA if task.robot.name == "panda" and task.coordinates is None else _start(task)
     return control(task, q0, rp.Polynomial(q0, degree, 0.5)), q0
 
 
@@ -137,9 +126,7 @@ def _panda(kind: str = "pose") -> rp.Task:
 
 
 def _with_base() -> rp.Task:
-    return rp.Robot.load("talos", base="torso_2_link").task(
-        "wrist_left_ft_tool_link", "position"
-    )
+    return rp.Robot.load("talos", base="torso_2_link").task("wrist_left_ft_tool_link", "position")
 
 
 def _both_hands() -> rp.Task:
@@ -150,9 +137,7 @@ def _both_hands() -> rp.Task:
 
 def _elbow_and_hand() -> rp.Task:
     """Two frames on one chain, one of them moved by three joints alone."""
-    return rp.Robot.load("panda").task(
-        [("panda_link4", "xy"), ("panda_link8", "position")]
-    )
+    return rp.Robot.load("panda").task([("panda_link4", "xy"), ("panda_link8", "position")])
 
 
 def _joined(task: rp.Task) -> tuple[rp.RepeatableInverse, np.ndarray]:
@@ -180,16 +165,11 @@ def _partial() -> tuple[rp.RepeatableInverse, np.ndarray]:
 
 def _in_coordinates() -> rp.Task:
     rng = np.random.default_rng(3)
-    return _panda().in_coordinates(
-        np.eye(7) + 0.3 * np.tril(rng.normal(size=(7, 7)), -1)
-    )
+    return _panda().in_coordinates(np.eye(7) + 0.3 * np.tril(rng.normal(size=(7, 7)), -1))
 
 
 CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] = {
-    **{
-        f"panda, pose, degree {d}": lambda _, d=d: _polynomial(_panda(), d)
-        for d in (1, 2, 3, 4)
-    },
+    **{f"panda, pose, degree {d}": lambda _, d=d: _polynomial(_panda(), d) for d in (1, 2, 3, 4)},
     "panda, pose, Fourier": lambda _: _fourier(1),
     "panda, pose, Fourier of some joints": lambda _: _fourier(2, cross=False),
     "panda, pose, joined": lambda _: _joined(_panda()),
@@ -197,12 +177,8 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     "panda, axis, degree 2": lambda _: _polynomial(_panda("axis"), 2),
     "panda, xz, degree 1": lambda _: _polynomial(_panda("xz"), 1),
     "panda in other coordinates": lambda _: _polynomial(_in_coordinates(), 2),
-    "xarm7, pose, degree 3": lambda _: _polynomial(
-        rp.Robot.load("xarm7").task(None, "pose"), 3
-    ),
-    "iiwa, pose, degree 2": lambda folder: _polynomial(
-        iiwa(folder).task("flange", "pose"), 2
-    ),
+    "xarm7, pose, degree 3": lambda _: _polynomial(rp.Robot.load("xarm7").task(None, "pose"), 3),
+    "iiwa, pose, degree 2": lambda folder: _polynomial(iiwa(folder).task("flange", "pose"), 2),
     "tiago, position, degree 2": lambda _: _polynomial(
         rp.Robot.load("tiago").task(None, "position"), 2
     ),
@@ -211,12 +187,8 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     ),
     "talos from its torso": lambda _: _polynomial(_with_base(), 2),
     "ppr, degree 5 of some joints": lambda _: _partial(),
-    "planar7r, xy, degree 3": lambda _: _polynomial(
-        rp.Robot.load("planar7r").task(None, "xy"), 3
-    ),
-    "random axes and slides": lambda folder: _polynomial(
-        spatial_task(6, folder, seed=2), 2
-    ),
+    "planar7r, xy, degree 3": lambda _: _polynomial(rp.Robot.load("planar7r").task(None, "xy"), 3),
+    "random axes and slides": lambda folder: _polynomial(spatial_task(6, folder, seed=2), 2),
     "both hands of talos, degree 2": lambda _: _polynomial(_both_hands(), 2),
     "elbow and hand of panda": lambda _: _polynomial(_elbow_and_hand(), 2),
     "random axes, axis task": lambda folder: _polynomial(
@@ -230,8 +202,6 @@ def in_numpy(inverse: rp.RepeatableInverse) -> rp.RepeatableInverse:
     """The same inverse on the NumPy law, which is that of arms that C cannot hold."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("REPCTL_NATIVE", "no")
-        other = rp.RepeatableInverse(
-            inverse.task, inverse.potentials, region=inverse.region
-        )
+        other = rp.RepeatableInverse(inverse.task, inverse.potentials, region=inverse.region)
         other.leaf(inverse.task.reference)  # chooses its law
     return other

@@ -18,13 +18,9 @@ def over(design: rp.Design, region: Any, **changes: Any) -> rp.Design:
     return replace(design, region=region, inverse=inverse, **changes)
 
 
-def with_potentials(
-    design: rp.Design, potentials: Any, A: np.ndarray, **changes: Any
-) -> rp.Design:
+def with_potentials(design: rp.Design, potentials: Any, A: np.ndarray, **changes: Any) -> rp.Design:
     """Other potentials over the same region."""
-    inverse = rp.RepeatableInverse(
-        design.task, potentials.weighted(A), region=design.region
-    )
+    inverse = rp.RepeatableInverse(design.task, potentials.weighted(A), region=design.region)
     parts = {"inverse": inverse, "potentials": potentials, "coefficients": A}
     return replace(design, **parts, **changes)
 
@@ -32,9 +28,5 @@ def with_potentials(
 def judged(design: rp.Design) -> Any:
     """Evaluate a design once more, on its held-out nodes."""
     return evaluate_design(
-        design.inverse,
-        design.desired,
-        design.region,
-        samples=design.held_out,
-        seed=design.seed + 1,
+        design.inverse, design.desired, design.region, samples=design.held_out, seed=design.seed + 1
     )

@@ -13,19 +13,12 @@ JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child li
 <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial></link>"""
 
 
-def arm(
-    folder: Path, mimics: dict[int, str], n: int = 7, **joints: dict[str, object]
-) -> Path:
+def arm(folder: Path, mimics: dict[int, str], n: int = 7, **joints: dict[str, object]) -> Path:
     """Write an arm of n joints, the fourth one prismatic, some of which mimic others."""
-    rng, lines, parent = (
-        np.random.default_rng(5),
-        ['<robot name="arm"><link name="l0"/>'],
-        "l0",
-    )
+    rng, lines, parent = (np.random.default_rng(5), ['<robot name="arm"><link name="l0"/>'], "l0")
     for i in range(1, n + 1):
         xyz, rpy, axis = (
-            " ".join(f"{v:.4f}" for v in s * rng.uniform(-1, 1, 3))
-            for s in (0.4, 1.0, 1.0)
+            " ".join(f"{v:.4f}" for v in s * rng.uniform(-1, 1, 3)) for s in (0.4, 1.0, 1.0)
         )
         values = {
             "kind": "prismatic" if i == 4 else "revolute",

@@ -18,12 +18,7 @@ import repctl_pin as rp
 from repctl_pin.model.visuals import Visuals as Visuals  # what a page draws
 
 ORANGE, GREEN, BLUE, VERMILLION = "#E69F00", "#009E73", "#0072B2", "#D55E00"
-COLOURS = {
-    "pseudoinverse": VERMILLION,
-    "posture": GREEN,
-    "posture_off": ORANGE,
-    "repeatable": BLUE,
-}
+COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
 """Okabe and Ito's colours, by the keys of a study's rows."""
 
 
@@ -44,14 +39,8 @@ def split(stream: bytes) -> list[bytes]:
 
 def read(page: str) -> tuple[dict[str, Any], list[dict[str, Any]], np.ndarray]:
     """Read a page back: its scene, its meshcat commands, its numbers."""
-    held = dict(
-        re.findall(
-            r'<script type="[\w/]+" id="([\w-]+)">(.*?)</script>', page, re.DOTALL
-        )
-    )
-    commands = [
-        umsgpack.unpackb(command) for command in split(unpack(held["commands"]))
-    ]
+    held = dict(re.findall(r'<script type="[\w/]+" id="([\w-]+)">(.*?)</script>', page, re.DOTALL))
+    commands = [umsgpack.unpackb(command) for command in split(unpack(held["commands"]))]
     assert len(unpack(held["viewer-code"])) > 500_000  # meshcat's viewer is there
     scene = json.loads(held["scene"])
     numbers = summed(unpack(held["motion"]), scene["series"], scene["resolution"])
@@ -130,8 +119,7 @@ def _corners(solid: pin.GeometryObject) -> np.ndarray:
     else:
         assert isinstance(shape, coal.Cylinder), shape
     rims = [
-        [np.cos(t) * np.cos(turn), np.cos(t) * np.sin(turn), np.full(24, np.sin(t))]
-        for t in tilt
+        [np.cos(t) * np.cos(turn), np.cos(t) * np.sin(turn), np.full(24, np.sin(t))] for t in tilt
     ]
     upper = shape.radius * np.swapaxes(rims, 1, 2).reshape(-1, 3) + [0, 0, half]
     return np.vstack([upper, upper * [1, 1, -1]])
@@ -164,14 +152,10 @@ class Pane:
 
 def matrices(poses: np.ndarray) -> np.ndarray:
     """Poses (T, M, 7) as matrices (T, M, 4, 4), by Pinocchio."""
-    return np.array(
-        [[pin.XYZQUATToSE3(p).homogeneous for p in row] for row in poses.astype(float)]
-    )
+    return np.array([[pin.XYZQUATToSE3(p).homogeneous for p in row] for row in poses.astype(float)])
 
 
-def panes(
-    scene: dict[str, Any], numbers: np.ndarray
-) -> tuple[list[Pane], list[np.ndarray]]:
+def panes(scene: dict[str, Any], numbers: np.ndarray) -> tuple[list[Pane], list[np.ndarray]]:
     """What the numbers of a page are: its arms, and its paths (P, 3)."""
     at = 0
 

@@ -29,10 +29,7 @@ def design_of(task: rp.Task, potentials: Any, region: object) -> rp.Design:
     counts = dict.fromkeys(("steps", "samples", "held_out", "seed"), 0)
     basis = rp.CustomPotentials(
         [
-            (
-                lambda q, j=j: potentials.value(q)[j],
-                lambda q, j=j: potentials.gradient(q)[:, j],
-            )
+            (lambda q, j=j: potentials.value(q)[j], lambda q, j=j: potentials.gradient(q)[:, j])
             for j in range(task.r)
         ]
     )
@@ -68,13 +65,7 @@ def regular_start(task: rp.Task, seed: int = 0) -> np.ndarray:
 
 
 def near_null_space(
-    task: rp.Task,
-    q: np.ndarray,
-    width: float,
-    seed: int,
-    *,
-    rough: float = 1.0,
-    degree: int = 2,
+    task: rp.Task, q: np.ndarray, width: float, seed: int, *, rough: float = 1.0, degree: int = 2
 ) -> rp.Polynomial:
     """Random potentials, by default quadratic, whose gradients at q span the null space of J,
     near to regular around it."""
@@ -82,7 +73,5 @@ def near_null_space(
     potentials = rp.Polynomial(q, degree, width)
     A = rough * 0.2 * width * rng.standard_normal((potentials.size, task.r))
     D = potentials.gradients(q[None])[0]  # (n, N)
-    A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[
-        0
-    ]
+    A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[0]
     return potentials.weighted(A)

@@ -17,9 +17,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 
-def main(
-    names: list[str], start: list[float], log: str, age: float | None = 0.0
-) -> None:
+def main(names: list[str], start: list[float], log: str, age: float | None = 0.0) -> None:
     """Run until SIGTERM; every command is logged with the time of its arrival.
 
     Its joint states have stamps that are ``age`` s old; None is for no stamps.
@@ -38,17 +36,13 @@ def main(
         def said() -> None:
             # another order than the design's, and a joint that is not its own
             both = [*zip(names, q, strict=True), ("finger", 0.04)][::-1]
-            message = JointState(
-                name=[b[0] for b in both], position=[b[1] for b in both]
-            )
+            message = JointState(name=[b[0] for b in both], position=[b[1] for b in both])
             if age is not None:
                 now = node.get_clock().now() - Duration(seconds=age)
                 message.header.stamp = now.to_msg()
             states.publish(message)
 
-        node.create_subscription(
-            JointTrajectory, "joint_trajectory", moved, QoSProfile(depth=100)
-        )
+        node.create_subscription(JointTrajectory, "joint_trajectory", moved, QoSProfile(depth=100))
         node.create_timer(0.005, said)
         executor = SingleThreadedExecutor()
         executor.add_node(node)

@@ -58,9 +58,7 @@ class Stage:
         self._twists = node.create_publisher(TwistStamped, "target_twist", newest)
         self._clocks = node.create_publisher(Clock, "/clock", newest)
         every = QoSProfile(depth=1000)
-        node.create_subscription(
-            JointTrajectory, "joint_trajectory", self._command, every
-        )
+        node.create_subscription(JointTrajectory, "joint_trajectory", self._command, every)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._status, every)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
@@ -68,9 +66,7 @@ class Stage:
         self._ends = False
         self._thread.start()
         log = str(folder / "arm.log")
-        self.arm = self._run(
-            str(ARM), json.dumps([list(names), list(map(float, q)), log, age])
-        )
+        self.arm = self._run(str(ARM), json.dumps([list(names), list(map(float, q)), log, age]))
 
     def _run(self, *words: str) -> subprocess.Popen:
         process = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)
@@ -81,9 +77,7 @@ class Stage:
         """Start the node under test, and wait until its status says so."""
         words = [word for p in parameters for word in ("-p", p)]
         self.said.clear()
-        process = self._run(
-            "-m", "repctl_pin", "ros2", str(self.design), "--ros-args", *words
-        )
+        process = self._run("-m", "repctl_pin", "ros2", str(self.design), "--ros-args", *words)
         self.wait_for(until)
         return process
 
@@ -153,8 +147,7 @@ class Stage:
         """Wait until the arm has moved by 1 mrad from the last command."""
         until, seen = time.monotonic() + most, max(len(self.commands), 1)
         while not any(
-            np.abs(q - self.commands[seen - 1][1]).max() > 1e-3
-            for _, q in self.commands[seen:]
+            np.abs(q - self.commands[seen - 1][1]).max() > 1e-3 for _, q in self.commands[seen:]
         ):
             assert time.monotonic() < until, "the arm does not move"
             time.sleep(0.005)

@@ -14,11 +14,7 @@ import repctl_pin as rp
 
 WIDTHS: dict[str, dict[str, Any]] = {
     "pose": {"height": 0.08, "half_angle": (0.2, 0.3), "spin": 0.3},
-    "a turn without its symmetry": {
-        "height": 0.08,
-        "half_angle": (0.2, 0.2, 0.3),
-        "angle": 1.0,
-    },
+    "a turn without its symmetry": {"height": 0.08, "half_angle": (0.2, 0.2, 0.3), "angle": 1.0},
     "spin as far as the joint goes": {
         "height": 0.08,
         "half_angle": (0.2, 0.3),
@@ -29,11 +25,7 @@ WIDTHS: dict[str, dict[str, Any]] = {
     "axis": {"height": 0.08, "half_angle": 0.2, "angle": 1.0},
     "position": {"height": 0.08, "angle": 1.0},
     "xy": {},
-    "another axis": {
-        "height": 0.05,
-        "angle": 0.5,
-        "axis": [[0, 0.05, 0], [0.1, 0.2, 2.0]],
-    },
+    "another axis": {"height": 0.05, "angle": 0.5, "axis": [[0, 0.05, 0], [0.1, 0.2, 2.0]]},
 }
 
 

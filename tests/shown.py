@@ -19,9 +19,7 @@ def steady(text: str) -> list[str]:
     Of a number below 1e-9 only its smallness is promised, so it becomes ``tiny``; and a table's
     columns are as wide as such numbers happen to be."""
     lines = (
-        re.sub(
-            r"\d(\.\d+)?e-(\d\d+)", lambda m: "tiny" if int(m[2]) >= 10 else m[0], text
-        )
+        re.sub(r"\d(\.\d+)?e-(\d\d+)", lambda m: "tiny" if int(m[2]) >= 10 else m[0], text)
         .strip()
         .splitlines()
     )
@@ -59,9 +57,7 @@ def small(file: Path) -> Image.Image:
     picture = Image.open(file).convert("RGB")
     width = min(1200, picture.width)
     size = (width, round(width * picture.height / picture.width))
-    return picture.resize(size, Image.Resampling.LANCZOS).quantize(
-        256, dither=Image.Dither.NONE
-    )
+    return picture.resize(size, Image.Resampling.LANCZOS).quantize(256, dither=Image.Dither.NONE)
 
 
 def likeness(file: Path, kept: Path) -> float:
@@ -80,8 +76,7 @@ def likeness(file: Path, kept: Path) -> float:
     return float(np.corrcoef(far)[0, 1])
 
 
-if (
-    __name__ == "__main__"
-):  # python tests/shown.py repctl-out/figure_06.png …: keep these figures from now on
+# python tests/shown.py repctl-out/figure_06.png …: keep these figures from now on
+if __name__ == "__main__":
     for name in sys.argv[1:]:
         small(Path(name)).save(FIGURES / Path(name).name, optimize=True)

@@ -30,9 +30,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
-os.environ.setdefault(
-    "OMP_NUM_THREADS", "1"
-)  # before numpy is loaded: one core a process
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: one core a process
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pinocchio
@@ -132,12 +130,7 @@ def robots(folder: Path) -> list[Path]:
     packages: dict[str, list[Path]] = {}
     for path in found.values():
         packages.setdefault(path.relative_to(folder).parts[0], []).append(path)
-    return [
-        path
-        for turn in zip_longest(*packages.values())
-        for path in turn
-        if path is not None
-    ]
+    return [path for turn in zip_longest(*packages.values()) for path in turn if path is not None]
 
 
 def run(command: list[str], seconds: int = SECONDS) -> Outcome:
@@ -166,9 +159,7 @@ def run(command: list[str], seconds: int = SECONDS) -> Outcome:
         err.seek(0)
         verdict = out.read().decode(errors="replace").partition("\n\n")[0]
         result = " ".join(verdict.split())
-        said = (
-            err.read().decode(errors="replace").replace("\r", "\n").strip().splitlines()
-        )
+        said = err.read().decode(errors="replace").replace("\r", "\n").strip().splitlines()
     code, last = os.waitstatus_to_exitcode(status), said[-1] if said else ""
     kind = (
         "result"
@@ -177,14 +168,8 @@ def run(command: list[str], seconds: int = SECONDS) -> Outcome:
         if code == 2 and last.startswith("repctl")
         else "fault"
     )
-    words = (
-        result
-        if kind == "result"
-        else last.removeprefix("repctl: ") or f"ended with {code}"
-    )
-    return Outcome(
-        kind, words, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e6, len(said)
-    )
+    words = result if kind == "result" else last.removeprefix("repctl: ") or f"ended with {code}"
+    return Outcome(kind, words, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e6, len(said))
 
 
 def load_libraries() -> None:
@@ -198,8 +183,7 @@ def survey(path: Path, seconds: int) -> dict[str, Outcome]:
     with tempfile.TemporaryDirectory() as out:
         options = {"inspect": [], "study": ["--out", out, "--full"]}
         done = {
-            command: run([command, str(path), *options[command]], seconds)
-            for command in COMMANDS
+            command: run([command, str(path), *options[command]], seconds) for command in COMMANDS
         }
     return {
         command: dataclasses.replace(one, words=one.words.replace(str(path), path.name))
@@ -209,15 +193,8 @@ def survey(path: Path, seconds: int) -> dict[str, Outcome]:
 
 def recorded(file: Path) -> dict[str, dict[str, Outcome]]:
     """Read what was found before, by the files' paths."""
-    rows = (
-        [json.loads(line) for line in file.read_text().splitlines()]
-        if file.exists()
-        else []
-    )
-    return {
-        row["path"]: {command: Outcome(**row[command]) for command in COMMANDS}
-        for row in rows
-    }
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    return {row["path"]: {command: Outcome(**row[command]) for command in COMMANDS} for row in rows}
 
 
 def summary(found: dict[str, dict[str, Outcome]]) -> str:
@@ -225,26 +202,19 @@ def summary(found: dict[str, dict[str, Outcome]]) -> str:
 
     def counts(command: str) -> str:
         kinds = Counter(row[command].kind for row in found.values())
-        words = {
-            "result": "results",
-            "sentence": "explained refusals",
-            "fault": "crashes",
-        }
+        words = {"result": "results", "sentence": "explained refusals", "fault": "crashes"}
         return ", ".join(f"{kinds[kind]} {said}" for kind, said in words.items())
 
     slow = sorted(row["study"].seconds for row in found.values())
     times = f"Slowest study {slow[-1]:.0f} s, median {slow[len(slow) // 2]:.0f} s"
     most = max(one.gigabytes for row in found.values() for one in row.values())
     ends = (
-        f"{len(found)} files: `study` ends in {counts('study')}; "
-        f"`inspect` in {counts('inspect')}."
+        f"{len(found)} files: `study` ends in {counts('study')}; `inspect` in {counts('inspect')}."
     )
     return f"{ends} {times}; at most {most:.2f} GB."
 
 
-def table(
-    found: dict[str, dict[str, Outcome]], folder: Path, every: int, seconds: int
-) -> str:
+def table(found: dict[str, dict[str, Outcome]], folder: Path, every: int, seconds: int) -> str:
     """Write the page of the documentation."""
     packages = sorted({path.partition("/")[0] for path in found})
     text = HEAD.format(
@@ -269,32 +239,22 @@ def main() -> int:
     """Run what is not recorded, print the counts, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument(
-        "folder",
-        nargs="?",
-        type=Path,
-        default=Path(tempfile.gettempdir()) / "repctl-survey",
+        "folder", nargs="?", type=Path, default=Path(tempfile.gettempdir()) / "repctl-survey"
     )
     parser.add_argument(
-        "--record",
-        type=Path,
-        help="JSON lines: read, and added to (default: FOLDER.jsonl)",
+        "--record", type=Path, help="JSON lines: read, and added to (default: FOLDER.jsonl)"
     )
     parser.add_argument("--table", type=Path, help="write the record as a page")
     parser.add_argument("--only", default="", help="files whose path holds this word")
     parser.add_argument("--most", type=int, help="maximum number of files")
     parser.add_argument("--seconds", type=int, default=SECONDS)
     options = parser.parse_args()
-    folder, record = (
-        options.folder,
-        options.record or options.folder.with_suffix(".jsonl"),
-    )
+    folder, record = (options.folder, options.record or options.folder.with_suffix(".jsonl"))
     folder.mkdir(exist_ok=True)
     download(folder)
     found = recorded(record)
     paths = {
-        str(path.relative_to(folder)): path
-        for path in robots(folder)
-        if options.only in str(path)
+        str(path.relative_to(folder)): path for path in robots(folder) if options.only in str(path)
     }
     left = [name for name in paths if name not in found][: options.most]
     if left:
@@ -306,18 +266,13 @@ def main() -> int:
             file.write(json.dumps({"path": name, **row}) + "\n")
         for command, one in found[name].items():
             took = f"{one.seconds:5.1f} s {one.gigabytes:4.2f} GB"
-            print(
-                f"{name[-60:]:60} {command:7} {one.kind:8} {took}  {one.words}",
-                flush=True,
-            )
+            print(f"{name[-60:]:60} {command:7} {one.kind:8} {took}  {one.words}", flush=True)
     print(summary(found))
     if options.table:
         options.table.write_text(
             table(found, folder, len(robots(folder)), options.seconds), encoding="utf-8"
         )
-    return int(
-        any(one.kind == "fault" for row in found.values() for one in row.values())
-    )
+    return int(any(one.kind == "fault" for row in found.values() for one in row.values()))
 
 
 if __name__ == "__main__":

@@ -20,10 +20,7 @@ SIZES = (80, 24), (200, 60)
 @contextlib.contextmanager
 def terminal_of(columns: int, rows: int) -> Iterator[io.StringIO]:
     """Make stdout a terminal of this size."""
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        contextlib.redirect_stdout(Screen()) as out,
-    ):
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(Screen()) as out:
         patch.setenv("COLUMNS", str(columns))
         patch.setenv("LINES", str(rows))
         yield out

@@ -85,24 +85,20 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         "the potentials are of 3 joints, but the task has 7",
     ),
     "RepeatableInverse, waves of other joints": (
-        lambda g: rp.RepeatableInverse(
-            g.task, rp.Fourier(3, 1).weighted(np.ones((6, 1)))
-        ),
+        lambda g: rp.RepeatableInverse(g.task, rp.Fourier(3, 1).weighted(np.ones((6, 1)))),
         "of 3 joints, .* has 7",
     ),
     "RepeatableInverse, some of other joints": (
         lambda g: rp.RepeatableInverse(
             g.task,
-            (
-                rp.CustomPotentials([lambda q: q[0]]) + rp.Fourier(9, 1, variables=[0])
-            ).weighted(np.ones((3, 1))),
+            (rp.CustomPotentials([lambda q: q[0]]) + rp.Fourier(9, 1, variables=[0])).weighted(
+                np.ones((3, 1))
+            ),
         ),
         "of 9 joints, .* has 7",
     ),
     "nearest_repeatable, potentials of other joints": (
-        lambda g: rp.nearest_repeatable(
-            g.control, rp.Fourier(9, 1, variables=[0]), g.box
-        ),
+        lambda g: rp.nearest_repeatable(g.control, rp.Fourier(9, 1, variables=[0]), g.box),
         "of 9 joints, .* has 7",
     ),
     "study, a region no double holds": (
@@ -114,34 +110,22 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         "weight must be 7 numbers",
     ),
     "waypoints, out of reach": (
-        lambda g: rp.waypoints(
-            1e300 * np.array([[0, 0, 1], [0, 1, 1], [0, 0, 1]]), np.eye(3)
-        ),
+        lambda g: rp.waypoints(1e300 * np.array([[0, 0, 1], [0, 1, 1], [0, 0, 1]]), np.eye(3)),
         "waypoints: a coordinate of 1e\\+300 m",
     ),
     "TaskPath, a point of nothing": (
-        lambda g: rp.TaskPath(
-            "path", lambda: np.zeros(3), lambda s: np.zeros(3), np.eye(3)
-        ),
+        lambda g: rp.TaskPath("path", lambda: np.zeros(3), lambda s: np.zeros(3), np.eye(3)),
         "point must be a function of s",
     ),
-    "save, a name no folder takes": (
-        lambda g: rp.save(g.control, 5000 * "x"),
-        "^.{1,803}$",
-    ),
+    "save, a name no folder takes": (lambda g: rp.save(g.control, 5000 * "x"), "^.{1,803}$"),
     "study, a path of numbers": (
         lambda g: rp.study(rp.Problem("planar3r", path=np.zeros(3))),
         "path must be",
     ),
     "limit_margin, text": (lambda g: g.task.limit_margin("home"), "q must be .* 7"),
-    "limit_margin, one short": (
-        lambda g: g.task.limit_margin(g.q0[:-1]),
-        "q must be .* 7",
-    ),
+    "limit_margin, one short": (lambda g: g.task.limit_margin(g.q0[:-1]), "q must be .* 7"),
     "slowed, a row": (
-        lambda g: rp.follow(g.control, g.path, g.q0, cycles=1, steps=8).slowed(
-            np.ones(3)
-        ),
+        lambda g: rp.follow(g.control, g.path, g.q0, cycles=1, steps=8).slowed(np.ones(3)),
         "the factor must be above 0",
     ),
     "Joined, other joints": (
@@ -165,31 +149,19 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: rp.is_repeatable(g.own, g.box),
         AN_INVERSE + ".*CustomInverse.*function q",
     ),
-    "is_repeatable, a number": (
-        lambda g: rp.is_repeatable(g.control, 0.3),
-        A_BOX + ".*got 0.3",
-    ),
+    "is_repeatable, a number": (lambda g: rp.is_repeatable(g.control, 0.3), A_BOX + ".*got 0.3"),
     "is_repeatable, samples": (
         lambda g: rp.is_repeatable(g.control, g.box, samples="all"),
         "samples must be a whole",
     ),
-    "stable_surface, a function": (
-        lambda g: rp.stable_surface(g.own, g.box),
-        AN_INVERSE,
-    ),
+    "stable_surface, a function": (lambda g: rp.stable_surface(g.own, g.box), AN_INVERSE),
     "stable_surface, a number": (lambda g: rp.stable_surface(g.control, 0.3), A_BOX),
-    "bracket_defect, a function": (
-        lambda g: rp.bracket_defect(g.own, g.q0),
-        AN_INVERSE,
-    ),
+    "bracket_defect, a function": (lambda g: rp.bracket_defect(g.own, g.q0), AN_INVERSE),
     "bracket_defect, q": (
         lambda g: rp.bracket_defect(g.control, "home"),
         "q must be 7 finite numbers.*'home'",
     ),
-    "drift_per_area, a function": (
-        lambda g: rp.drift_per_area(g.own, g.q0),
-        AN_INVERSE,
-    ),
+    "drift_per_area, a function": (lambda g: rp.drift_per_area(g.own, g.q0), AN_INVERSE),
     "drift_per_area, nan": (
         lambda g: rp.drift_per_area(g.control, np.full(7, np.nan)),
         "q must be 7 finite numbers",
@@ -199,57 +171,38 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         "desired " + AN_INVERSE,
     ),
     "nearest, no inverse": (
-        lambda g: rp.nearest_repeatable(
-            rp.PostureControl(g.task, g.q0), g.potentials, g.box
-        ),
+        lambda g: rp.nearest_repeatable(rp.PostureControl(g.task, g.q0), g.potentials, g.box),
         "desired " + AN_INVERSE + ".*PostureControl",
     ),
     "nearest, potentials": (
         lambda g: rp.nearest_repeatable(g.control, "quadratic", g.box),
         r"potentials must be a basis of potentials, such as rp\.Polynomial",
     ),
-    "nearest, region": (
-        lambda g: rp.nearest_repeatable(g.control, g.potentials, 0.3),
-        A_BOX,
-    ),
+    "nearest, region": (lambda g: rp.nearest_repeatable(g.control, g.potentials, 0.3), A_BOX),
     "circle, task": (lambda g: rp.circle("panda", g.q0), A_TASK + ".*'panda'"),
     "circle, radius": (
         lambda g: rp.circle(g.task, g.q0, radius="a"),
         "radius of a path must be above 0 m, not 'a'",
     ),
-    "circle, normal": (
-        lambda g: rp.circle(g.task, g.q0, normal=3),
-        "normal must be an axis",
-    ),
+    "circle, normal": (lambda g: rp.circle(g.task, g.q0, normal=3), "normal must be an axis"),
     "circle, q0": (
         lambda g: rp.circle(g.task, "home"),
         "q of <Task panda .* must be 7 finite numbers",
     ),
-    "rose, petals": (
-        lambda g: rose(g.task, g.q0, petals="three"),
-        "petals must be a whole number",
-    ),
-    "polygon, task": (
-        lambda g: rp.polygon("panda", g.q0, [[0, 0, 1], [0, 1, 1]]),
-        A_TASK,
-    ),
+    "rose, petals": (lambda g: rose(g.task, g.q0, petals="three"), "petals must be a whole number"),
+    "polygon, task": (lambda g: rp.polygon("panda", g.q0, [[0, 0, 1], [0, 1, 1]]), A_TASK),
     "J⁺": (lambda g: rp.Pseudoinverse("panda"), A_TASK),
     "J⁺, weighted": (lambda g: rp.WeightedInverse("panda", "inertia"), A_TASK),
     "posture": (lambda g: rp.PostureControl("panda", g.q0), A_TASK),
     "extended": (lambda g: rp.ExtendedJacobian("panda", g.q0), A_TASK),
     "of one's own": (lambda g: rp.CustomInverse("panda", g.control), A_TASK),
     "repeatable": (
-        lambda g: rp.RepeatableInverse(
-            "panda", g.potentials.weighted(np.ones((35, 1)))
-        ),
+        lambda g: rp.RepeatableInverse("panda", g.potentials.weighted(np.ones((35, 1)))),
         A_TASK,
     ),
     "limit weight": (lambda g: rp.LimitWeight("panda"), A_TASK),
     "absolute angles": (lambda g: rp.absolute_angles("planar3r"), A_TASK),
-    "workspace box": (
-        lambda g: rp.WorkspaceBox("panda", [0, 0, 0], 0.1, within=g.box),
-        A_TASK,
-    ),
+    "workspace box": (lambda g: rp.WorkspaceBox("panda", [0, 0, 0], 0.1, within=g.box), A_TASK),
     "box": (
         lambda g: g.box.contains(SHORT),
         r"this box takes Q as an array \(K, 7\).*shape \(2, 3\)",
@@ -257,31 +210,19 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "box, one q": (lambda g: g.box.contains(g.q0), r"shape \(7,\): write \[q\]"),
     "box, words": (lambda g: g.box.ratio("q0"), r"\(K, 7\).*'q0'"),
     "box, clip": (lambda g: g.box.clip(SHORT), r"\(K, 7\)"),
-    "box, limits": (
-        lambda g: g.box.inside([0, 1], [2, 3]),
-        "limits of this box must be 7 numbers",
-    ),
+    "box, limits": (lambda g: g.box.inside([0, 1], [2, 3]), "limits of this box must be 7 numbers"),
     "box, density": (
         lambda g: rp.Box(g.q0, 0.3, density=lambda Q: "much").nodes(64, 0),
         r"density .* \(K,\) numbers",
     ),
-    "tube": (
-        lambda g: g.tube.contains(SHORT),
-        r"this tube takes Q as an array \(K, 7\)",
-    ),
+    "tube": (lambda g: g.tube.contains(SHORT), r"this tube takes Q as an array \(K, 7\)"),
     "tube, ratio": (lambda g: g.tube.ratio(SHORT), r"\(K, 7\)"),
     "polynomial": (
         lambda g: g.potentials.values(SHORT),
         r"this polynomial basis takes Q .*\(K, 7\).*\(2, 3\)",
     ),
-    "polynomial, slopes": (
-        lambda g: g.potentials.gradients(g.q0),
-        r"\(K, 7\).*write \[q\]",
-    ),
-    "polynomial, nan": (
-        lambda g: g.potentials.values(np.full((2, 7), np.nan)),
-        "not finite",
-    ),
+    "polynomial, slopes": (lambda g: g.potentials.gradients(g.q0), r"\(K, 7\).*write \[q\]"),
+    "polynomial, nan": (lambda g: g.potentials.values(np.full((2, 7), np.nan)), "not finite"),
     "polynomial, weights": (
         lambda g: g.potentials.weighted(np.ones((3, 1))),
         r"coefficients .*\(35, r\); got .*\(3, 1\)",
@@ -302,15 +243,9 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: rp.Polynomial(g.q0, 2, variables=[0.5]),
         "joint numbers from 0 to 6",
     ),
-    "Fourier": (
-        lambda g: g.waves.values(SHORT),
-        r"this Fourier basis takes Q .*\(K, 7\)",
-    ),
+    "Fourier": (lambda g: g.waves.values(SHORT), r"this Fourier basis takes Q .*\(K, 7\)"),
     "Fourier, slopes": (lambda g: g.waves.gradients("q0"), r"\(K, 7\).*'q0'"),
-    "Fourier, n": (
-        lambda g: rp.Fourier("panda", 1),
-        "number of joints must be a whole",
-    ),
+    "Fourier, n": (lambda g: rp.Fourier("panda", 1), "number of joints must be a whole"),
     "Fourier, order": (lambda g: rp.Fourier(7, None), "order .* must be a whole"),
     "Fourier, weights": (
         lambda g: g.waves.weighted(np.ones((3, 1))),
@@ -384,14 +319,10 @@ def test_a_path_of_ones_own_class_will_do(given: Given) -> None:
 
 
 def test_every_function_at_the_door_says_what_it_returns() -> None:
-    functions = [
-        getattr(rp, name) for name in dir(rp) if inspect.isfunction(getattr(rp, name))
-    ]
+    functions = [getattr(rp, name) for name in dir(rp) if inspect.isfunction(getattr(rp, name))]
     assert len(functions) > 15
     silent = [
-        f.__name__
-        for f in functions
-        if "\nReturns\n-------\n" not in (inspect.getdoc(f) or "")
+        f.__name__ for f in functions if "\nReturns\n-------\n" not in (inspect.getdoc(f) or "")
     ]
     assert silent == []
 

@@ -57,9 +57,7 @@ def test_a_basis_of_three_definitions_is_named_weighted_and_joined() -> None:
     basis = Sums() + rp.Polynomial(Q0, 1, 0.3)
     assert basis.size == 5
     assert basis.names == ("h_1", "h_2", "P1(u_0)", "P1(u_1)", "P1(u_2)")
-    assert [type(part).__name__ for part in (rp.Polynomial(Q0, 1) + Sums()).parts][
-        1
-    ] == "Sums"
+    assert [type(part).__name__ for part in (rp.Polynomial(Q0, 1) + Sums()).parts][1] == "Sums"
     A = np.array([[0.5], [1.0], [0.2], [0.0], [0.3]])
     h = basis.weighted(A)
     assert np.allclose(h.value(Q0), basis.values(Q0[None])[0] @ A)
@@ -77,10 +75,7 @@ def test_user_defined_bases_and_regions_make_a_design() -> None:
     own = rp.nearest_repeatable(rp.Pseudoinverse(task), Sums(), ball, options=NODES)
     assert own.coefficients.shape == (2, 1)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        rp.Polynomial(Q0, 1, 0.2) + rp.Fourier(3, 1),
-        ball,
-        options=NODES,
+        rp.Pseudoinverse(task), rp.Polynomial(Q0, 1, 0.2) + rp.Fourier(3, 1), ball, options=NODES
     )
     assert design.region is ball and design.leaf_margin > 0.3
     with pytest.raises(rp.InputError, match="a region Ball cannot be saved"):
@@ -88,9 +83,7 @@ def test_user_defined_bases_and_regions_make_a_design() -> None:
     assert repr(Sums()) == "<Sums: 2 potentials>"
 
 
-@pytest.mark.parametrize(
-    "kind", [rp.Polynomial, rp.Fourier, rp.Joined, rp.CustomPotentials]
-)
+@pytest.mark.parametrize("kind", [rp.Polynomial, rp.Fourier, rp.Joined, rp.CustomPotentials])
 def test_all_bases_have_one_base(kind: type) -> None:
     assert issubclass(kind, PotentialBasis)
 
@@ -103,17 +96,11 @@ def test_all_regions_have_one_base(kind: type) -> None:
 def test_a_class_of_the_same_shape_is_told_what_to_inherit_from() -> None:
     class Shape:
         size, center = 1, Q0
-        values = gradients = weighted = bounds = nodes = random = weights = ratio = (
-            clip
-        ) = None
+        values = gradients = weighted = bounds = nodes = random = weights = ratio = clip = None
 
     task = rp.Robot.load("planar3r").task("tool", "xy")
     desired, box = rp.Pseudoinverse(task), rp.Box(Q0, 0.2)
-    with pytest.raises(
-        rp.InputError, match=r"inherits from repctl_pin\.potentials\.PotentialB"
-    ):
+    with pytest.raises(rp.InputError, match=r"inherits from repctl_pin\.potentials\.PotentialB"):
         rp.nearest_repeatable(desired, Shape(), box)
-    with pytest.raises(
-        rp.InputError, match=r"inherits from repctl_pin\.regions\.Region"
-    ):
+    with pytest.raises(rp.InputError, match=r"inherits from repctl_pin\.regions\.Region"):
         rp.nearest_repeatable(desired, rp.Polynomial(Q0, 1), Shape())

@@ -42,9 +42,7 @@ def test_a_device_is_written_through_and_stays_one(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(node)
     for name in ("motion.csv", "link"):
         assert write_whole(tmp_path / name, "text") == node
-    assert stat.S_ISCHR(node.stat().st_mode) and sorted(
-        p.name for p in tmp_path.iterdir()
-    ) == [
+    assert stat.S_ISCHR(node.stat().st_mode) and sorted(p.name for p in tmp_path.iterdir()) == [
         "link",
         "motion.csv",
     ]
@@ -73,9 +71,7 @@ def test_a_link_is_followed_and_stays(tmp_path: Path) -> None:
         link = tmp_path / f"link{there}"
         link.symlink_to(target.name)
         assert (
-            write_whole(link, "new") == target
-            and link.is_symlink()
-            and target.read_text() == "new"
+            write_whole(link, "new") == target and link.is_symlink() and target.read_text() == "new"
         )
     assert stat.S_IMODE((tmp_path / "targetTrue").stat().st_mode) == 0o640  # as it was
 
@@ -140,16 +136,10 @@ def test_where_it_does_not_fit_the_old_file_stays(tmp_path: Path) -> None:
     pytest.importorskip("resource")
     (tmp_path / "file").write_text("old")
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
+        [sys.executable, "-c", LIMITED], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert done.stdout == "cannot write file: File too large\n", done.stderr
-    assert (tmp_path / "file").read_text() == "old" and len(
-        list(tmp_path.iterdir())
-    ) == 1
+    assert (tmp_path / "file").read_text() == "old" and len(list(tmp_path.iterdir())) == 1
 
 
 def test_only_files_are_read_and_only_of_a_size_that_is_meant(tmp_path: Path) -> None:
@@ -179,10 +169,7 @@ def test_files_are_replaced_together_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), written_together(tmp_path) as staged:
         write_whole(staged / "a", "new")
         raise KeyboardInterrupt
-    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {
-        "a": "old",
-        "b": "old",
-    }
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a": "old", "b": "old"}
     with written_together(tmp_path) as staged:
         for name in ("a", "b", "c"):
             write_whole(staged / name, "new")
@@ -233,10 +220,7 @@ def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
     """What is made for a run that fails goes again; what a person made stays, and what holds a
     file."""
     for failure in (RuntimeError, KeyboardInterrupt):
-        with (
-            pytest.raises(failure),
-            not_left_empty(check_folder(tmp_path / "a" / "b")) as folder,
-        ):
+        with pytest.raises(failure), not_left_empty(check_folder(tmp_path / "a" / "b")) as folder:
             assert not folder.parent.exists()  # looking does not make it
             prepare_folder(folder)
             raise failure
@@ -245,18 +229,14 @@ def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
     with not_left_empty(tmp_path / "a" / "b") as folder:
         prepare_folder(folder)
     assert [p.name for p in tmp_path.rglob("*")] == ["a"]
-    with (
-        pytest.raises(KeyboardInterrupt),
-        not_left_empty(tmp_path / "a" / "b" / "c") as folder,
-    ):
+    with pytest.raises(KeyboardInterrupt), not_left_empty(tmp_path / "a" / "b" / "c") as folder:
         write_whole(prepare_folder(folder) / "file", "text")
         raise KeyboardInterrupt
     assert (tmp_path / "a" / "b" / "c" / "file").read_text() == "text"
 
 
 @pytest.mark.skipif(
-    not hasattr(os, "geteuid") or os.geteuid() == 0,
-    reason="a folder is never closed to root",
+    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="a folder is never closed to root"
 )
 def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
     tmp_path.chmod(0o500)

@@ -48,18 +48,14 @@ def test_types_without_those_of_numpy() -> None:
 
 def test_floors_import_only_what_lies_below() -> None:
     code = "from importlinter.cli import lint_imports_command; lint_imports_command()"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_documentation_has_the_floors_of_the_contract() -> None:
     contract = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    (layers,) = re.findall(
-        r"^layers = \[\n(.*?)^\]", contract, flags=re.DOTALL | re.MULTILINE
-    )
+    (layers,) = re.findall(r"^layers = \[\n(.*?)^\]", contract, flags=re.DOTALL | re.MULTILINE)
     floors = [line.replace("repctl_pin.", "") for line in re.findall(r'"(.*)"', layers)]
     assert "```text\n{}\n```".format("\n".join(floors)) in page
 
@@ -82,9 +78,7 @@ def test_the_documentation_names_files_that_exist() -> None:
     named = set(re.findall(r"`((?:\w+/)+\w+\.(?:py|c|toml))`", page))
     assert len(named) > 20
     for name in named:
-        assert any((root / name).is_file() for root in (ROOT, ROOT / "repctl_pin")), (
-            name
-        )
+        assert any((root / name).is_file() for root in (ROOT, ROOT / "repctl_pin")), name
 
 
 def imports_of(path: Path) -> set[Path]:
@@ -98,9 +92,7 @@ def imports_of(path: Path) -> set[Path]:
             for name in node.names:
                 stems = (module / name.name, module)
                 places = [
-                    place
-                    for stem in stems
-                    for place in (Path(f"{stem}.py"), stem / "__init__.py")
+                    place for stem in stems for place in (Path(f"{stem}.py"), stem / "__init__.py")
                 ]
                 found.add(next(place for place in places if place.is_file()))
     return found - {path}
@@ -136,9 +128,7 @@ def test_the_core_imports_no_extension() -> None:
     package = ROOT / "repctl_pin"
     extensions = package / "extensions"
     core = [path for path in package.rglob("*.py") if extensions not in path.parents]
-    found = {
-        path: [p for p in imports_of(path) if extensions in p.parents] for path in core
-    }
+    found = {path: [p for p in imports_of(path) if extensions in p.parents] for path in core}
     assert len(core) > 100 and not any(found.values()), found
 
 

@@ -45,10 +45,7 @@ def controls(panda_pose: rp.Task) -> dict[str, rp.Pseudoinverse]:
     task, q = panda_pose, np.array(panda_pose.reference)
     potentials = rp.Polynomial(q, 2, 0.5)
     A = np.vstack(
-        [
-            rp.redundancy.nullspace(task.jacobian(q)),
-            0.02 * np.ones((potentials.size - 7, 1)),
-        ]
+        [rp.redundancy.nullspace(task.jacobian(q)), 0.02 * np.ones((potentials.size - 7, 1))]
     )
     return {
         "J⁺": rp.Pseudoinverse(task),
@@ -57,18 +54,14 @@ def controls(panda_pose: rp.Task) -> dict[str, rp.Pseudoinverse]:
         "custom": rp.CustomInverse(task, rp.Pseudoinverse(task)),
         "extended": rp.ExtendedJacobian(task, q),
         "repeatable": rp.RepeatableInverse(task, potentials.weighted(A)),
-        "Fourier": rp.RepeatableInverse(
-            task, rp.Fourier(7, 1).weighted(np.arange(14.0)[:, None])
-        ),
+        "Fourier": rp.RepeatableInverse(task, rp.Fourier(7, 1).weighted(np.arange(14.0)[:, None])),
     }
 
 
 @pytest.mark.parametrize("odd", ODD)
 def test_odd_arrays_mean_their_numbers(controls, panda_pose: rp.Task, odd: str) -> None:
     change, rng = ODD[odd], np.random.default_rng(0)
-    near = (
-        {"rtol": 1e-4, "atol": 1e-4} if odd == "single" else {"rtol": 0, "atol": 1e-11}
-    )
+    near = {"rtol": 1e-4, "atol": 1e-4} if odd == "single" else {"rtol": 0, "atol": 1e-11}
     q = np.array(panda_pose.reference) + 0.1 * rng.normal(size=7)
     xdot, target = rng.normal(size=6), panda_pose.placement(panda_pose.reference)
     Q, Xdot = q + 0.1 * rng.normal(size=(3, 7)), rng.normal(size=(3, 6))
@@ -86,9 +79,7 @@ def test_odd_arrays_mean_their_numbers(controls, panda_pose: rp.Task, odd: str) 
             expected = control.step(q, target, 0.01, xdot, leaf=leaf, gain=20.0)
             assert np.allclose(control.leaf(change(q)), control.leaf(q), **near)
             assert np.allclose(
-                control.step(
-                    change(q), target, 0.01, change(xdot), leaf=change(leaf), gain=20.0
-                ),
+                control.step(change(q), target, 0.01, change(xdot), leaf=change(leaf), gain=20.0),
                 expected,
                 **near,
             ), name
@@ -105,8 +96,7 @@ def test_odd_arrays_mean_their_numbers(controls, panda_pose: rp.Task, odd: str) 
             )
             assert np.allclose(found, bounded, **near), name
             assert np.allclose(
-                control.velocities(Q.astype(">f8"), Xdot.astype(">f8")),
-                control.velocities(Q, Xdot),
+                control.velocities(Q.astype(">f8"), Xdot.astype(">f8")), control.velocities(Q, Xdot)
             )
     for function in (
         panda_pose.jacobian,
@@ -139,9 +129,7 @@ def test_odd_arrays_mean_their_numbers(controls, panda_pose: rp.Task, odd: str) 
     ],
     ids=repr,
 )
-def test_a_wrong_velocity_is_refused_by_name(
-    controls, panda_pose: rp.Task, wrong: object
-) -> None:
+def test_a_wrong_velocity_is_refused_by_name(controls, panda_pose: rp.Task, wrong: object) -> None:
     q = np.array(panda_pose.reference)
     for control in controls.values():
         with pytest.raises(rp.InputError, match="ẋ"):
@@ -164,9 +152,7 @@ def test_one_joint() -> None:
                     task.error(q, task.placement(q + step)),
                     task.error(q, task.placement(q - step)),
                 )
-                assert (ahead - behind)[row] / (2 * step) == pytest.approx(
-                    J[row, 0], abs=1e-8
-                )
+                assert (ahead - behind)[row] / (2 * step) == pytest.approx(J[row, 0], abs=1e-8)
         H = task.hessian([0.3])
         slope = (task.jacobian([0.3 + 1e-6]) - task.jacobian([0.3 - 1e-6])) / 2e-6
         assert np.allclose(H[:, :, 0], slope, atol=1e-8)
@@ -178,12 +164,7 @@ def test_one_joint() -> None:
             with pytest.raises(rp.InputError, match="moved by 1 joints, too few"):
                 make(task)
         moved = rp.follow(
-            lambda q, xdot: [0.0],
-            rp.circle(task, [0.3], 1e-4),
-            [0.3],
-            cycles=1,
-            steps=8,
-            task=task,
+            lambda q, xdot: [0.0], rp.circle(task, [0.3], 1e-4), [0.3], cycles=1, steps=8, task=task
         )
         assert np.array_equal(moved.q, np.full((9, 1), 0.3))
 

@@ -59,9 +59,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = site / "tiny_plugin-1.0.dist-info"
     info.mkdir(parents=True)
     (site / "tiny_plugin.py").write_text(MODULE)
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: tiny-plugin\nVersion: 1.0\n"
-    )
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: tiny-plugin\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(ENTRIES)
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.chdir(tmp_path)
@@ -120,10 +118,7 @@ def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
     "options, words",
     [
         (["--strategy", "dampd"], "did you mean 'damped'"),
-        (
-            ["--strategy", "broken"],
-            "of tiny-plugin cannot be imported: ModuleNotFoundError",
-        ),
+        (["--strategy", "broken"], "of tiny-plugin cannot be imported: ModuleNotFoundError"),
         (["--strategy", "number"], "of tiny-plugin must be a function or a class"),
         (["--strategy", "nothing"], "an object without a task or a velocity"),
         (["--potentials", "wavs"], "did you mean 'waves'"),

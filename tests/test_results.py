@@ -21,8 +21,7 @@ import repctl_pin as rp
 def holds_arrays(kind: type) -> bool:
     types = [str(field.type) for field in dataclasses.fields(kind)]
     return any(
-        re.search(r"\b(Array|NDArray|ndarray|Index)\b", text)
-        and not text.startswith("Callable")
+        re.search(r"\b(Array|NDArray|ndarray|Index)\b", text) and not text.startswith("Callable")
         for text in types
     )
 
@@ -48,9 +47,7 @@ def test_there_are_many() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__qualname__)
-def test_dataclasses_with_arrays_are_compared_by_identity_and_read_only(
-    kind: Any,
-) -> None:
+def test_dataclasses_with_arrays_are_compared_by_identity_and_read_only(kind: Any) -> None:
     assert kind.__dataclass_params__.frozen
     assert kind.__eq__ is object.__eq__
     assert kind.__hash__ is object.__hash__
@@ -77,9 +74,7 @@ def results() -> dict[str, Any]:
     return {
         "box": box,
         "tube": rp.Tube([q0], 0.1),
-        "workspace": rp.WorkspaceBox(
-            task, task.placement(q0).translation[:2], 0.2, within=box
-        ),
+        "workspace": rp.WorkspaceBox(task, task.placement(q0).translation[:2], 0.2, within=box),
         "design": design,
         "path": path,
         "motion": motion,
@@ -87,9 +82,7 @@ def results() -> dict[str, Any]:
         "cell": cell,
         "function": rp.nearest_inverse_function(control, cell, degree=1, options=few),
         "recording": (
-            recording := rp.Recording(
-                task, joints=q0 + np.linspace(0, 0.1, 90)[:, None]
-            )
+            recording := rp.Recording(task, joints=q0 + np.linspace(0, 0.1, 90)[:, None])
         ),
         "relabeled": rp.relabel(recording, options=few),
         "best": rp.best_leaf(design.inverse, path, q0, steps=8),
@@ -98,10 +91,7 @@ def results() -> dict[str, Any]:
         "step": design.inverse.damped_step(q0, path.placement(0.0), 0.01),
         "audit": rp.audit((motion.t, motion.q), task),
         "study": rp.study(
-            rp.Problem(task.robot, kind="xy", start=q0, path=path),
-            cycles=1,
-            steps=24,
-            degree=1,
+            rp.Problem(task.robot, kind="xy", start=q0, path=path), cycles=1, steps=24, degree=1
         ),
     }
 
@@ -149,21 +139,15 @@ def test_the_arrays_of_a_result_are_read_only_in_copies_too(
                 assert np.array_equal(value.astype(str), getattr(one, key).astype(str))
 
 
-def test_a_saved_design_agrees_with_its_control(
-    results: dict[str, Any], tmp_path: Any
-) -> None:
+def test_a_saved_design_agrees_with_its_control(results: dict[str, Any], tmp_path: Any) -> None:
     design = results["design"]
     with pytest.raises(ValueError, match="read-only"):
         design.coefficients[:] = 0
     again = rp.load_design(rp.save(design, tmp_path / "d.json"), design.task)
-    assert np.array_equal(
-        again.inverse(design.region.center), design.inverse(design.region.center)
-    )
+    assert np.array_equal(again.inverse(design.region.center), design.inverse(design.region.center))
 
 
-def test_distances_of_a_motion_are_computed_once_and_read_only(
-    results: dict[str, Any],
-) -> None:
+def test_distances_of_a_motion_are_computed_once_and_read_only(results: dict[str, Any]) -> None:
     motion = results["motion"]
     assert motion.body_distance is motion.body_distance
     with pytest.raises(ValueError, match="read-only"):
@@ -207,9 +191,7 @@ def test_no_share_is_rounded_to_all_or_nothing(
 
 
 def test_every_class_at_the_door_has_a_repr() -> None:
-    classes = [
-        getattr(rp, name) for name in dir(rp) if inspect.isclass(getattr(rp, name))
-    ]
+    classes = [getattr(rp, name) for name in dir(rp) if inspect.isclass(getattr(rp, name))]
     assert [kind for kind in classes if kind.__repr__ is object.__repr__] == []
 
 
@@ -218,20 +200,13 @@ def test_strategies_print_in_words(results: dict[str, Any]) -> None:
     task, q0 = design.task, design.region.center
     control = rp.Pseudoinverse(task)
     assert repr(control) == "<Pseudoinverse of planar3r tool xy>"
+    assert repr(design.inverse) == "<RepeatableInverse of planar3r tool xy: 1 potential>"
     assert (
-        repr(design.inverse) == "<RepeatableInverse of planar3r tool xy: 1 potential>"
-    )
-    assert (
-        repr(rp.PostureControl(task, q0, 2))
-        == "<PostureControl of planar3r tool xy: gain 2 1/s>"
+        repr(rp.PostureControl(task, q0, 2)) == "<PostureControl of planar3r tool xy: gain 2 1/s>"
     )
     assert repr(rp.WeightedInverse(task, [1, 2, 3])).endswith("tool xy: constant M>")
-    assert repr(rp.WeightedInverse(task, rp.LimitWeight(task))).endswith(
-        "weight a function of q>"
-    )
-    assert (
-        repr(rp.CustomInverse(task, control)) == "<CustomInverse of planar3r tool xy>"
-    )
+    assert repr(rp.WeightedInverse(task, rp.LimitWeight(task))).endswith("weight a function of q>")
+    assert repr(rp.CustomInverse(task, control)) == "<CustomInverse of planar3r tool xy>"
     assert repr(rp.LimitWeight(task)) == "<LimitWeight of 3 joints: gain 1, onset 0.1>"
 
 
@@ -263,14 +238,10 @@ def test_a_target_is_an_SE3_or_a_matrix(results: dict[str, Any]) -> None:
     assert np.array_equal(F(T), F(x))
     assert np.array_equal(F.batch(T[None]), F.batch([x]))
     assert np.array_equal(control.solve(T, q0), control.solve(x, q0))
-    assert np.array_equal(
-        rp.solve_ik(design.task, q0, T), rp.solve_ik(design.task, q0, x)
-    )
+    assert np.array_equal(rp.solve_ik(design.task, q0, T), rp.solve_ik(design.task, q0, x))
     assert np.array_equal(design.task.error(q0, T), design.task.error(q0, x))
     assert np.array_equal(F.leaves(T), F.leaves(x))
     assert np.array_equal(F.cell.coordinates_of(T), F.cell.coordinates_of(x))
     assert rp.Cell.around(design.task, np.array(path)).k == 2
-    moved = rp.waypoints(
-        np.array([*path[:2], design.task.placement(q0 - 0.05).homogeneous, T])
-    )
+    moved = rp.waypoints(np.array([*path[:2], design.task.placement(q0 - 0.05).homogeneous, T]))
     assert np.allclose(moved.placement(0.0).homogeneous, T)

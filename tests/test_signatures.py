@@ -54,9 +54,7 @@ def public_callables() -> Iterator[tuple[str, Callable[..., Any]]]:
         for key in dir(thing):
             method = inspect.getattr_static(thing, key)
             method = getattr(method, "__func__", method)
-            if inspect.isfunction(method) and (
-                key == "__call__" or not key.startswith("_")
-            ):
+            if inspect.isfunction(method) and (key == "__call__" or not key.startswith("_")):
                 yield f"{name}.{key}", method
 
 
@@ -69,9 +67,7 @@ def test_arrays_are_taken_as_anything_array_like() -> None:
         if name in ("SingularRegionError", "CellDesign.of", "InverseFunction.batch"):
             continue
         for parameter in inspect.signature(function).parameters.values():
-            kind = re.sub(
-                r"Callable\[\[[^\]]*\], [^\]]*\]", "", str(parameter.annotation)
-            )
+            kind = re.sub(r"Callable\[\[[^\]]*\], [^\]]*\]", "", str(parameter.annotation))
             kind = re.sub(r"Sequence\[ArrayLike\] \| Array", "", kind)
             if re.search(r"\b(Array|ndarray|SE3)\b", kind):
                 strict.append(f"{name}({parameter.name}: {parameter.annotation})")
@@ -82,11 +78,7 @@ def test_functions_take_at_most_six_options() -> None:
     many = []
     for name, function in CALLABLES.items():
         parameters = inspect.signature(function).parameters.values()
-        options = [
-            p.name
-            for p in parameters
-            if p.kind is p.KEYWORD_ONLY and p.name not in OBJECTS
-        ]
+        options = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.name not in OBJECTS]
         in_step = name.endswith(("step", "FitOptions"))
         if len(options) > MOST and not in_step:
             many.append(name)
@@ -131,9 +123,7 @@ def test_options_of_a_fit_are_one_object() -> None:
             rp.FitOptions(**wrong)  # type: ignore[arg-type]
     with pytest.raises(rp.InputError, match=r"options must be rp\.FitOptions"):
         rp.nearest_repeatable(control, None, box, degree=1, options={"seed": 1})  # type: ignore[arg-type]
-    with pytest.raises(
-        rp.InputError, match="nearest_inverse_function has no option batch"
-    ):
+    with pytest.raises(rp.InputError, match="nearest_inverse_function has no option batch"):
         rp.nearest_inverse_function(control, cell, options=rp.FitOptions(batch=7))
 
 
@@ -141,18 +131,12 @@ def test_a_file_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     control, q0 = rp.Pseudoinverse(task), [0.3, 0.8, 0.8]
     few = rp.FitOptions(samples=64, held_out=64)
-    design = rp.nearest_repeatable(
-        control, None, rp.Box(q0, 0.3), degree=1, options=few
-    )
+    design = rp.nearest_repeatable(control, None, rp.Box(q0, 0.3), degree=1, options=few)
     cell = rp.Cell(task, task.placement(q0), 0.1)
     found = rp.nearest_inverse_function(control, cell, degree=1, options=few)
     a, b = rp.save(design, tmp_path / "a.json"), rp.save(found, tmp_path / "b.json")
     assert rp.load_design(a).cost == design.cost and rp.load_cell(b).cost == found.cost
-    with pytest.raises(
-        rp.InputError, match=r"holds a repeatable inverse; use rp\.load_design"
-    ):
+    with pytest.raises(rp.InputError, match=r"holds a repeatable inverse; use rp\.load_design"):
         rp.load_cell(a)
-    with pytest.raises(
-        rp.InputError, match=r"holds a function over a cell; use rp\.load_cell"
-    ):
+    with pytest.raises(rp.InputError, match=r"holds a function over a cell; use rp\.load_cell"):
         rp.load_design(b)

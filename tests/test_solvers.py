@@ -60,10 +60,7 @@ def test_no_step_of_newton_is_longer_than_allowed() -> None:
         visited.append(q.copy())
         return newton_step(q, np.full(3, 40.0))
 
-    assert (
-        newton(step, np.zeros(3), longest=0.1, tolerance=1e-9, iterations=200)
-        is not None
-    )
+    assert newton(step, np.zeros(3), longest=0.1, tolerance=1e-9, iterations=200) is not None
     assert np.abs(np.diff(visited, axis=0)).max() <= 0.1 + 1e-12
 
 
@@ -71,19 +68,11 @@ def test_newton_gives_up_where_it_cannot_go_on() -> None:
     nothing = np.full(3, np.nan)
     options = {"longest": 0.3, "tolerance": 1e-12, "iterations": 20}
     assert newton(lambda q: nothing, np.zeros(3), **options) is None
-    assert (
-        newton(lambda q: np.ones(3), np.zeros(3), **options) is None
-    )  # does not converge
+    assert newton(lambda q: np.ones(3), np.zeros(3), **options) is None  # does not converge
     Q, size = newton_rows(
-        lambda Q, rows: np.where(rows[:, None] == 0, np.nan, -Q),
-        np.ones((2, 3)),
-        **options,
+        lambda Q, rows: np.where(rows[:, None] == 0, np.nan, -Q), np.ones((2, 3)), **options
     )
-    assert (
-        np.isinf(size[0])
-        and np.array_equal(Q[0], np.ones(3))
-        and np.abs(Q[1]).max() < 1e-12
-    )
+    assert np.isinf(size[0]) and np.array_equal(Q[0], np.ones(3)) and np.abs(Q[1]).max() < 1e-12
 
 
 def test_newton_near_a_start_refuses_long_steps_and_slow_ones() -> None:
@@ -178,11 +167,7 @@ def test_levenberg_marquardt_ends_where_no_step_is_left_or_the_start_is_none() -
     class Wall(Rosenbrock):
         def evaluate(self, x: np.ndarray) -> Point[None]:
             point = super().evaluate(x)
-            return (
-                point
-                if len(self.evaluated) == 1
-                else Point(np.inf, np.inf, False, None, x)
-            )
+            return point if len(self.evaluated) == 1 else Point(np.inf, np.inf, False, None, x)
 
         def merit(self, x: np.ndarray) -> float:
             return np.inf
@@ -190,26 +175,18 @@ def test_levenberg_marquardt_ends_where_no_step_is_left_or_the_start_is_none() -
     for rules in (Damping(), LINE_SEARCH):
         start = np.array([-1.2, 1.0])
         found = levenberg_marquardt(Wall(), start, rules, steps=200, tolerance=1e-9)
-        assert (
-            not found.converged
-            and found.steps == 0
-            and np.array_equal(found.at.x, start)
-        )
+        assert not found.converged and found.steps == 0 and np.array_equal(found.at.x, start)
     nothing = levenberg_marquardt(
         Rosenbrock(), np.array([np.inf, 0.0]), Damping(), steps=9, tolerance=0.0
     )
     assert nothing.steps == 0 and not nothing.converged
 
 
-LENGTHS = StepLengths(
-    first=0.2, longest=0.5, shortest=1e-9, longer=1.5, shorter=3.0, steps=400
-)
+LENGTHS = StepLengths(first=0.2, longest=0.5, shortest=1e-9, longer=1.5, shorter=3.0, steps=400)
 
 
 @pytest.mark.parametrize("target", [[0.3, -0.4, 0.1], [2.0, -0.4, -5.0]])
-def test_descent_in_a_box_ends_at_the_nearest_point_of_the_box(
-    target: list[float],
-) -> None:
+def test_descent_in_a_box_ends_at_the_nearest_point_of_the_box(target: list[float]) -> None:
     goal = np.array(target)
     x = RNG.uniform(-1, 1, size=(12, 3))
     value = np.sum((x - goal) ** 2, axis=1)

@@ -54,14 +54,12 @@ def test_one_inverse_a_thread_on_one_shared_task(
     def work(seed: int) -> np.ndarray:
         control, rng = CONTROLS[name](task, h), np.random.default_rng(seed)
         found = [
-            control.velocity(q_panda + 0.2 * rng.normal(size=7), np.ones(task.m))
-            for _ in range(30)
+            control.velocity(q_panda + 0.2 * rng.normal(size=7), np.ones(task.m)) for _ in range(30)
         ]
         if isinstance(control, rp.RepeatableInverse):
             starts = q_panda + 0.1 * rng.normal(size=(10, 7))
             found += [
-                control.step(q, target, 0.01, leaf=control.leaf(q_panda), gain=10.0)
-                for q in starts
+                control.step(q, target, 0.01, leaf=control.leaf(q_panda), gain=10.0) for q in starts
             ]
         return np.array(found)
 
@@ -80,15 +78,11 @@ def test_a_copy_of_an_inverse_is_one_for_another_thread(
     def work(task: tuple[rp.RepeatableInverse, int]) -> list[np.ndarray]:
         own, seed = task
         rng = np.random.default_rng(seed)
-        return [
-            own.velocity(q_panda + 0.1 * rng.normal(size=7), xdot) for _ in range(100)
-        ]
+        return [own.velocity(q_panda + 0.1 * rng.normal(size=7), xdot) for _ in range(100)]
 
     alone = [work((inverse, seed)) for seed in range(4)]
     with ThreadPoolExecutor(4) as threads:
-        together = list(
-            threads.map(work, [(copy.copy(inverse), seed) for seed in range(4)])
-        )
+        together = list(threads.map(work, [(copy.copy(inverse), seed) for seed in range(4)]))
     assert np.array_equal(together, alone)
 
 
@@ -112,9 +106,7 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
         F = function_of("poses")
         if what == "a cell's step":
             middle, c = F(F.cell.placement), np.zeros(1)
-            return lambda x: F.inverse.step(
-                middle + 0.01 * x, F.cell.placement, 0.01, leaf=c
-            )
+            return lambda x: F.inverse.step(middle + 0.01 * x, F.cell.placement, 0.01, leaf=c)
         return lambda x: F(F.cell.at(0.5 * x[:6]))
     if what == "J⁺":
         one = rp.Pseudoinverse(task)
@@ -132,12 +124,7 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
         if what != "a bounded step":
             return law.step(q0 + 0.05 * x, target, 0.01, xdot, leaf=leaf, gain=20.0)
         step = law.damped_step(
-            q0 + 0.05 * x,
-            target,
-            0.01,
-            leaf=leaf,
-            velocity_limit=0.3 + abs(x[0]),
-            damping=0.3,
+            q0 + 0.05 * x, target, 0.01, leaf=leaf, velocity_limit=0.3 + abs(x[0]), damping=0.3
         )
         return np.append(step.q, [step.damping, step.slowed])
 
@@ -145,9 +132,7 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
 
 
 @pytest.mark.parametrize("what", SHARED)
-def test_one_object_serves_many_threads(
-    what: str, panda_design: rp.Design, many_switches
-) -> None:
+def test_one_object_serves_many_threads(what: str, panda_design: rp.Design, many_switches) -> None:
     ask = shared(what, panda_design)
     X = np.random.default_rng(2).uniform(-1, 1, (4, 100, 7))
     alone = [[ask(x) for x in rows] for rows in X]

@@ -23,7 +23,7 @@ NAMES = """
 """Identifiers that are not used anywhere: classes, functions, parameters, attributes, variables."""
 
 ORDINARY = {
-    "fields": {"repctl_pin/motion/joint_motion.py"},  # dataclasses.fields
+    "fields": {"repctl_pin/motion/joint_motion.py"}  # dataclasses.fields
 }
 """Files in which such an identifier has its ordinary sense."""
 
@@ -35,9 +35,7 @@ MEMBERS = {
 }
 """Attributes that an object does not have; elsewhere the words have their ordinary sense."""
 
-FUNCTIONS = {
-    "repctl_pin/arguments.py": "wanted chosen whole spread stacks rows numbers",
-}
+FUNCTIONS = {"repctl_pin/arguments.py": "wanted chosen whole spread stacks rows numbers"}
 """Functions that a file does not have."""
 
 PARAMETERS = {
@@ -131,9 +129,7 @@ def test_replaced_phrases_are_not_in_texts() -> None:
 
 
 def test_replaced_names_are_not_files() -> None:
-    names = {
-        path.relative_to(ROOT).as_posix() for path in (ROOT / "repctl_pin").rglob("*")
-    }
+    names = {path.relative_to(ROOT).as_posix() for path in (ROOT / "repctl_pin").rglob("*")}
     assert not [name for name in sorted(names) if Path(name).stem in STEMS.split()]
 
 
@@ -150,9 +146,7 @@ def test_replaced_members_and_parameters_are_gone() -> None:
 
 def test_replaced_options_are_gone() -> None:
     for command in parsers().values():
-        options = {
-            option for action in command._actions for option in action.option_strings
-        }
+        options = {option for action in command._actions for option in action.option_strings}
         assert not options & OPTIONS
 
 
@@ -171,10 +165,6 @@ def test_the_phrases_are_found(text: str) -> None:
     assert any(re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values())
 
 
-@pytest.mark.parametrize(
-    "text", ["the least-squares start", "at least one", "a list of paths"]
-)
+@pytest.mark.parametrize("text", ["the least-squares start", "at least one", "a list of paths"])
 def test_ordinary_phrases_are_not_found(text: str) -> None:
-    assert not any(
-        re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values()
-    )
+    assert not any(re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values())

@@ -13,14 +13,7 @@ from wrong_arguments import Call, all_wrong, outcome, right_calls
 
 import repctl_pin as rp
 
-SLOW = (
-    "animation",
-    "best_leaf",
-    "nearest_",
-    "study",
-    "stable_",
-    "export_c",
-)
+SLOW = ("animation", "best_leaf", "nearest_", "study", "stable_", "export_c")
 """What is left to the slow test: a call that is taken, though one of its arguments is odd, takes
 its time."""
 
@@ -37,9 +30,7 @@ def tried(
 ) -> tuple[Counter[str], list[str]]:
     """Try so many wrong arguments at random: how many were refused, taken or mishandled, and which
     were that."""
-    tries = [
-        one for one in all_wrong(calls) if not (quick and one[0].name.startswith(SLOW))
-    ]
+    tries = [one for one in all_wrong(calls) if not (quick and one[0].name.startswith(SLOW))]
     counts: Counter[str] = Counter()
     mishandled = []
     for i in np.random.default_rng(seed).permutation(len(tries))[:count]:
@@ -51,9 +42,7 @@ def tried(
     return counts, mishandled
 
 
-def test_a_sample_is_refused_by_name(
-    calls: list[Call], tmp_path: Path, monkeypatch
-) -> None:
+def test_a_sample_is_refused_by_name(calls: list[Call], tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     counts, mishandled = tried(calls, 300, 0, quick=True)
     assert mishandled == []
@@ -61,9 +50,7 @@ def test_a_sample_is_refused_by_name(
 
 
 @pytest.mark.slow
-def test_ten_thousand_are_refused_by_name(
-    calls: list[Call], tmp_path: Path, monkeypatch
-) -> None:
+def test_ten_thousand_are_refused_by_name(calls: list[Call], tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     _, mishandled = tried(calls, 10_000, 1, quick=False)
     assert len(mishandled) <= 10, "\n".join(mishandled)  # 0.1 %
@@ -81,23 +68,15 @@ def test_the_right_calls_are_right(
 
 def test_huge_counts_are_refused(calls: list[Call]) -> None:
     by_name = {call.name: call for call in calls}
-    designing, following = (
-        ("restarts", "batch"),
-        ("cycles", "steps"),
-    )
+    designing, following = (("restarts", "batch"), ("cycles", "steps"))
     for count in (10**9, 10**19):
-        assert [
-            outcome(by_name["FitOptions"], {name: count}) for name in designing
-        ] == ["refused"] * 2
-        for name in ("held_out", "samples"):
-            options = rp.FitOptions(**{name: count})
-            assert (
-                outcome(by_name["nearest_repeatable"], {"options": options})
-                == "refused"
-            )
-        assert [outcome(by_name["follow"], {name: count}) for name in following] == [
+        assert [outcome(by_name["FitOptions"], {name: count}) for name in designing] == [
             "refused"
         ] * 2
+        for name in ("held_out", "samples"):
+            options = rp.FitOptions(**{name: count})
+            assert outcome(by_name["nearest_repeatable"], {"options": options}) == "refused"
+        assert [outcome(by_name["follow"], {name: count}) for name in following] == ["refused"] * 2
         assert outcome(by_name["LeafLock"], {"corrections": count}) == "refused"
         assert outcome(by_name["Box.random"], {"count": count}) == "refused"
         with pytest.raises(rp.InputError, match="fit into memory|cycles can be"):
@@ -112,14 +91,9 @@ def test_huge_counts_are_refused(calls: list[Call]) -> None:
 
 @pytest.mark.parametrize("method", ["at", "where"])
 @pytest.mark.parametrize("u", [np.nan, [np.nan, 0.0], [0.0], "middle", None])
-def test_a_place_in_a_cell_is_k_finite_numbers(
-    calls: list[Call], method: str, u: object
-) -> None:
-    cell = next(
-        call for call in calls if call.name == f"Cell.{method}"
-    ).function.__self__
+def test_a_place_in_a_cell_is_k_finite_numbers(calls: list[Call], method: str, u: object) -> None:
+    cell = next(call for call in calls if call.name == f"Cell.{method}").function.__self__
     with pytest.raises(
-        rp.InputError,
-        match="u must be 2 finite numbers, one per coordinate of the cell",
+        rp.InputError, match="u must be 2 finite numbers, one per coordinate of the cell"
     ):
         getattr(cell, method)(u)

@@ -17,12 +17,7 @@ def robots() -> rp.Task:
     q: np.ndarray[tuple[int, ...], np.dtype[np.float64]] = task.check(q0, "q0")
     T = np.eye(4)
     error = task.error(q, T)
-    print(
-        rp.absolute_angles(task),
-        task.jacobian(q0) @ np.ones(3),
-        error,
-        task.joints([q0, q0]),
-    )
+    print(rp.absolute_angles(task), task.jacobian(q0) @ np.ones(3), error, task.joints([q0, q0]))
     print(rp.solve_ik(task, q0, T), rp.solve_ik(task, q0, pin.SE3(T)))
     bodies = rp.Bodies(task)
     distance: float = bodies.nearest(q0).distance
@@ -49,19 +44,10 @@ def potentials_and_regions(task: rp.Task) -> None:
     basis: rp.Joined = polynomials + rp.Fourier(3, 1)
     custom = rp.CustomPotentials([lambda q: float(q[0])], names=["q1"])
     box = rp.Box(q0, [0.3, 0.3, 0.2])
-    print(
-        basis.gradients([q0]),
-        custom.gradients([q0]),
-        box.contains([q0]),
-        box.weights([q0]),
-    )
+    print(basis.gradients([q0]), custom.gradients([q0]), box.contains([q0]), box.weights([q0]))
     print(rp.Tube([q0, q0], 0.1).clip([q0]))
     print(rp.WorkspaceBox(task, [1.0, 1.0], 0.2, within=box).ratio([q0]))
-    print(
-        rp.RepeatableInverse(
-            task, polynomials.weighted([[1.0]] * polynomials.size)
-        ).leaf(q0)
-    )
+    print(rp.RepeatableInverse(task, polynomials.weighted([[1.0]] * polynomials.size)).leaf(q0))
 
 
 def designs(task: rp.Task) -> rp.Design:
@@ -74,9 +60,7 @@ def designs(task: rp.Task) -> rp.Design:
     control: rp.RepeatableInverse = design.inverse
     c = control.leaf(q0)
     q = control.step(q0, np.eye(4), 0.01, [0.1, 0, 0, 0, 0, 0], leaf=c, outside="warn")
-    step = control.damped_step(
-        q, task.placement(q), 0.01, velocity_limit=[1, 1, 1], damping=0.1
-    )
+    step = control.damped_step(q, task.placement(q), 0.01, velocity_limit=[1, 1, 1], damping=0.1)
     slowed: float = step.slowed
     print(slowed, step.damping, control.velocity(q0, [0.1, 0.0], outside="raise"))
     print(control.solve(task.placement(q0), q0, leaf=[0.0]), control.batch([q0, q0]))
@@ -84,20 +68,14 @@ def designs(task: rp.Task) -> rp.Design:
     print(fast.velocities([q0], [[0.1, 0.0]]), rp.export_c(control, "c", name="arm"))
     print(rp.save(design, "d.json"), rp.load("d.json", task))
     again: rp.Design = rp.load_design("d.json", task)
-    spring = rp.LeafImpedance(
-        again.inverse, stiffness=(1000.0, 50.0), observer_limit=[5, 5, 2]
-    )
-    print(
-        spring.torque(q0, [0, 0, 0], np.eye(4), leaf=c, observer=spring.observer(0.001))
-    )
+    spring = rp.LeafImpedance(again.inverse, stiffness=(1000.0, 50.0), observer_limit=[5, 5, 2])
+    print(spring.torque(q0, [0, 0, 0], np.eye(4), leaf=c, observer=spring.observer(0.001)))
     print(rp.redundancy.nullspace(task.jacobian(q0)))
     proof: rp.Proof = rp.prove(design, margin=0.1, seconds=1.0)
     closes: rp.ClosingRadius | None = proof.closes
     assert closes is not None
     print(bool(proof), proof.leaf_margin)
-    own: rp.PathCertificate = rp.path_certificate(
-        design.inverse, rp.circle(task, q0, 0.1), q0
-    )
+    own: rp.PathCertificate = rp.path_certificate(design.inverse, rp.circle(task, q0, 0.1), q0)
     print(own.shrinks, own.words)
     return again
 
@@ -120,12 +98,7 @@ def cells(task: rp.Task) -> None:
         function, poses, rp.Limits(acceleration=5.0), blend=0.01
     )
     print(moved.at([0.0, 0.1]), moved.rests, moved.lines)
-    print(
-        function(np.eye(4), leaf=[0.0]),
-        function.batch(poses),
-        function.leaves(poses[0]),
-        cell,
-    )
+    print(function(np.eye(4), leaf=[0.0]), function.batch(poses), function.leaves(poses[0]), cell)
     print(
         function.batch(np.eye(4)[None], leaf=[[0.0]], missing="nan"),
         function.pose_and_leaf(np.zeros((1, 3))),
@@ -135,32 +108,18 @@ def cells(task: rp.Task) -> None:
 
 
 def recordings(task: rp.Task) -> rp.Relabeled:
-    recording = rp.Recording(
-        task, joints=[[0.3, 0.8, 0.8]], times=[0.0], sessions=["one"]
-    )
+    recording = rp.Recording(task, joints=[[0.3, 0.8, 0.8]], times=[0.0], sessions=["one"])
     recording = rp.Recording.read("demos.csv", task)
-    relabeled: rp.Relabeled = rp.relabel(
-        recording, leaf=[0.1], options=rp.FitOptions(seed=1)
-    )
-    print(
-        relabeled.save("new.csv"),
-        relabeled.summary(),
-        relabeled.residual_before,
-        len(recording),
-    )
-    return rp.relabel(
-        rp.Recording(task, poses=np.eye(4)[None]), design=rp.load_cell("cell.json")
-    )
+    relabeled: rp.Relabeled = rp.relabel(recording, leaf=[0.1], options=rp.FitOptions(seed=1))
+    print(relabeled.save("new.csv"), relabeled.summary(), relabeled.residual_before, len(recording))
+    return rp.relabel(rp.Recording(task, poses=np.eye(4)[None]), design=rp.load_cell("cell.json"))
 
 
 def questions(task: rp.Task) -> bool:
     control, box = rp.Pseudoinverse(task), rp.Box([0.3, 0.8, 0.8], 0.3)
     place: rp.BestCell = rp.best_cell(task, [0.2, 0.1], at=[1, 0, 0])
     print(place.cell, place.posture, place.factor, place.reason)
-    print(
-        rp.bracket_defect(control, [0.3, 0.8, 0.8]),
-        rp.stable_surface(control, box).summary(),
-    )
+    print(rp.bracket_defect(control, [0.3, 0.8, 0.8]), rp.stable_surface(control, box).summary())
     print(rp.drift_per_area(control, [0.3, 0.8, 0.8]))
     return bool(rp.is_repeatable(control, box))
 
@@ -183,16 +142,9 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     motion = rp.follow(design.inverse, path, q0, cycles=2, integrator=lock)
     best: rp.BestLeaf = rp.best_leaf(design.inverse, paths[0], q0, region=design.region)
     best = rp.best_leaf(design.inverse, paths[0], q0, by="speed")
-    least: rp.Motion = rp.least_closed_motion(
-        task, path, q0, free_start=True, guess=motion
-    )
-    print(
-        least.rms_speed,
-        rp.least_closed_motion(task, path, q0, steps=64, limit_margin=0.1).q,
-    )
-    fast: rp.TimedMotion = rp.timed(
-        motion, rp.Limits(acceleration=[1, 1, 1], velocity=2.0)
-    )
+    least: rp.Motion = rp.least_closed_motion(task, path, q0, free_start=True, guess=motion)
+    print(least.rms_speed, rp.least_closed_motion(task, path, q0, steps=64, limit_margin=0.1).q)
+    fast: rp.TimedMotion = rp.timed(motion, rp.Limits(acceleration=[1, 1, 1], velocity=2.0))
     run: rp.Run = rp.Run(fast)
     q, qdot = run.step(0.01)
     governor: rp.Governor = rp.Governor(
@@ -203,9 +155,7 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     print(beyond, design.inverse.same_leaf(q0, governor.q))
     status: rp.Status
     q, status = governor.step(path.placement(0.1))
-    print(
-        status is rp.Status.OK, governor.step(twist=[0.1, 0, 0, 0, 0, 0]), governor.leaf
-    )
+    print(status is rp.Status.OK, governor.step(twist=[0.1, 0, 0, 0, 0, 0]), governor.leaf)
     clutch: rp.Clutch = rp.Clutch(scale=0.5)
     clutch.engage(path.placement(0.2), path.placement(0.1))
     print(clutch.target(path.placement(0.3)), clutch.engaged, governor.nearest_bodies)
@@ -224,13 +174,7 @@ def pictures(task: rp.Task, motion: rp.Motion) -> rp.Study:
     study: rp.Study = rp.study("panda", cycles=10, progress=print)
     print(study.summary(), rp.study(rp.Problem("panda", kind="pose", start=[0.0] * 7)))
     found: rp.Audit = rp.audit((motion.t, motion.q), task, degrees=False)
-    print(
-        bool(found),
-        found.returns,
-        found.rate,
-        found.summary(),
-        rp.audit("log.csv", "panda"),
-    )
+    print(bool(found), found.returns, found.rate, found.summary(), rp.audit("log.csv", "panda"))
     return study
 
 

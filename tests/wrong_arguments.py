@@ -77,9 +77,7 @@ ARM_URDF = (
         f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="{below}"/>'
         f'<origin xyz="0 0 0.3"/>'
         f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-        for k, ((above, below), axis) in enumerate(
-            zip(pairwise(_LINKS), _AXES, strict=True)
-        )
+        for k, ((above, below), axis) in enumerate(zip(pairwise(_LINKS), _AXES, strict=True))
     )
     + "</robot>"
 )
@@ -107,9 +105,7 @@ def right_calls(folder: Path) -> list[Call]:
         + path.placement(0.0).translation
     )
     waypoint_file = folder / "square.csv"
-    waypoint_file.write_text(
-        "\n".join(",".join(map(str, row)) for row in square), encoding="utf-8"
-    )
+    waypoint_file.write_text("\n".join(",".join(map(str, row)) for row in square), encoding="utf-8")
     design = rp.nearest_repeatable(
         control, potentials, box, options=rp.FitOptions(samples=64, held_out=256)
     )
@@ -118,10 +114,7 @@ def right_calls(folder: Path) -> list[Call]:
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, integrator=rp.LeafLock())
     study = rp.study(
-        rp.Problem(robot, kind="xy", start=q0, path=path, region=0.2),
-        cycles=1,
-        steps=24,
-        degree=1,
+        rp.Problem(robot, kind="xy", start=q0, path=path, region=0.2), cycles=1, steps=24, degree=1
     )
     timed = rp.timed(motion, rp.Limits(acceleration=10.0), rate=100.0)
     started = rp.Governor(inverse, 0.01, rp.Limits(velocity=1.0, acceleration=5.0))
@@ -374,16 +367,9 @@ def right_calls(folder: Path) -> list[Call]:
         "weights": {"Q": Q},
     }  # fmt: skip
     U, R, p = cell.sample(4), np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
-    Q_arm = arm.reference + np.array(
-        [[0.1, 0.2, 0.3, 0.1, 0.2], [0.2, 0.1, 0.4, 0.3, 0.1]]
-    )
+    Q_arm = arm.reference + np.array([[0.1, 0.2, 0.3, 0.1, 0.2], [0.2, 0.1, 0.4, 0.3, 0.1]])
     own: dict[tuple[type, str], dict[str, Any]] = {
-        (rp.Cell, "around"): {
-            "task": task,
-            "poses": [target],
-            "margin": 0.02,
-            "half_angle": 0.0,
-        },
+        (rp.Cell, "around"): {"task": task, "poses": [target], "margin": 0.02, "half_angle": 0.0},
         (rp.Cell, "at"): {"u": U[0]},
         (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
         (rp.Governor, "start"): {"q": q0},
@@ -408,21 +394,13 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Cell, "vectors"): {"turns": p[:, :2]},
         (rp.Cell, "where"): {"u": U[0]},
         (rp.InverseFunction, "__call__"): {"target": target, "leaf": [0.0]},
-        (rp.InverseFunction, "batch"): {
-            "targets": [target],
-            "leaf": [0.0],
-            "missing": "nan",
-        },
+        (rp.InverseFunction, "batch"): {"targets": [target], "leaf": [0.0], "missing": "nan"},
         (rp.InverseFunction, "pose_and_leaf"): {"Q": Q},
         (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
         (rp.InverseFunction, "leaves"): {"target": target},
         (rp.MotionBetween, "at"): {"t": [0.1, 0.2]},
         (rp.MotionBetween, "cycle"): {"k": 0},
-        (rp.Viewer, "show"): {
-            "configurations": q0,
-            "before": [q0],
-            "out_of_reach": False,
-        },
+        (rp.Viewer, "show"): {"configurations": q0, "before": [q0], "out_of_reach": False},
         (rp.Bodies, "nearest"): {"q": Q_arm[0]},
         (rp.Bodies, "distances"): {"Q": Q_arm},
         (rp.Bodies, "hull_distances"): {"Q": Q_arm},
@@ -454,12 +432,8 @@ def right_calls(folder: Path) -> list[Call]:
         rp.motion_between(found.function, between, limits),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
     ]  # fmt: skip
-    public = {
-        n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")
-    }
-    assert public - RESULTS - MADE == set(functions), (
-        "give each public name a right call here"
-    )
+    public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
+    assert public - RESULTS - MADE == set(functions), "give each public name a right call here"
     calls = [Call(name, getattr(rp, name), good) for name, good in functions.items()]
     calls += [
         Call(f"redundancy.{name}", getattr(rp.redundancy, name), good)
@@ -468,11 +442,7 @@ def right_calls(folder: Path) -> list[Call]:
     for thing in things:
         for name in public_methods(type(thing)):
             good = next(
-                (
-                    own[kind, name]
-                    for kind in type(thing).__mro__
-                    if (kind, name) in own
-                ),
+                (own[kind, name] for kind in type(thing).__mro__ if (kind, name) in own),
                 methods.get(name),
             )
             if name in ("weighted", "split"):
@@ -489,23 +459,17 @@ def right_calls(folder: Path) -> list[Call]:
                 "with_tool",
             ):
                 continue  # the first serves until it is stopped, the last is for pose tasks
-            assert good is not None, (
-                f"give {type(thing).__name__}.{name} a right call here"
-            )
+            assert good is not None, f"give {type(thing).__name__}.{name} a right call here"
             if thing is found.inverse and "leaf" in good:
                 good = good | {"leaf": thing.leaf(q0)}
             if good:
-                calls.append(
-                    Call(f"{type(thing).__name__}.{name}", getattr(thing, name), good)
-                )
+                calls.append(Call(f"{type(thing).__name__}.{name}", getattr(thing, name), good))
     return calls
 
 
 def public_methods(kind: type) -> list[str]:
     """Name a class's public methods."""
-    names = [
-        name for name in dir(kind) if name == "__call__" or not name.startswith("_")
-    ]
+    names = [name for name in dir(kind) if name == "__call__" or not name.startswith("_")]
     return [name for name in names if callable(getattr(kind, name))]
 
 
@@ -583,11 +547,7 @@ def spoilt(good: Any) -> list[tuple[str, Any]]:
     ):
         return []
     if isinstance(good, (int, float)):
-        return [
-            ("negative", -good if good else -3),
-            ("half", good + 0.5),
-            ("huge", good + 10**12),
-        ]
+        return [("negative", -good if good else -3), ("half", good + 0.5), ("huge", good + 10**12)]
     try:
         array = np.asarray(good)
     except ValueError:  # a list of things that are no numbers
@@ -670,9 +630,7 @@ def wrong_function(values: Any, error: Exception) -> bool:
     """A person's own function may fail in its own way: its own traceback is the best that can be
     had."""
     return (
-        isinstance(error, RuntimeError)
-        and "own function fails" in str(error)
-        and broken in values
+        isinstance(error, RuntimeError) and "own function fails" in str(error) and broken in values
     )
 
 
@@ -694,14 +652,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--only", default="", help="calls whose name holds this")
-    parser.add_argument(
-        "--taken", action="store_true", help="print nonsense that was taken, too"
-    )
+    parser.add_argument("--taken", action="store_true", help="print nonsense that was taken, too")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        calls = [
-            call for call in right_calls(Path(folder)) if options.only in call.name
-        ]
+        calls = [call for call in right_calls(Path(folder)) if options.only in call.name]
         tries = all_wrong(calls)
         rng = np.random.default_rng(options.seed)
         order = rng.permutation(len(tries))[: options.count]
@@ -712,9 +666,7 @@ def main() -> None:
             counts[came.split(":")[0].split(" ")[0]] += 1
             shout = came not in ("refused", "taken")
             if shout or (
-                options.taken
-                and came == "taken"
-                and any(value is v for _, v in NONSENSE)
+                options.taken and came == "taken" and any(value is v for _, v in NONSENSE)
             ):
                 print(f"{call.name}({name} = {what}): {came}", flush=True)
         print(dict(counts), "of", len(order), "(all:", len(tries), ")", file=sys.stderr)

@@ -13,15 +13,9 @@ WIDTH = 80
 
 def commands() -> dict[str, str]:
     """Format the help of every subcommand, by name."""
-    (parts,) = (
-        a.choices
-        for a in parser()._actions
-        if isinstance(a, argparse._SubParsersAction)
-    )
+    (parts,) = (a.choices for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
     for part in parts.values():
-        part.formatter_class = partial(
-            argparse.RawDescriptionHelpFormatter, width=WIDTH
-        )
+        part.formatter_class = partial(argparse.RawDescriptionHelpFormatter, width=WIDTH)
         part.color = False  # Python 3.14 colours help on a terminal
     return {name: part.format_help() for name, part in parts.items()}
 
@@ -31,7 +25,6 @@ def on_page_markdown(text: str, /, **_: object) -> str:
     if "<!-- commands -->" not in text:
         return text
     sections = (
-        f"## {name}\n\n```text\n{words.rstrip()}\n```"
-        for name, words in commands().items()
+        f"## {name}\n\n```text\n{words.rstrip()}\n```" for name, words in commands().items()
     )
     return text.replace("<!-- commands -->", "\n\n".join(sections))

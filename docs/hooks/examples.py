@@ -33,9 +33,7 @@ def notebook(script: Path) -> str:
     docstring = str(ast.literal_eval(body[0].value)).strip()  # type: ignore[attr-defined]
     summary, _, words = docstring.partition("\n\n")
     title = " ".join(summary.split()).rstrip(".")
-    needs = (
-        "Requires `repctl_pin`, installed from the folder of the repository or a wheel."
-    )
+    needs = "Requires `repctl_pin`, installed from the folder of the repository or a wheel."
     cells = [v4.new_markdown_cell(f"# {title}\n\n{dedent(words).strip()}\n\n{needs}")]
     pieces: list[str] = []
 
@@ -48,10 +46,7 @@ def notebook(script: Path) -> str:
     for node in body[1:]:
         end = node.end_lineno or 0
         piece, begin = "\n".join(lines[begin:end]), end
-        if (
-            isinstance(node, ast.If)
-            and ast.unparse(node.test) == "__name__ == '__main__'"
-        ):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "__name__ == '__main__'":
             cut()
             run = dedent("\n".join(lines[node.body[0].lineno - 1 : end]))
             pieces.append(
@@ -74,9 +69,7 @@ def notebook(script: Path) -> str:
 
 def scripts() -> list[Path]:
     """List the scripts that become notebooks."""
-    return [
-        script for script in sorted(EXAMPLES.glob("*.py")) if script.stem not in WITHOUT
-    ]
+    return [script for script in sorted(EXAMPLES.glob("*.py")) if script.stem not in WITHOUT]
 
 
 def thumbnail(picture: Path, width: int = 640) -> bytes:
@@ -94,17 +87,13 @@ def on_files(files: Any, *, config: Any) -> Any:
     from mkdocs.structure.files import File
 
     for figure in sorted((EXAMPLES / "figures").glob("*.png")):
-        files.append(
-            File.generated(config, f"figures/{figure.name}", abs_src_path=str(figure))
-        )
+        files.append(File.generated(config, f"figures/{figure.name}", abs_src_path=str(figure)))
     for picture in sorted((EXAMPLES / "pictures").glob("*.png")):
         made = thumbnail(picture)
         files.append(File.generated(config, f"pictures/{picture.name}", content=made))
     for script in scripts():
         files.append(
-            File.generated(
-                config, f"notebooks/{script.stem}.ipynb", content=notebook(script)
-            )
+            File.generated(config, f"notebooks/{script.stem}.ipynb", content=notebook(script))
         )
     return files
 
@@ -117,6 +106,4 @@ def on_page_markdown(text: str, /, **_: object) -> str:
 
 if __name__ == "__main__":
     for source in scripts():
-        (Path(sys.argv[1]) / f"{source.stem}.ipynb").write_text(
-            notebook(source), encoding="utf-8"
-        )
+        (Path(sys.argv[1]) / f"{source.stem}.ipynb").write_text(notebook(source), encoding="utf-8")

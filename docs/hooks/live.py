@@ -176,13 +176,10 @@ def on_page_markdown(text: str, /, *, page: Any, **_: object) -> str:
         if not included():
             return ""
         url = address(name)
-        begin = (
-            "" if page.is_homepage else "#t=3"
-        )  # only that of the home page plays by itself
+        begin = "" if page.is_homepage else "#t=3"  # only that of the home page plays by itself
         title = "Animation" if mark[2] else f"Animation: {name.replace('_', ' ')}"
         options = "\n".join(
-            f'<option value="{address(robot)}">{label}</option>'
-            for robot, label in ROBOTS.items()
+            f'<option value="{address(robot)}">{label}</option>' for robot, label in ROBOTS.items()
         )
         choose = _CHOOSE.format(frame=f"live-{name}", options=options)
         return (

@@ -28,6 +28,4 @@ def on_page_content(text: str, /, **_: object) -> str:
         return f'<div class="equation">{shown}{right}</div>'
 
     text = _ROLE.sub("", text)  # roles of Sphinx in docstrings
-    return _DISPLAY.sub(
-        display, _INLINE.sub(lambda found: convert(html.unescape(found[1])), text)
-    )
+    return _DISPLAY.sub(display, _INLINE.sub(lambda found: convert(html.unescape(found[1])), text))

@@ -55,23 +55,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
-        gc.set_threshold(
-            500_000
-        )  # imports make many objects, and none of them is garbage
-        os.environ["MPLBACKEND"] = (
-            "agg"  # no window is opened, whatever the user's settings
-        )
+        gc.set_threshold(500_000)  # imports make many objects, and none of them is garbage
+        os.environ["MPLBACKEND"] = "agg"  # no window is opened, whatever the user's settings
         # warnings of libraries are for programmers
-        warnings.simplefilter(
-            "ignore", Warning if not sys.warnoptions else DeprecationWarning
-        )
+        warnings.simplefilter("ignore", Warning if not sys.warnoptions else DeprecationWarning)
         warnings.filterwarnings("once", "no native library", UserWarning)
         warnings.showwarning = lambda said, *_: say_line(f"repctl: warning: {said}")
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(
-                    errors="replace"
-                )  # a terminal that cannot show ⁺ gets a ?
+                stream.reconfigure(errors="replace")  # a terminal that cannot show ⁺ gets a ?
     arguments = _join_values(list(sys.argv[1:] if argv is None else argv))
     if not arguments:
         parser().print_help(sys.stderr)
@@ -87,18 +79,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         with ExitStack() as options.ending:
             try:
                 return options.run(options)
-            except (
-                RepctlError
-            ) as error:  # the library names arguments, the command its options
-                error.argument = options.option_names.get(
-                    error.argument, error.argument
-                )
+            except RepctlError as error:  # the library names arguments, the command its options
+                error.argument = options.option_names.get(error.argument, error.argument)
                 raise
 
     code = exit_code(
-        run,
-        [word for word in arguments if word != "--debug"],
-        debug="--debug" in arguments,
+        run, [word for word in arguments if word != "--debug"], debug="--debug" in arguments
     )
     if argv is None:
         gc.freeze()  # else Python searches all objects for garbage before it exits

@@ -40,11 +40,7 @@ def add_options(parser: Parser) -> None:
     parser.what()
     parser.surroundings()
     add = parser.add_argument
-    add(
-        "--motion",
-        metavar="FILE",
-        help="CSV of joint positions, as study and follow write it",
-    )
+    add("--motion", metavar="FILE", help="CSV of joint positions, as study and follow write it")
     add(
         "--only",
         metavar="NAMES",
@@ -52,11 +48,7 @@ def add_options(parser: Parser) -> None:
     )
     parser.task()
     parser.path()
-    add(
-        "--cycles",
-        type=integer,
-        help=f"number of cycles (default {CYCLES}, or that of the CSV)",
-    )
+    add("--cycles", type=integer, help=f"number of cycles (default {CYCLES}, or that of the CSV)")
     add("--steps", type=integer, default=200, help="steps per cycle (default 200)")
     add(
         "--degree",
@@ -64,16 +56,8 @@ def add_options(parser: Parser) -> None:
         default=DEGREE,
         help="degree of the potentials (default %(default)s)",
     )
-    add(
-        "--seconds",
-        type=positive,
-        help="time of one cycle, s (default: real time)",
-    )
-    add(
-        "--out",
-        metavar="FOLDER",
-        help="folder of animation.html (default repctl-out/ROBOT)",
-    )
+    add("--seconds", type=positive, help="time of one cycle, s (default: real time)")
+    add("--out", metavar="FOLDER", help="folder of animation.html (default repctl-out/ROBOT)")
     parser.json()
 
 
@@ -84,9 +68,7 @@ def run(options: Options) -> int:
     if options.saved:
         design = options.load_design()
         name = design.task.robot.name
-        folder = options.output_folder(
-            name if options.robot is None else Path(options.robot).stem
-        )
+        folder = options.output_folder(name if options.robot is None else Path(options.robot).stem)
         page, task, cycles, drift = _from_design(design, options, say)
     else:
         folder = options.output_folder(Path(options.what).stem)
@@ -94,12 +76,7 @@ def run(options: Options) -> int:
         page, task, cycles, drift = source(options, say)
     with written_together(folder) as staged:
         file = folder / write_whole(staged / "animation.html", page).name
-    result = {
-        "robot": task.robot.name,
-        "frame": task.frame,
-        "cycles": cycles,
-        "drift": drift,
-    }
+    result = {"robot": task.robot.name, "frame": task.frame, "cycles": cycles, "drift": drift}
     return report(options, lambda: result, files=[file])
 
 
@@ -165,9 +142,7 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     there = {KEYS.get(track.label, track.label): track for track in tracks}
     labelled = {track.label: track for track in tracks} | there
     chosen = []
-    for name in (
-        [names] if names in labelled else names.split(",")
-    ):  # a label may hold a comma
+    for name in [names] if names in labelled else names.split(","):  # a label may hold a comma
         if name.strip() not in labelled:
             raise InputError(
                 f"--only: {file} has no strategy {name.strip()!r}; it has {', '.join(there)}"
@@ -188,9 +163,7 @@ def _names(design: rp.Design) -> tuple[str, str]:
     return LABELS["pseudoinverse"] if plain else "desired", LABELS["repeatable"]
 
 
-def _from_design(
-    design: rp.Design, options: Options, say: Callable[[str], None]
-) -> _Shown:
+def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]) -> _Shown:
     """Follow the path with a saved design and with its desired inverse, and show both motions.
 
     The desired inverse, usually J⁺, is the one that the design comes near to, so the page shows
@@ -207,9 +180,7 @@ def _from_design(
     cycles = options.cycles or CYCLES
     say(f"following the path for {cycles} cycles")
     laws = (design.desired, design.inverse)
-    motions = [
-        rp.follow(law, path, q0, cycles=cycles, steps=options.steps) for law in laws
-    ]
+    motions = [rp.follow(law, path, q0, cycles=cycles, steps=options.steps) for law in laws]
     keys = ("pseudoinverse", "repeatable")
     tracks = [
         playback_of(label, motion, COLOURS[key])
@@ -217,9 +188,7 @@ def _from_design(
     ]
     points = [own.points() for own in paths_of(path)]
     own = own_loop(motions[0], laws)
-    return _drawn(
-        design.task, tracks, options, say, name=path.name, paths=points, own=own
-    )
+    return _drawn(design.task, tracks, options, say, name=path.name, paths=points, own=own)
 
 
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:

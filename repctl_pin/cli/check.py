@@ -18,15 +18,7 @@ from ..defaults import REGION
 from ..errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import (
-    Options,
-    box_within_limits,
-    cut_note,
-    integer,
-    natural,
-    positive,
-    proof_code,
-)
+from .given import Options, box_within_limits, cut_note, integer, natural, positive, proof_code
 from .options import Parser
 from .terminal import in_percent, progress, report
 
@@ -82,12 +74,7 @@ def add_options(parser: Parser) -> None:
         default=128,
         help="number of configurations to test (default 128)",
     )
-    add(
-        "--seed",
-        type=natural,
-        default=0,
-        help="random seed of the configurations (default 0)",
-    )
+    add("--seed", type=natural, default=0, help="random seed of the configurations (default 0)")
     prove = "prove a lower bound of a saved design's leaf margin over its region, or over its cell"
     add("--prove", action="store_true", help=prove)
     parser.json()
@@ -108,9 +95,7 @@ def run(options: Options) -> int:
     task, q0 = case.strategy.task, case.problem.start
     region = case.problem.region
     say("evaluating the Lie brackets")
-    verdict = rp.is_repeatable(
-        case.strategy, region, samples=options.samples, seed=options.seed
-    )
+    verdict = rp.is_repeatable(case.strategy, region, samples=options.samples, seed=options.seed)
     drift = _in_planes(rp.drift_per_area(case.strategy, q0), task)
     surfaces = None
     if task.n <= _SMALL and not verdict.repeatable:
@@ -241,9 +226,7 @@ def _saved(options: Options) -> _Case:
         box = partial(box_within_limits, half_width=options.region)
         problem = rp.Problem(design.task, start=problem.start, path=False, region=box)
         notes = cut_note(design.task, problem.region, options.region)
-    return _Case(
-        design.inverse, f"the design in {options.what}", problem, start_is, notes
-    )
+    return _Case(design.inverse, f"the design in {options.what}", problem, start_is, notes)
 
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
@@ -253,10 +236,7 @@ def _in_planes(drift: Any, task: rp.Task) -> _Drift:
     plane of axes a and b.
     """
     axes = task.kind.directions
-    return {
-        axes[a] + axes[b]: float(drift[a, b])
-        for a, b in combinations(range(len(drift)), 2)
-    }
+    return {axes[a] + axes[b]: float(drift[a, b]) for a, b in combinations(range(len(drift)), 2)}
 
 
 def _as_dict(
@@ -287,11 +267,7 @@ def _as_dict(
 
 
 def _lines(
-    case: _Case,
-    absolute: str,
-    verdict: Repeatability,
-    drift: _Drift,
-    surfaces: Surfaces | None,
+    case: _Case, absolute: str, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
     """Write the report of a test, as lines of text for a terminal.
 
@@ -326,9 +302,7 @@ def _drift_table(drift: _Drift, unit: str) -> str:
     rows = []
     for plane, value in drift.items():
         clean = value if value > 1e-9 else 0.0  # rounding errors
-        rows.append(
-            ["–".join(plane), *(number(clean * scale) for scale in (1, 1e-4, 1e-2))]
-        )
+        rows.append(["–".join(plane), *(number(clean * scale) for scale in (1, 1e-4, 1e-2))])
     header = ["plane", f"{unit} per m²", f"{unit} per cm²", "around a 10 cm square"]
     title = "joint drift of a small loop at the start, to first order in its area"
     return f"{title}:\n{table(header, rows)}"

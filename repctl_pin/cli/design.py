@@ -69,28 +69,15 @@ def add_options(parser: Parser) -> None:
         help="half-width of Ω around the start, rad (default %(default)s)",
     )
     parser.path("use as Ω a tube of that half-width around the motion on a path: ", "")
-    workspace = (
-        "restrict Ω to frame positions within M metres of the start, along each axis"
-    )
+    workspace = "restrict Ω to frame positions within M metres of the start, along each axis"
     add("--workspace", type=positive, metavar="M", help=workspace)
+    add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
     add(
-        "--shrink",
-        action="store_true",
-        help="shrink Ω until it is free of singularities",
-    )
-    add(
-        "--degree",
-        default="auto",
-        metavar="D",
-        help="degree of the polynomials, or auto (default)",
+        "--degree", default="auto", metavar="D", help="degree of the polynomials, or auto (default)"
     )
     fourier = "add sines and cosines up to order K of the revolute joints"
     add("--fourier", type=integer, metavar="K", help=fourier)
-    add(
-        "--samples",
-        type=integer,
-        help="number of fit nodes (default: by the number of unknowns)",
-    )
+    add("--samples", type=integer, help="number of fit nodes (default: by the number of unknowns)")
     add(
         "--held-out",
         type=integer,
@@ -105,18 +92,8 @@ def add_options(parser: Parser) -> None:
         help="number of extra starts of the optimiser",
     )
     add("--stream", action="store_true", help="do not keep the nodes in memory")
-    add(
-        "--processes",
-        type=integer,
-        default=1,
-        metavar="P",
-        help="number of processes (default 1)",
-    )
-    add(
-        "--dask",
-        metavar="ADDRESS",
-        help="address of the scheduler of a Dask cluster to use",
-    )
+    add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")
+    add("--dask", metavar="ADDRESS", help="address of the scheduler of a Dask cluster to use")
     add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
     add(
         "--prove",
@@ -206,20 +183,13 @@ def run(options: Options) -> int:
             design.summary(baselines),
         ]
         if len(degrees) > 1:
-            rows = [
-                [str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees
-            ]
+            rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
             lines += ["", table(["degree", "cost", "± error"], rows)]
         if design.proof is not None:
             lines += ["", design.proof.summary()]
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
-    report(
-        options,
-        lambda: _as_dict(design, degrees, baselines, name, problem, notes),
-        text,
-        files,
-    )
+    report(options, lambda: _as_dict(design, degrees, baselines, name, problem, notes), text, files)
     return proof_code(design.proof)
 
 
@@ -308,19 +278,11 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
     from ..studies.of_design import problem_of
 
     try:
-        closed = (
-            problem
-            if problem.path is not None
-            else problem_of(design, start=problem.start)
-        )
+        closed = problem if problem.path is not None else problem_of(design, start=problem.start)
     except InputError:
-        return design, [
-            "no circle from the start stays inside Ω; repctl follow requires --path"
-        ]
+        return design, ["no circle from the start stays inside Ω; repctl follow requires --path"]
     cycle, notes = timed_cycle(design, closed)
-    saved = (
-        f"default cycle saved with the design: {cycle.path.name}, {cycle.period:g} s"
-    )
+    saved = f"default cycle saved with the design: {cycle.path.name}, {cycle.period:g} s"
     used = "repctl follow uses it unless --path is given"
     return replace(design, cycle=cycle), [*notes, f"{saved}; {used}"]
 
@@ -361,15 +323,7 @@ def _as_dict(
     from ..studies.study_result import picked, region_dict
 
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")
-    fit = (
-        "fit_cost",
-        "gradient_norm",
-        "converged",
-        "steps",
-        "samples",
-        "held_out",
-        "seed",
-    )
+    fit = ("fit_cost", "gradient_norm", "converged", "steps", "samples", "held_out", "seed")
     return {
         **design.task.as_dict(),
         "desired": name,
@@ -416,8 +370,7 @@ def _executor_of(options: Options) -> Iterator[Any]:
             client = Client(options.dask, timeout=10)
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(
-                f"{options.dask}: no scheduler answers there ({error})",
-                argument="--dask",
+                f"{options.dask}: no scheduler answers there ({error})", argument="--dask"
             ) from None
         with client:
             yield client

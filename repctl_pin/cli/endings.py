@@ -40,16 +40,12 @@ def _stopped_cleanly() -> Iterator[None]:
     By default these signals end the process at once. A signal that is ignored, as under nohup,
     stays ignored.
     """
-    numbers = [
-        getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
-    ]
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # only the main thread gets signals
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    # only the main thread gets signals
+    if threading.current_thread() is not threading.main_thread():
         numbers = []
-    caught = [
-        number for number in numbers if signal.getsignal(number) is signal.SIG_DFL
-    ]  # under nohup it is ignored
+    # under nohup it is ignored
+    caught = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
     coming, hook = False, sys.unraisablehook
 
     def stop(number: int, frame: object) -> None:
@@ -104,27 +100,18 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
     except KeyboardInterrupt:
         return _say("interrupted; nothing half-written was left", INTERRUPTED)
     except _Stopped as stop:
-        return _say(
-            f"stopped by {stop}; nothing half-written was left", 128 + stop.number
-        )
+        return _say(f"stopped by {stop}; nothing half-written was left", 128 + stop.number)
     except BrokenPipeError:  # the reader of our output went away, as `| head` does
         _drop_output()
         return 0
     except MemoryError:
-        return _say(
-            "not enough memory; use fewer --cycles, --steps or --samples",
-            REFUSED,
-        )
+        return _say("not enough memory; use fewer --cycles, --steps or --samples", REFUSED)
     except Exception as error:
         if debug:
             raise
         if isinstance(error, OSError) and error.strerror and error.filename is None:
             _drop_output()
-            where = (
-                "the working folder"
-                if isinstance(error, FileNotFoundError)
-                else "the output"
-            )
+            where = "the working folder" if isinstance(error, FileNotFoundError) else "the output"
             return _say(f"{error.strerror}: {where}", REFUSED)
         again = shlex.join(["repctl", "--debug", *arguments])
         what = " ".join(f"{type(error).__name__}: {error}".split())

@@ -65,21 +65,14 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.path()
     add("--cycles", type=integer, default=1, help="number of cycles (default 1)")
-    add(
-        "--steps",
-        type=integer,
-        default=STEPS,
-        help="points per cycle (default %(default)s)",
-    )
+    add("--steps", type=integer, default=STEPS, help="points per cycle (default %(default)s)")
     add(
         "--period",
         type=positive,
         help="time of one cycle, s (default: that of the design or path, else 5)",
     )
     best = "search for the start with the largest margins (limits, default) or least joint speed"
-    add(
-        "--best-leaf", nargs="?", const="limits", choices=["limits", "speed"], help=best
-    )
+    add("--best-leaf", nargs="?", const="limits", choices=["limits", "speed"], help=best)
     parser.limits()
     kept = "keep the path's own times (of a CSV, or --period), and only add ramps at both ends"
     add("--keep-times", action="store_true", help=f"{kept}; requires --acceleration")
@@ -96,9 +89,7 @@ def add_options(parser: Parser) -> None:
         help="write time, positions, velocities, and accelerations if timed",
     )
     add("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
-    anyway = (
-        "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
-    )
+    anyway = "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
     add("--allow-violations", action="store_true", help=anyway)
     parser.json()
 
@@ -127,17 +118,10 @@ def run(options: Options) -> int:
     found: rp.BestLeaf | None = None
     if options.best_leaf:
         if not isinstance(strategy, rp.RepeatableInverse):
-            raise InputError(
-                "--best-leaf requires a repeatable controller, such as a saved design"
-            )
+            raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
         say("searching for the best leaf")
         found = rp.best_leaf(
-            strategy,
-            path,
-            q0,
-            region=case.region,
-            desired=case.desired,
-            by=options.best_leaf,
+            strategy, path, q0, region=case.region, desired=case.desired, by=options.best_leaf
         )
         q0 = found.q0
     say("following the path")
@@ -191,9 +175,7 @@ def run(options: Options) -> int:
     later = all(violation.moment > 0 for violation in violated)
     remedy = _remedy(options, best_leaf=searched, smaller=later)
     if (options.csv or options.yaml) and not options.allow_violations:
-        refuse_violations(
-            slowed, f"{remedy}, or write it anyway with --allow-violations"
-        )
+        refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
     written = slowed if rest is None else rest
     contents = dict[str, str | bytes]()
     if options.csv is not None:
@@ -250,21 +232,13 @@ def _check_control(options: Options) -> None:
             "not a saved design"
         )
     for option in ("rate", "profile", "jerk", "tool_speed", "keep_times"):
-        if (
-            getattr(options, option) not in (None, False)
-            and options.acceleration is None
-        ):
+        if getattr(options, option) not in (None, False) and options.acceleration is None:
             name = option.replace("_", "-")
             raise InputError(f"--{name} requires --acceleration")
-    files = [
-        file
-        for file in (options.csv, options.yaml, options.profile)
-        if file is not None
-    ]
+    files = [file for file in (options.csv, options.yaml, options.profile) if file is not None]
     if len(set(files)) < len(files):
         raise InputError(
-            "--csv, --yaml and --profile name the same file",
-            remedy="give each another name",
+            "--csv, --yaml and --profile name the same file", remedy="give each another name"
         )
     if options.profile is not None:
         needed("matplotlib", by="--profile")
@@ -326,9 +300,7 @@ def _made(options: Options, say: Callable[[str], None]) -> _Case:
     return _Case(_plugin(options.strategy, task), problem)
 
 
-def _nearest(
-    options: Options, problem: rp.Problem, say: Callable[[str], None]
-) -> _Case:
+def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) -> _Case:
     """Design the nearest repeatable inverse for the path, and return it as the case to follow.
 
     Its region Ω is a tube around the motion on the path. The default start may be replaced by
@@ -376,15 +348,12 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
     strategy = plugin("strategies", name, known=_OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(
-            f"{name} makes an object without a task or a velocity(q, ẋ)",
-            argument="--strategy",
+            f"{name} makes an object without a task or a velocity(q, ẋ)", argument="--strategy"
         )
     return strategy
 
 
-def _result(
-    motion: rp.Motion, asked: float, q0: Any, notes: list[str]
-) -> dict[str, Any]:
+def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
     """Convert the motion and its figures to plain Python types, for JSON output and for the text.
 
     ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits, and
@@ -413,9 +382,7 @@ def _result(
     }
 
 
-def _lines(
-    result: dict[str, Any], motion: rp.Motion, *, written: bool
-) -> Iterator[str]:
+def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
     """Yield the lines of text that report a motion.
 
     ``result`` is that of :func:`_result`; ``written`` tells that files were written, so that a note

@@ -60,9 +60,7 @@ class Options(argparse.Namespace):
         """
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
-            raise InputError(
-                "--robot requires a saved design", remedy=f"the robot is {name}"
-            )
+            raise InputError("--robot requires a saved design", remedy=f"the robot is {name}")
         if is_saved(name):
             raise InputError(
                 f"this command requires a robot, but {name} is a saved design",
@@ -162,14 +160,11 @@ class Options(argparse.Namespace):
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
                 its = getattr(made_for, option) or "none"
-                raise InputError(
-                    f"{file} has its own {option}, {its}", remedy=f"omit --{option}"
-                )
+                raise InputError(f"{file} has its own {option}, {its}", remedy=f"omit --{option}")
         for joint in self.lock:
             if joint not in made_for.lock:
                 raise InputError(
-                    f"{file} was made with {joint!r} free to move",
-                    remedy=f"omit --lock {joint}",
+                    f"{file} was made with {joint!r} free to move", remedy=f"omit --lock {joint}"
                 )
         if self.robot is None and not made_for.catalogue:
             raise InputError(
@@ -316,9 +311,7 @@ def _named(text: str | None, option: str) -> str | list[float] | None:
     """
     if text is None or text.strip().isidentifier():
         return text and text.strip()
-    return numbers_of(
-        text, option, "is neither numbers, separated by commas, nor a name"
-    )
+    return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")
 
 
 def proved(design: D, say: Callable[[str], None]) -> D:
@@ -367,9 +360,7 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
     return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
 
 
-def with_options(
-    error: rp.SingularRegionError, *, shrink: bool = False
-) -> rp.SingularRegionError:
+def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
     """Rewrite the remedy of an error on a singular Ω in terms of options; return the error.
 
     The library's remedy names arguments, which the user of a command does not see. ``shrink`` tells
@@ -391,9 +382,7 @@ def integer(text: str, least: int = 1) -> int:
     """Parse a whole number from ``least`` up; for argparse, as the type of an option."""
     value = int(text) if re.fullmatch(r"\s*\+?[0-9]{1,15}\s*", text) else least - 1
     if value < least:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a whole number from {least} up"
-        )
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} up")
     return value
 
 

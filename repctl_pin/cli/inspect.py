@@ -23,9 +23,7 @@ def add_options(parser: Parser) -> None:
     """Add the options of ``repctl inspect`` to its parser; :func:`run` reads them."""
     parser.robot()
     parser.add_argument(
-        "--all",
-        action="store_true",
-        help="list every frame that moves, not only the ends of arms",
+        "--all", action="store_true", help="list every frame that moves, not only the ends of arms"
     )
     parser.json()
 
@@ -39,15 +37,11 @@ def run(options: Options) -> int:
 
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames
-    found = _inspection(
-        robot, {frame: redundant_kinds(robot, frame) for frame in frames}
-    )
+    found = _inspection(robot, {frame: redundant_kinds(robot, frame) for frame in frames})
     return report(options, lambda: found, lambda: fitted(_text(found)))
 
 
-def _inspection(
-    robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]
-) -> dict[str, Any]:
+def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dict[str, Any]:
     """Collect the contents of a robot file in plain Python types, for JSON output and for the text.
 
     Parameters
@@ -84,19 +78,12 @@ def _inspection(
         "locked": [
             {
                 "name": name,
-                "why": f"mimics {joints[name].mimic}"
-                if joints[name].mimic
-                else joints[name].kind,
+                "why": f"mimics {joints[name].mimic}" if joints[name].mimic else joints[name].kind,
             }
             for name in robot.locked
         ],
         "driven": [
-            {
-                "name": j.name,
-                "by": j.mimic,
-                "multiplier": j.multiplier,
-                "offset": j.offset,
-            }
+            {"name": j.name, "by": j.mimic, "multiplier": j.multiplier, "offset": j.offset}
             for j in robot.joints.values()
             if j.mimic is not None and j.name not in robot.locked
         ],
@@ -180,9 +167,7 @@ def _frames(found: Mapping[str, Any]) -> list[str]:
         label = f"{name} (default)" if name == found["default_frame"] else name
         place = [f"{round(x, 4) + 0.0:.4f}" for x in frame["position"]]
         rows.append([label, str(len(frame["chain"])), *place])
-    legend = (
-        "x, y, z in m from the base, at the reference pose; choose one with --frame"
-    )
+    legend = "x, y, z in m from the base, at the reference pose; choose one with --frame"
     if found["frames_left_out"]:
         legend += f"; --all lists {found['frames_left_out']} more"
     return [table(["frame", "joints", "x", "y", "z"], rows), legend]

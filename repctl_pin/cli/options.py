@@ -40,9 +40,7 @@ class Parser(argparse.ArgumentParser):
 
         argparse would print the usage, too, of many lines.
         """
-        self.exit(
-            2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n"
-        )
+        self.exit(2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -51,9 +49,7 @@ class Parser(argparse.ArgumentParser):
                 if isinstance(action, argparse._SubParsersAction)
                 else action.dest.replace("_", " ")
             )
-            raise argparse.ArgumentError(
-                None, str(unknown(kind, value, action.choices))
-            )
+            raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
 
     def parse_all(self, arguments: list[str]) -> Options:
         """Parse the arguments of the command line; an unknown one is reported by its subcommand.
@@ -64,9 +60,7 @@ class Parser(argparse.ArgumentParser):
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
         if rest:
-            word = next((w for w in rest if w.startswith("-")), rest[0]).partition("=")[
-                0
-            ]
+            word = next((w for w in rest if w.startswith("-")), rest[0]).partition("=")[0]
             known = list(chosen._option_of().values())
             chosen.error(
                 str(unknown("option", word, known))
@@ -88,9 +82,7 @@ class Parser(argparse.ArgumentParser):
             if option.startswith("--")
         }
         others = {"package_dirs": "package_dir", "kind": "task", "posture": "start"}
-        return {
-            name: names[dest] for name, dest in others.items() if dest in names
-        } | names
+        return {name: names[dest] for name, dest in others.items() if dest in names} | names
 
     def add_argument(self, *names: Any, **how: Any) -> argparse.Action:
         """Add an argument as argparse does, and put an option into its group of the help.
@@ -129,9 +121,7 @@ class Parser(argparse.ArgumentParser):
         A command that also takes a saved design calls :meth:`what` instead.
         """
         self.add_argument(
-            "robot",
-            metavar="ROBOT",
-            help="catalogue name (see `repctl robots`) or path to a URDF",
+            "robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF"
         )
         self.loading()
 
@@ -148,9 +138,7 @@ class Parser(argparse.ArgumentParser):
         """
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
-            "--robot",
-            metavar="ROBOT",
-            help="the robot of a design that is not in the catalogue",
+            "--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue"
         )
         self.loading()
 
@@ -183,20 +171,11 @@ class Parser(argparse.ArgumentParser):
         """Add the options of the task and the start: --frame, --task and --start."""
         kinds = f"{KINDS} (default: the first that leaves redundancy)"
         add = self.add_argument
-        add(
-            "--frame",
-            help="link to move, or several: a,b (default: arm's end)",
-        )
+        add("--frame", help="link to move, or several: a,b (default: arm's end)")
         add("--task", metavar="KIND", help=kinds)
-        add(
-            "--start",
-            metavar="Q",
-            help="joint positions q1,q2,…, rad or m",
-        )
+        add("--start", metavar="Q", help="joint positions q1,q2,…, rad or m")
 
-    def path(
-        self, lead: str = "", default: str = " (default: a circle that fits)"
-    ) -> None:
+    def path(self, lead: str = "", default: str = " (default: a circle that fits)") -> None:
         """Add --path and --plane; ``lead`` and ``default`` are texts around the help of --path.
 
         They tell what this command does with a path, and without one.
@@ -205,11 +184,7 @@ class Parser(argparse.ArgumentParser):
         where = "below" if self.prog == "repctl study" else "`repctl study --help`"
         shapes = f"closed path, see {where}"
         add("--path", metavar="PATH", help=lead + shapes + default)
-        add(
-            "--plane",
-            metavar="PLANE",
-            help="xy, yz or xz (default: the first that fits)",
-        )
+        add("--plane", metavar="PLANE", help="xy, yz or xz (default: the first that fits)")
 
     def limits(self) -> None:
         """Add the options of a motion's limits: --acceleration, --jerk and --tool-speed."""
@@ -221,11 +196,7 @@ class Parser(argparse.ArgumentParser):
             help=f"go from rest to rest within these limits: {accelerations}",
         )
         jerks = "rad/s³ (m/s³), one number, one per joint, or panda, fr3"
-        add(
-            "--jerk",
-            metavar="J",
-            help=f"limit jerk too, in {jerks}; requires --acceleration",
-        )
+        add("--jerk", metavar="J", help=f"limit jerk too, in {jerks}; requires --acceleration")
         speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
 

@@ -52,9 +52,7 @@ def run(options: Options) -> int:
     )
 
     def text() -> str:
-        return fitted(
-            f"{table(header, [_cells(row) for row in rows], left=2)}\n{legend}"
-        )
+        return fitted(f"{table(header, [_cells(row) for row in rows], left=2)}\n{legend}")
 
     return report(options, lambda: rows, text)
 

@@ -43,18 +43,8 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.path()
     add = parser.add_argument
-    add(
-        "--cycles",
-        type=integer,
-        default=CYCLES,
-        help="number of cycles (default %(default)s)",
-    )
-    add(
-        "--steps",
-        type=integer,
-        default=STEPS,
-        help="RK4 steps per cycle (default %(default)s)",
-    )
+    add("--cycles", type=integer, default=CYCLES, help="number of cycles (default %(default)s)")
+    add("--steps", type=integer, default=STEPS, help="RK4 steps per cycle (default %(default)s)")
     period = f"time of a cycle, s (default: the path's, else ≥ {PERIOD:g})"
     add("--period", type=positive, help=period)
     region = "half-width of Ω, rad (default: a tube around the cycle)"
@@ -66,11 +56,7 @@ def add_options(parser: Parser) -> None:
     add("--best-leaf", choices=["speed"], help=best)
     add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
-    add(
-        "--report",
-        action="store_true",
-        help="also write report.html, with all results",
-    )
+    add("--report", action="store_true", help="also write report.html, with all results")
     full = "print all strategies, quantities and settings"
     add("--full", action="store_true", help=full)
     parser.json("the table", quiet=True)
@@ -110,9 +96,7 @@ def run(options: Options) -> int:
     say("drawing the figures and the animation")
     with written_together(folder) as staged:
         control = rp.save(result.design, staged / "control.json")
-        run = run_name(
-            result, json.loads(control.read_text(encoding="utf-8"))["checksum"]
-        )
+        run = run_name(result, json.loads(control.read_text(encoding="utf-8"))["checksum"])
         files = [*write_study(result, staged, run=run), control]
         if options.report:
             from ..design.design_map import report_maps
@@ -120,36 +104,23 @@ def run(options: Options) -> int:
             say("evaluating the maps of the report")
             maps = report_maps(result.design)
             say("writing the report")
-            files.append(
-                _report(result, maps, files[0], staged / "report.html", options, run)
-            )
+            files.append(_report(result, maps, files[0], staged / "report.html", options, run))
         elif (folder / "report.html").exists():
-            note = (
-                "report.html is from an earlier study; use --report to write a new one"
-            )
+            note = "report.html is from an earlier study; use --report to write a new one"
             result = replace(result, notes=(note, *result.notes))
     files = [folder / file.name for file in files]
 
     def text() -> str | list[Span]:
         return (
-            f"{study_table(result)}\n"
-            if options.full
-            else study_answer(result, page_lines(files))
+            f"{study_table(result)}\n" if options.full else study_answer(result, page_lines(files))
         )
 
-    listed = (
-        files if options.full or options.json else []
-    )  # the answer names them itself
+    listed = files if options.full or options.json else []  # the answer names them itself
     return report(options, lambda: result.as_dict() | {"run": run}, text, listed)
 
 
 def _report(
-    result: rp.Study,
-    maps: ReportMaps,
-    animation: Path,
-    file: Path,
-    options: Options,
-    run: str,
+    result: rp.Study, maps: ReportMaps, animation: Path, file: Path, options: Options, run: str
 ) -> Path:
     """Write ``report.html``, with the value of every option; return its file.
 

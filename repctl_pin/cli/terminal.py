@@ -88,11 +88,7 @@ def report(
     """
     clear_line()
     if options.json:
-        found = (
-            result()
-            if files is None
-            else result() | {"files": [str(file) for file in files]}
-        )
+        found = result() if files is None else result() | {"files": [str(file) for file in files]}
         print(_as_json(found, indent=2))
     elif not options.quiet:
         wrote = [printable(f"wrote {file}") for file in files or ()]
@@ -118,9 +114,7 @@ def _as_json(value: Any, indent: int | None = None) -> str:
     Non-ASCII letters stay readable; ``indent`` is that of ``json.dumps``.
     """
     text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
-    return "".join(
-        c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text
-    )
+    return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
 
 
 def _plain(value: Any) -> Any:
@@ -143,14 +137,10 @@ def until_stopped() -> Iterator[threading.Event]:
     """
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]
-    if (
-        hasattr(signal, "SIGHUP")
-        and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
-    ):  # ignored under nohup
+    # ignored under nohup
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
-    before = {
-        number: signal.signal(number, lambda *_: stop.set()) for number in numbers
-    }
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
     try:
         yield stop
     finally:

@@ -100,18 +100,14 @@ class Local:
 
         Batches that are not stored (``stream``) are built again, one after the other.
         """
-        return over(
-            self._build() if self._kept is None else self._kept, function, arguments
-        )
+        return over(self._build() if self._kept is None else self._kept, function, arguments)
 
     def close(self) -> None:
         """Free the memory of the batches."""
         self._kept = []
 
     def _build(self) -> Iterator[Batch]:
-        for i, batch in enumerate(
-            self._builder.batches(self._Q, self._weights, self._batch), 1
-        ):
+        for i, batch in enumerate(self._builder.batches(self._Q, self._weights, self._batch), 1):
             yield batch
             self._tick(min(1.0, i * self._batch / len(self._Q)))
 
@@ -137,11 +133,7 @@ class BarrierCost:
     """
 
     def __init__(
-        self,
-        batches: Batches,
-        builder: Builder,
-        weight: float,
-        guards: Sequence[Array] = (),
+        self, batches: Batches, builder: Builder, weight: float, guards: Sequence[Array] = ()
     ) -> None:
         self.batches = batches
         self._builder = builder
@@ -279,9 +271,7 @@ class _InExecutor:
     built again by any free worker. Only the computing time depends on the distribution.
     """
 
-    def __init__(
-        self, pieces: list[_Piece], executor: Executor, stream: bool, tick: Tick
-    ) -> None:
+    def __init__(self, pieces: list[_Piece], executor: Executor, stream: bool, tick: Tick) -> None:
         self._pieces = pieces
         self._executor = executor
         self._stream = stream
@@ -330,9 +320,7 @@ class _InExecutor:
 # ---- what runs on a worker ----
 
 
-def _evaluate_piece(
-    run: str, number: int, piece: _Piece, stream: bool, work: _Work
-) -> _Answer:
+def _evaluate_piece(run: str, number: int, piece: _Piece, stream: bool, work: _Work) -> _Answer:
     """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set.
 
     It runs in a worker. ``run`` identifies the fit: batches of an earlier fit are freed. ``number``

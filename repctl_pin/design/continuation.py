@@ -30,13 +30,7 @@ from .batches import BarrierCost
 from .criterion import named
 from .descend import Descent, Start, descend, start
 from .independence import Independent
-from .singularity_search import (
-    LeafMargin,
-    Lowest,
-    SingularRegionError,
-    refuse_singular,
-    search,
-)
+from .singularity_search import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
 
 _PENALTY, _MOST_PENALTY = 1e-2, 1e-1
 _ROUNDS = 6
@@ -88,9 +82,7 @@ class Continuation:
         A small set of nodes, with its barrier points.
     """
 
-    def __init__(
-        self, problem: FitProblem, chosen: Independent, coarse: BarrierCost
-    ) -> None:
+    def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
         self.problem = problem
         self.chosen = chosen
         self.coarse = coarse
@@ -106,9 +98,7 @@ class Continuation:
         Ω. So a search for its minimum finds singularities. D are the gradients of the basis.
         """
         potentials = self.problem.potentials.weighted(self.chosen.spread(A))
-        return LeafMargin(
-            self.problem.desired.task, potentials, self.problem.region.center
-        )
+        return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
 
     def regular(self) -> Iterator[Descent]:
         """Yield optima on the coarse nodes for which a search finds no singularity, the best first.
@@ -155,9 +145,7 @@ class Continuation:
             if costs[i][1].uniform:
                 found = self.descend(self.coarse, starts[i], _PENALTY, self.tolerance)
                 if found is not None:
-                    return min(
-                        [found, *self._again(starts[i])], key=lambda one: one.cost
-                    )
+                    return min([found, *self._again(starts[i])], key=lambda one: one.cost)
         return None
 
     def descend(
@@ -173,13 +161,7 @@ class Continuation:
         begin = self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(
-                batches,
-                basis,
-                begin,
-                A,
-                penalty=penalty,
-                tolerance=tolerance,
-                report=self.reported,
+                batches, basis, begin, A, penalty=penalty, tolerance=tolerance, report=self.reported
             )
             penalty = min(10 * penalty, _MOST_PENALTY)
             lowest = self._lowest(found.A)
@@ -191,9 +173,7 @@ class Continuation:
             batches.guard(bad)
         return None
 
-    def refusal(
-        self, Q: Array, error: SingularRegionError | None
-    ) -> SingularRegionError:
+    def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
         """Make the error that no V without an algorithmic singularity in Ω was found.
 
         V = D A are the gradients of the potentials, and Ω is the region of the design. The message
@@ -228,11 +208,7 @@ class Continuation:
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
-        at = (
-            self.coarse.guards[-1][0]
-            if self.coarse.guards
-            else self.problem.region.center
-        )
+        at = self.coarse.guards[-1][0] if self.coarse.guards else self.problem.region.center
         return SingularRegionError(
             f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an "
             f"algorithmic singularity between the nodes, such as near {named(task, at)}",
@@ -254,9 +230,7 @@ class Continuation:
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         for attempt in range(self.problem.options.restarts):
-            noise = np.random.default_rng([self.problem.options.seed, attempt]).normal(
-                size=A.shape
-            )
+            noise = np.random.default_rng([self.problem.options.seed, attempt]).normal(size=A.shape)
             away = A + _RESTART * basis @ noise / np.sqrt(len(noise))
             found = None
             _, sides = self.coarse.total(criterion.cost, away)
@@ -278,11 +252,7 @@ class Continuation:
 
     def _lowest(self, A: Array) -> Lowest:
         region = self.problem.region
-        return search(
-            self.margin(A),
-            region,
-            region.random(1024, self.problem.options.seed + 7919),
-        )
+        return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
         """Return the numbers of independent potentials of degree at most 1, 2, …, if at least r.

@@ -77,9 +77,7 @@ class Batch:
 
     def first(self, size: int) -> Batch:
         """Return the batch restricted to the first ``size`` potentials, for a lower degree."""
-        return (
-            self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
-        )
+        return self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +122,7 @@ class Builder:
             yield self(Q[i : i + size], weights[i : i + size])
 
 
-def evaluate(
-    desired: Inverse, potentials: PotentialBasis, Q: Array
-) -> tuple[Array, Array, Array]:
+def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at the nodes Q (K, n).
 
     N are oriented null-space bases of J, G_d the desired inverse, and D the gradients of the basis
@@ -195,9 +191,7 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
         basis, R = row_factor(J, mode="complete")
     except SingularityError:
         k = int(np.argmin(inverse_condition_number(J)))
-        raise SingularityError(
-            f"the Jacobian loses rank near {named(task, Q[k])}"
-        ) from None
+        raise SingularityError(f"the Jacobian loses rank near {named(task, Q[k])}") from None
     side = np.prod(np.sign(np.diagonal(R, axis1=-2, axis2=-1)), axis=-1) * np.sign(
         np.linalg.det(basis)
     )
@@ -308,8 +302,6 @@ def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
     else:
         det = np.linalg.det(P)
         flat = (det == 0)[:, None, None]
-        P_inv = np.linalg.inv(
-            np.where(flat, np.finfo(float).tiny ** (1 / b.r) * np.eye(b.r), P)
-        )
+        P_inv = np.linalg.inv(np.where(flat, np.finfo(float).tiny ** (1 / b.r) * np.eye(b.r), P))
     positive = int(np.count_nonzero(det > 0))
     return EFA[:, b.r :] @ P_inv, P_inv, SignCount(positive, K - positive)

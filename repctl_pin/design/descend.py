@@ -115,9 +115,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     null_alignment = moments[2][:size]
     found = None
     for emphasis in _EMPHASIS:
-        A = basis @ _solve(
-            basis.T @ (EE + emphasis * FF) @ basis, basis.T @ null_alignment
-        )
+        A = basis @ _solve(basis.T @ (EE + emphasis * FF) @ basis, basis.T @ null_alignment)
         cost, sides = batches.total(criterion.cost, A)
         tried = Start(A, cost, EE, null_alignment)
         if sides.uniform:
@@ -196,9 +194,7 @@ class _PenalisedCost:
     determine the smallest useful μ.
     """
 
-    def __init__(
-        self, batches: BarrierCost, basis: Array, begin: Start, penalty: float
-    ) -> None:
+    def __init__(self, batches: BarrierCost, basis: Array, begin: Start, penalty: float) -> None:
         self.batches, self.basis = batches, basis
         self.r = begin.A.shape[1]
         self.tau = penalty * begin.cost / self.r
@@ -236,9 +232,7 @@ class _PenalisedCost:
         gradient = basis.T @ half_gradient + pull
 
         def block(i: int, j: int) -> Array:
-            return basis.T @ blocks[i, :, j, :] @ basis + (
-                self.tau * self.EE if i == j else 0.0
-            )
+            return basis.T @ blocks[i, :, j, :] @ basis + (self.tau * self.EE if i == j else 0.0)
 
         H = np.block([[block(i, j) for j in r] for i in r])
         return gradient.T.ravel(), H

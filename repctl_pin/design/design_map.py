@@ -77,9 +77,7 @@ def design_map(
     n = design.task.n
     first, second = _liveliest(design) if joints is None else joints
     if not (0 <= first < n and 0 <= second < n and first != second):
-        raise InputError(
-            f"a map needs two different joints from 0 to {n - 1}, not {joints}"
-        )
+        raise InputError(f"a map needs two different joints from 0 to {n - 1}, not {joints}")
     x, y = (np.linspace(box.lower[j], box.upper[j], points) for j in (first, second))
     Q = _grid(center, (first, second), x, y)
     distance, reference = _distance(design, Q).T
@@ -105,9 +103,7 @@ def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
     return Q
 
 
-def degree_curve(
-    design: Design, report: Report = silent
-) -> tuple[tuple[int, float, float], ...]:
+def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
     """Return the cost for each degree of the polynomials, up to the degree of the design.
 
     If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
@@ -199,13 +195,9 @@ def _liveliest(design: Design) -> tuple[int, int]:
     center = design.region.center
     n = design.task.n
     steps = np.linspace(-1, 1, 17)
-    Q = (
-        center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width
-    )  # (n, 17, n)
+    Q = center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width  # (n, 17, n)
     distance = _distance(design, Q.reshape(-1, n))[:, 0].reshape(n, -1)
-    change = np.nan_to_num(
-        np.nanmax(distance, axis=1) - np.nanmin(distance, axis=1), nan=np.inf
-    )
+    change = np.nan_to_num(np.nanmax(distance, axis=1) - np.nanmin(distance, axis=1), nan=np.inf)
     first, second = sorted(np.argsort(change)[-2:])
     return int(first), int(second)
 

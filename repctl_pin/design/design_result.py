@@ -188,16 +188,10 @@ class Design:
         up all singular values.
         """
         return spectral_cost(
-            self.inverse,
-            self.desired,
-            self.region,
-            samples=self.held_out,
-            seed=self.seed + 1,
+            self.inverse, self.desired, self.region, samples=self.held_out, seed=self.seed + 1
         )
 
-    def evaluate_baselines(
-        self, *, progress: bool | Report = False
-    ) -> tuple[Baseline, ...]:
+    def evaluate_baselines(self, *, progress: bool | Report = False) -> tuple[Baseline, ...]:
         """Evaluate two simpler repeatable inverses for comparison, on the design's held-out nodes.
 
         They are the augmented Jacobian with constant rows, and the extended Jacobian.
@@ -214,11 +208,7 @@ class Design:
         """
         with reporter(progress) as report:
             return baselines(
-                self.desired,
-                self.region,
-                samples=self.held_out,
-                seed=self.seed + 1,
-                report=report,
+                self.desired, self.region, samples=self.held_out, seed=self.seed + 1, report=report
             )
 
     def summary(self, baselines: Sequence[Baseline] = ()) -> str:
@@ -240,16 +230,11 @@ class Design:
             f"  region Ω           {self.region}",
             f"  potentials         {self.potentials}{unused}",
             f"  mean ‖G_r − G_d‖²  {cost} (on {self.held_out} held-out nodes)",
-            *(
-                f"    {baseline.name.ljust(width)}  {baseline.text}"
-                for baseline in baselines
-            ),
+            *(f"    {baseline.name.ljust(width)}  {baseline.text}" for baseline in baselines),
             f"  relative distance  {percentage(self.relative_distance)}",
             f"  leaf margin        {self.leaf_margin:.3f} at worst, {proved_words(self.proof)}",
             f"  inside the limits  {percentage(self.inside_limits)} of Ω",
             f"  optimiser          {state} in {self.steps} steps, "
             f"gradient {self.gradient_norm:.1g}",
         ]
-        return "\n".join(
-            lines + [f"  dropped            {text}" for text in self.dropped]
-        )
+        return "\n".join(lines + [f"  dropped            {text}" for text in self.dropped])

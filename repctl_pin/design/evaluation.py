@@ -59,12 +59,7 @@ class Evaluation:
 
 
 def evaluate_design(
-    inverse: RepeatableInverse,
-    desired: Inverse,
-    region: Region,
-    *,
-    samples: int,
-    seed: int,
+    inverse: RepeatableInverse, desired: Inverse, region: Region, *, samples: int, seed: int
 ) -> Evaluation:
     """Evaluate a repeatable inverse against a desired one, on held-out nodes of a region.
 
@@ -107,16 +102,12 @@ def evaluate_design(
         N, J_plus = null_space_and_inverse(J, task, Q)
         V = inverse.potentials.gradients(Q)
         sigma = (
-            leaf_margin(N, V)
-            * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V))
-            * measure.side
+            leaf_margin(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
         )
         if not (sigma > 0).all():
             raise singular(Q[int(np.argmin(sigma))])
         G_d = J_plus if type(desired) is Pseudoinverse else desired.batch(Q, J)
-        costs.append(
-            float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2)))
-        )
+        costs.append(float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))))
         norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
         inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))
         lowest = np.argsort(sigma)[:_CANDIDATES]
@@ -141,12 +132,7 @@ def evaluate_design(
 
 
 def spectral_cost(
-    inverse: RepeatableInverse,
-    desired: Inverse,
-    region: Region,
-    *,
-    samples: int,
-    seed: int,
+    inverse: RepeatableInverse, desired: Inverse, region: Region, *, samples: int, seed: int
 ) -> float:
     """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes, in the spectral norm.
 
@@ -220,9 +206,7 @@ def baselines(
     for name, inverse in inverses.items():
         report(f"evaluating {name} for comparison", len(found) / len(inverses))
         try:
-            evaluation = evaluate_design(
-                inverse, desired, region, samples=samples, seed=seed
-            )
+            evaluation = evaluate_design(inverse, desired, region, samples=samples, seed=seed)
         except RepctlError as error:
             found.append(Baseline(name, None, str(error)))
         else:

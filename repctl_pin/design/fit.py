@@ -75,31 +75,19 @@ def fit(problem: FitProblem) -> Design:
         )
     Q, weights = region.nodes(count, seed)
     Q_few, w_few = region.nodes(few, seed) if len(Q) >= 2 * few else (Q, weights)
-    chosen = independent(
-        desired, potentials, *region.nodes(max(512, 2 * potentials.size), seed)
-    )
-    N_center = oriented_nullspace(
-        task.jacobian(region.center)[None], task, region.center[None]
-    )[0]
+    chosen = independent(desired, potentials, *region.nodes(max(512, 2 * potentials.size), seed))
+    N_center = oriented_nullspace(task.jacobian(region.center)[None], task, region.center[None])[0]
     builder = Builder(desired, potentials, chosen.kept, N_center)
 
-    def batches_of(
-        Q: Array, weights: Array, where: Executor | Client | None
-    ) -> Batches:
+    def batches_of(Q: Array, weights: Array, where: Executor | Client | None) -> Batches:
         def tick(share: float) -> None:
             report(f"{len(Q)} nodes", share)
 
         if where is None:
-            return Local(
-                builder, Q, weights, options.batch, stream=options.stream, tick=tick
-            )
-        return hand_out(
-            builder, Q, weights, options.batch, where, stream=options.stream, tick=tick
-        )
+            return Local(builder, Q, weights, options.batch, stream=options.stream, tick=tick)
+        return hand_out(builder, Q, weights, options.batch, where, stream=options.stream, tick=tick)
 
-    few_nodes = batches_of(
-        Q_few, w_few, options.executor if len(Q_few) == len(Q) else None
-    )
+    few_nodes = batches_of(Q_few, w_few, options.executor if len(Q_few) == len(Q) else None)
     all_nodes = few_nodes
     try:
         coarse = BarrierCost(few_nodes, builder, 1 / len(Q_few))
@@ -136,9 +124,7 @@ def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
     return nodes * task.m < potentials.size
 
 
-def _judged(
-    problem: FitProblem, chosen: Independent, result: Descent, samples: int
-) -> Design:
+def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: int) -> Design:
     """Make the design from the result of a descent, and evaluate it on held-out nodes.
 
     ``chosen`` are the independent potentials whose coefficients the descent found, and ``samples``
@@ -155,9 +141,7 @@ def _judged(
     A = A @ np.linalg.inv(N[0].T @ D[0] @ A)
     inverse = RepeatableInverse(desired.task, potentials.weighted(A), region=region)
     held_out = NODES if options.held_out is None else options.held_out
-    evaluation = evaluate_design(
-        inverse, desired, region, samples=held_out, seed=options.seed + 1
-    )
+    evaluation = evaluate_design(inverse, desired, region, samples=held_out, seed=options.seed + 1)
     return Design(
         inverse,
         desired,

@@ -98,9 +98,7 @@ def independent(
         square = square + np.sum(D**2, axis=(0, 1))
         in_null = in_null + np.sum((np.swapaxes(N, -1, -2) @ D) ** 2, axis=(0, 1))
         triangle = np.asarray(
-            np.linalg.qr(
-                np.concatenate([triangle, D.reshape(-1, potentials.size)]), mode="r"
-            )
+            np.linalg.qr(np.concatenate([triangle, D.reshape(-1, potentials.size)]), mode="r")
         )
     size, part = np.sqrt(square), np.sqrt(in_null)
     constant = size <= _CONSTANT * np.max(size)
@@ -113,16 +111,10 @@ def independent(
         "depends linearly on the potentials before it": np.setdiff1d(left, left[kept]),
     }
     dropped = [
-        f"{potentials.names[int(j)]}: {why}"
-        for why, numbers in reasons.items()
-        for j in numbers
+        f"{potentials.names[int(j)]}: {why}" for why, numbers in reasons.items() for j in numbers
     ]
     if len(kept) < r:
-        why = (
-            f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})"
-            if dropped
-            else ""
-        )
+        why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
             f"{len(kept)} independent potentials cannot give r = {r} of them{why}; "
             "raise the degree or add others"
@@ -144,9 +136,7 @@ def _sequential(triangle: Array) -> tuple[Array, list[int]]:
     """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))
-    while (
-        True
-    ):  # a small diagonal entry of R shows the first dependent column; again without it
+    while True:  # a small diagonal entry of R shows the first dependent column; again without it
         R = np.linalg.qr(triangle[:, kept] / size[kept], mode="r")
         small = np.abs(np.diagonal(R)) <= _DEPENDENT
         if not small.any():

@@ -22,12 +22,7 @@ from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES
 from .fit import fit, undetermined
-from .singularity_search import (
-    SHRUNK_MARGIN,
-    LeafMargin,
-    SingularRegionError,
-    refuse_singular,
-)
+from .singularity_search import SHRUNK_MARGIN, LeafMargin, SingularRegionError, refuse_singular
 
 _SHRINKINGS = 12
 _MOST_DEGREE = 6
@@ -109,10 +104,7 @@ def nearest_repeatable(
         as_int(options.held_out, "held_out", 2 * REPLICATES, MOST_NODES)
     shrink = flag(shrink, "shrink")
     progress = flag_or_function(
-        progress,
-        "progress",
-        "a function of what is being done and the share that is done",
-        2,
+        progress, "progress", "a function of what is being done and the share that is done", 2
     )
     _check(desired, potentials, region, degree)
     if potentials is None:
@@ -120,9 +112,7 @@ def nearest_repeatable(
     problem = FitProblem(desired, potentials, region, options)
     with reporting.reporter(progress) as report:
         problem = replace(problem, report=report)
-        return (
-            _auto(problem, shrink) if degree == "auto" else _shrinking(problem, shrink)
-        )
+        return _auto(problem, shrink) if degree == "auto" else _shrinking(problem, shrink)
 
 
 def _auto(problem: FitProblem, shrink: bool) -> Design:
@@ -151,17 +141,13 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
             if best is None:
                 raise
             break
-        if (
-            shrink and design.leaf_margin < SHRUNK_MARGIN
-        ):  # of a higher degree: one region for all
+        if shrink and design.leaf_margin < SHRUNK_MARGIN:  # of a higher degree: one region for all
             break
         problem = replace(problem, region=design.region)
         tried.append((degree, design.cost, design.cost_error))
         worthwhile = best is None or design.cost < (1 - _WORTHWHILE) * best.cost
         if best is None or design.cost < best.cost:
-            best = replace(
-                design, shrunk=design.shrunk if best is None else best.shrunk
-            )
+            best = replace(design, shrunk=design.shrunk if best is None else best.shrunk)
         if not worthwhile or best.cost < 1e-20:
             break
     assert best is not None, "degree 1 has n ≥ r potentials"
@@ -182,9 +168,7 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
             design = fit(problem)
             if shrink:
                 _check_margin(design)
-            return replace(
-                design, shrunk=float(np.max(design.region.bounds.half_width / asked))
-            )
+            return replace(design, shrunk=float(np.max(design.region.bounds.half_width / asked)))
         except SingularRegionError as error:
             if error.free is None or attempt == (_SHRINKINGS if shrink else 0):
                 raise
@@ -223,10 +207,7 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
 
 
 def _check(
-    desired: Inverse,
-    potentials: PotentialBasis | None,
-    region: Region,
-    degree: int | str | None,
+    desired: Inverse, potentials: PotentialBasis | None, region: Region, degree: int | str | None
 ) -> None:
     """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not.
 
@@ -240,13 +221,9 @@ def _check(
             f"no redundancy (r = {task.r})"
         )
     if (potentials is None) == (degree is None):
-        raise InputError(
-            "potentials and degree= are mutually exclusive; give one of them"
-        )
+        raise InputError("potentials and degree= are mutually exclusive; give one of them")
     if isinstance(degree, str) and degree != "auto":
-        raise InputError(
-            f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}"
-        )
+        raise InputError(f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:
         raise InputError(
             f"the region has {len(region.center)} joints, but the task has {task.n}",
@@ -255,9 +232,7 @@ def _check(
     box, (lower, upper, _) = region.bounds, task.joint_limits
     middle = task.joints(box.center)
     reach = np.abs(task.coordinate_matrix) @ box.half_width  # of q = T ψ
-    rows = zip(
-        task.robot_joints, middle - reach, middle + reach, lower, upper, strict=True
-    )
+    rows = zip(task.robot_joints, middle - reach, middle + reach, lower, upper, strict=True)
     for name, low, high, least, most in rows:
         if high < least or low > most:
             raise InputError(

@@ -30,9 +30,7 @@ _CORNERS = 256
 _ALL = 7
 """Number of joints of which all combinations of ends are corners: 2⁷ is half of 256."""
 
-_LENGTHS = StepLengths(
-    first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60
-)
+_LENGTHS = StepLengths(first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60)
 _DIFFERENCE = 1e-6
 _FEELER = 1e-4
 """Length of a trial step down the slope, relative to the half-widths of Ω, that shows which
@@ -75,9 +73,7 @@ class SingularRegionError(SingularityError):
     SingularRegionError
     """
 
-    def __init__(
-        self, finding: str, at: Array, free: Region | None, remedy: str = ""
-    ) -> None:
+    def __init__(self, finding: str, at: Array, free: Region | None, remedy: str = "") -> None:
         super().__init__(finding, remedy=remedy, at=at)
         self.free = free
 
@@ -117,9 +113,7 @@ class Dexterity:
     def __call__(self, Q: Array) -> Array:
         """Evaluate σ_min / σ_max of J (K,) at every row of Q (K, n); 0 at a singularity."""
         values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
-        return np.where(
-            values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0
-        )
+        return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
 
     def newton(self, Q: Array, scale: Array) -> Array:
         """Compute the Newton steps (K, n) to the nearest configurations at which J loses rank.
@@ -133,9 +127,7 @@ class Dexterity:
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
         turned = np.einsum("Kaik,Ka->Kik", self.task.hessians(Q), U[:, :, -1])
         slope = Vt[:, m - 1 :] @ turned
-        step: Array = (
-            -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
-        )
+        step: Array = -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
         return step
 
 
@@ -177,9 +169,7 @@ class LeafMargin:
         n, m = self.task.n, self.task.m
         X = np.linalg.solve(J_V, np.eye(n)[:, m:])
         if n - m == 1:
-            return np.asarray(
-                1 / (np.linalg.norm(X, axis=(1, 2)) * np.linalg.norm(V, axis=(1, 2)))
-            )
+            return np.asarray(1 / (np.linalg.norm(X, axis=(1, 2)) * np.linalg.norm(V, axis=(1, 2))))
         R = np.linalg.qr(V, mode="r")
         sigma = np.linalg.svd(X @ np.swapaxes(R, -1, -2), compute_uv=False)
         return np.asarray(1 / sigma[:, 0])
@@ -213,16 +203,12 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
         beside = measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n)
         slope = (beside - at[:, None]) / _DIFFERENCE  # (S, n)
         ahead = region.clip(here - _FEELER * slope * scale / _length(slope)[:, None])
-        down = (ahead - here) / (
-            _FEELER * scale
-        )  # the part of the way down that stays in Ω
+        down = (ahead - here) / (_FEELER * scale)  # the part of the way down that stays in Ω
         steepness = np.maximum(-np.sum(down * slope, axis=1) / _length(down), 1e-12)
         length = np.minimum(bound, 1.01 * at / steepness)
         return region.clip(here + (length / _length(down))[:, None] * down * scale)
 
-    def evaluate(
-        rows: NDArray[np.intp], points: Array
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def evaluate(rows: NDArray[np.intp], points: Array) -> tuple[Array, NDArray[np.bool_]]:
         return measure(points), region.ratio(points) <= 1 + _EDGE
 
     descend_in_box(Q, value, trial, evaluate, _LENGTHS, enough=0.0)
@@ -232,9 +218,7 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
             if value.min() <= 0:
                 break
             step = measure.newton(ends, scale)
-            ends = region.clip(
-                ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None]
-            )
+            ends = region.clip(ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None])
             found = measure(ends)
             better = (found < value) & (region.ratio(ends) <= 1 + _EDGE)
             Q[better], value[better] = ends[better], found[better]
@@ -242,9 +226,7 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     return Lowest(float(value[worst]), Q[worst], Q, value)
 
 
-def search(
-    measure: _Measure, region: Region, Q: Array, values: Array | None = None
-) -> Lowest:
+def search(measure: _Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
     A measure is a function of q that is 0 at a singularity; one at or below 0 makes a design
@@ -308,9 +290,7 @@ def largest_free(measure: _Measure, region: Region, bad: Array) -> Region | None
             return margin(Q) - SHRUNK_MARGIN
 
     share = np.linspace(0, 1, 65)[1:, None, None]
-    ray = (region.center + share * (bad[:256] - region.center)).reshape(
-        -1, bad.shape[1]
-    )
+    ray = (region.center + share * (bad[:256] - region.center)).reshape(-1, bad.shape[1])
     high = float(region.ratio(ray)[measure(ray) <= 0].min(initial=1.0))
     low: float = 0.0
     best: Region | None = None

@@ -76,9 +76,7 @@ def rounded(values: ArrayLike) -> Array:
     return np.round(np.asarray(values, float), _DIGITS)
 
 
-def subject_of(
-    task: Task, potentials: PotentialBasis, coefficients: Array, region: Region
-) -> str:
+def subject_of(task: Task, potentials: PotentialBasis, coefficients: Array, region: Region) -> str:
     """Compute the fingerprint of a repeatable inverse over a region.
 
     It covers the joint chain with its limits, the potentials, their coefficients and the region.
@@ -136,10 +134,7 @@ def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
 
 
 def belong_together(
-    inverse: RepeatableInverse,
-    potentials: PotentialBasis,
-    coefficients: Array,
-    region: Region,
+    inverse: RepeatableInverse, potentials: PotentialBasis, coefficients: Array, region: Region
 ) -> bool:
     """Test whether an inverse is that of the potentials and coefficients, over the region.
 
@@ -155,13 +150,9 @@ def belong_together(
     if A.shape != (potentials.size, inverse.task.r):
         return False
     half = region.bounds.half_width
-    q = region.clip(
-        (region.center + 0.3 * half * np.sin(1 + np.arange(len(half))))[None]
-    )
+    q = region.clip((region.center + 0.3 * half * np.sin(1 + np.arange(len(half))))[None])
     try:
         V = inverse.potentials.gradients(q)
     except SingularityError:
         return True
-    return np.allclose(
-        V, potentials.gradients(q) @ A, rtol=0, atol=1e-6 * np.abs(V).max()
-    )
+    return np.allclose(V, potentials.gradients(q) @ A, rtol=0, atol=1e-6 * np.abs(V).max())

@@ -111,9 +111,7 @@ def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
     """
     length = float(np.linalg.norm(tool.translation))
     angle = (closes.radians or 0.0) + _SAME_ANGLE
-    factor = (
-        closes.metres / (closes.metres + angle * length) * _BELOW if closes else 1.0
-    )
+    factor = closes.metres / (closes.metres + angle * length) * _BELOW if closes else 1.0
     poses = zip(closes.positions, closes.rotations, strict=True)
     tools = [pin.SE3(R, p) * tool for p, R in poses]
     return replace(

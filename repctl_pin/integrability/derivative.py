@@ -71,9 +71,7 @@ def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     require_inverse(strategy)
     J = strategy.task.jacobians(Q)
     L = joint_scale(strategy.task, Q[0])[:, None]
-    dG, error = differentiate(
-        lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q)
-    )
+    dG, error = differentiate(lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q))
     dG *= L[..., None]
     return _Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
 
@@ -83,9 +81,7 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
     J = strategy.task.jacobians(Q)
     dG = pseudoinverse_derivative(J, strategy.task.hessians(Q))
     G = strategy.batch(Q, J)
-    return _Derivative(
-        J, G, dG, _rounding(J, dG, joint_scale(strategy.task, Q[0])), exact=True
-    )
+    return _Derivative(J, G, dG, _rounding(J, dG, joint_scale(strategy.task, Q[0])), exact=True)
 
 
 @derivative.register
@@ -103,14 +99,11 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
     inverse = augmented_inverse(J, potentials.gradients(Q))  # (K, n, n)
     G = inverse[:, :, :m]
     dV = np.array([potentials.hessian(q) for q in Q])  # (K, n, n, r)
-    dJ_V = np.concatenate(
-        [strategy.task.hessians(Q), np.moveaxis(dV, -1, 1)], axis=1
-    )  # (K, n, n, n)
+    # (K, n, n, n)
+    dJ_V = np.concatenate([strategy.task.hessians(Q), np.moveaxis(dV, -1, 1)], axis=1)
     dG = -np.einsum("Kis,Kspk,Kpa->Kiak", inverse, dJ_V, G, optimize=True)
     J_V = np.concatenate([J, np.swapaxes(potentials.gradients(Q), 1, 2)], axis=1)
-    return _Derivative(
-        J, G, dG, _rounding(J_V, dG, joint_scale(strategy.task, Q[0])), exact=True
-    )
+    return _Derivative(J, G, dG, _rounding(J_V, dG, joint_scale(strategy.task, Q[0])), exact=True)
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
@@ -198,28 +191,19 @@ def differentiate(
             continue
         if slope is None:
             slope = np.empty((len(Q), *found.shape[1:]))
-        row, joint = np.nonzero(
-            doubt < error[open_rows] / 4
-        )  # noise can make an error estimate slightly too small
+        # noise can make an error estimate slightly too small
+        row, joint = np.nonzero(doubt < error[open_rows] / 4)
         slope[open_rows[row], ..., joint] = found[row, ..., joint]
         error[open_rows[row], joint] = doubt[row, joint]
-        size = (
-            np.abs(slope[open_rows])
-            .reshape(len(open_rows), -1)
-            .max(axis=1, initial=0.0)
-        )
-        open_rows = open_rows[
-            error[open_rows].max(axis=1, initial=0.0) > _ENOUGH * size
-        ]
+        size = np.abs(slope[open_rows]).reshape(len(open_rows), -1).max(axis=1, initial=0.0)
+        open_rows = open_rows[error[open_rows].max(axis=1, initial=0.0) > _ENOUGH * size]
         if not len(open_rows):
             break
     assert slope is not None
     return slope, error
 
 
-def _extrapolate(
-    function: Callable[[Array], Array], Q: Array, first: Array
-) -> tuple[Array, Array]:
+def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
     """Extrapolate central differences of a function at Q (K, n), from steps ``first`` (K, n).
 
     Return the slopes (K, …, n) and their estimated errors (K, n), by Romberg's table as
@@ -233,10 +217,10 @@ def _extrapolate(
     values = np.asarray(function(stencil.reshape(-1, n)))
     shape = values.shape[1:]
     values = values.reshape(K, 2, _LEVELS, n, -1)
+    # (K, n, size)
     rows = [
-        (values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None])
-        for j in range(_LEVELS)
-    ]  # (K, n, size)
+        (values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None]) for j in range(_LEVELS)
+    ]
 
     best = rows[-1]
     error = np.full((K, n), np.inf)
@@ -256,14 +240,8 @@ def _extrapolate(
             current.append(entry)
         table.append(current)
     # The two shortest steps differ almost only by noise; longer steps reduce it in proportion.
-    last, before = (
-        np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1]
-    )
+    last, before = (np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1])
     noise = np.maximum(last, before / 2) * 2.0 ** (level - _LEVELS + 1)
-    rounding = (
-        np.finfo(float).eps
-        * np.abs(values).max(axis=(1, 2, 4), initial=0.0)
-        / steps[:, -1]
-    )
+    rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[:, -1]
     slope = np.moveaxis(best, 1, -1).reshape(K, *shape, n)
     return slope, np.maximum(error, 4 * noise) + rounding

@@ -103,9 +103,7 @@ def measure(strategy: Inverse, Q: Array) -> _Defects:
     L = joint_scale(strategy.task, Q[0])
     delta = defects(found.J, found.G, found.dG)
     basis, R = np.linalg.qr(found.G / L[:, None])
-    sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[
-        :, None
-    ]  # positive diagonal of R: smooth in q
+    sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[:, None]  # positive diagonal of R: smooth in q
     basis = basis * sign
     R = R * np.swapaxes(sign, 1, 2)
     R_inv = np.linalg.inv(R)
@@ -119,9 +117,7 @@ def measure(strategy: Inverse, Q: Array) -> _Defects:
     along = np.einsum("Kk,Kkc->Kc", found.error * L, np.abs(basis))
     spread = np.abs(R_inv).sum(axis=1)
     pairs = along[:, :, None] * spread[:, None, :]
-    error = size * np.sqrt(
-        np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2
-    )
+    error = size * np.sqrt(np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2)
     return _Defects(delta, relative, error, found.exact, found.J, found.G)
 
 
@@ -201,9 +197,7 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
            [0.0147, 0.    ]])
     """
     k = min(3, require_inverse(strategy).task.m)
-    return np.linalg.norm(
-        measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1
-    )
+    return np.linalg.norm(measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1)
 
 
 def _one(strategy: Inverse, q: ArrayLike) -> Array:

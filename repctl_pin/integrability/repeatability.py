@@ -120,9 +120,7 @@ def is_repeatable(
     norm = np.concatenate([part.norm for part in found])
     tolerance = _SAFETY * np.concatenate([part.error for part in found])
     repeatable = bool((norm <= tolerance).all())
-    worst = int(
-        np.argmax(norm if repeatable else np.where(norm > tolerance, norm, -1.0))
-    )
+    worst = int(np.argmax(norm if repeatable else np.where(norm > tolerance, norm, -1.0)))
     if repeatable and tolerance.max() > _BLIND:
         blind = int(np.argmax(tolerance))
         ratio = inverse_condition_number(strategy.task.jacobian(Q[blind]))

@@ -27,9 +27,7 @@ from .repeatability import points_of
 _STABLE, _CANDIDATE, _AT_SINGULARITY = "stable", "candidate", "singular"
 
 _ON_SURFACE = 1e-11  # ‖s‖ that counts as 0 if the derivative is exact
-_RANK = (
-    1e-5  # singular values of ∂s/∂q below this share of the largest are dependent rows
-)
+_RANK = 1e-5  # singular values of ∂s/∂q below this share of the largest are dependent rows
 _MAX_STEPS = 60
 _LONGEST_STEP = 0.3  # of Newton's method, rad
 _SINGULAR = 1e-3  # σ_min / σ_max of J below which a configuration counts as singular
@@ -115,17 +113,10 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """
     found = measure(strategy, Q)
     task = strategy.task
-    B = (
-        found.G
-        @ found.J
-        @ np.swapaxes(found.J, 1, 2)
-        / joint_scale(task, Q[0])[:, None]
-    )
+    B = found.G @ found.J @ np.swapaxes(found.J, 1, 2) / joint_scale(task, Q[0])[:, None]
     size = np.linalg.det(np.swapaxes(B, 1, 2) @ B)
     a, b = np.triu_indices(task.m, 1)
-    return size[:, None] * found.relative[:, a, b].reshape(
-        len(Q), -1
-    ), size * found.error
+    return size[:, None] * found.relative[:, a, b].reshape(len(Q), -1), size * found.error
 
 
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
@@ -138,11 +129,7 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
     unit = 1.0
     if regular.any():
         unit = (
-            float(
-                np.median(
-                    np.linalg.norm(_surface_function(strategy, Q[regular])[0], axis=1)
-                )
-            )
+            float(np.median(np.linalg.norm(_surface_function(strategy, Q[regular])[0], axis=1)))
             or 1.0
         )
 
@@ -218,9 +205,7 @@ def stable_surface(
     return Surfaces(points, kind, rate, tolerance, residual)
 
 
-def _search(
-    strategy: Inverse, function: _Surface, region: Region, Q: Array
-) -> tuple[Array, Array]:
+def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> tuple[Array, Array]:
     """Move start points Q (K, n) to s = 0 by Gauss–Newton steps with a line search.
 
     ``function`` is s with its error. Returns the points reached on s = 0, (·, n), and the points at
@@ -252,22 +237,16 @@ def _search(
         # The best of five lengths; if none improves s, the point is a local minimum above 0.
         lengths = 0.5 ** np.arange(5)
         trials = Q[:, None] + lengths[:, None] * step[:, None]  # (K, 5, n)
-        norms = _norms(strategy, function, trials.reshape(-1, task.n)).reshape(
-            len(Q), -1
-        )
+        norms = _norms(strategy, function, trials.reshape(-1, task.n)).reshape(len(Q), -1)
         best = norms.argmin(axis=1)
         improved = norms[np.arange(len(Q)), best] < size
         Q = trials[np.arange(len(Q)), best][improved]
     points = np.vstack([np.empty((0, task.n)), *found])
     stuck = np.vstack([np.empty((0, task.n)), *singular])
-    return points[region.ratio(points) <= 1 + 1e-9], stuck[
-        region.ratio(stuck) <= 1 + 1e-9
-    ]
+    return points[region.ratio(points) <= 1 + 1e-9], stuck[region.ratio(stuck) <= 1 + 1e-9]
 
 
-def _newton_step(
-    strategy: Inverse, function: _Surface, Q: Array, s: Array, L: Array
-) -> Array:
+def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: Array) -> Array:
     """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long.
 
     ``s`` (K, pairs · n) are the values at Q (K, n), and L (n,) the unit of each joint, rad or m.
@@ -277,9 +256,7 @@ def _newton_step(
     K, n = Q.shape
     h = 1e-4
     moves = h * np.diag(L)
-    near = np.concatenate(
-        [Q[:, None] + moves, Q[:, None] - moves], axis=1
-    )  # (K, 2 n, n)
+    near = np.concatenate([Q[:, None] + moves, Q[:, None] - moves], axis=1)  # (K, 2 n, n)
     values = function(near.reshape(-1, n))[0].reshape(K, 2, n, -1, n)
     slope = (values[:, 0] - values[:, 1]) / (2 * h)  # (K, n, pairs, n), in units of L
     # s = N σ rotates with the null space; only a change of σ reduces it to 0.
@@ -358,9 +335,7 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
             k4 = velocity(p + step * k3)
             P[free] = p + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             way[free] += 1 / _WALK_STEPS
-        largest = np.maximum(
-            largest, np.where(way > 0, _norms(strategy, function, P), 0.0)
-        )
+        largest = np.maximum(largest, np.where(way > 0, _norms(strategy, function, P), 0.0))
         least = np.minimum(least, way)
     return largest, least
 
@@ -370,6 +345,4 @@ def _dexterity(strategy: Inverse, Q: Array) -> Array:
 
     It is 0 at a singularity, near which defects cannot be evaluated.
     """
-    return inverse_condition_number(
-        strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0])
-    )
+    return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))

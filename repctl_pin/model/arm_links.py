@@ -29,13 +29,9 @@ def arm_links(task: Task) -> frozenset[str]:
     up, down = path_between(model, robot.base_id, frame_id(model, task.frame))
     on_the_way = {*up, *down, *(int(model.parents[j]) for j in up[-1:])}
     joints = {
-        j
-        for j in range(model.njoints)
-        if j in on_the_way or frame in model.supports[j].tolist()
+        j for j in range(model.njoints) if j in on_the_way or frame in model.supports[j].tolist()
     }
-    return frozenset(
-        link for link in robot.description.links if _joint(task, link) in joints
-    )
+    return frozenset(link for link in robot.description.links if _joint(task, link) in joints)
 
 
 def other_ends(task: Task) -> tuple[str, ...]:

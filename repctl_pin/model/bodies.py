@@ -111,9 +111,7 @@ class Bodies:
     """
 
     def __init__(self, task: Task, *, surroundings: str | Path | None = None) -> None:
-        require_type(
-            task, Task, "task", "a task, such as rp.Robot.load('panda').task()"
-        )
+        require_type(task, Task, "task", "a task, such as rp.Robot.load('panda').task()")
         if surroundings is not None:
             task = _beside(task, surroundings)
         self.task = task
@@ -141,9 +139,7 @@ class Bodies:
                 f"{len(self.touching)} overlapping",
             )
         )
-        return (
-            f"<Bodies of {self.task.robot.name}: {checked}; not checked: {not_checked}>"
-        )
+        return f"<Bodies of {self.task.robot.name}: {checked}; not checked: {not_checked}>"
 
     @property
     def notes(self) -> list[str]:
@@ -151,9 +147,7 @@ class Bodies:
         notes = []
         if unusable := self._model.unusable:
             link, why = next(iter(unusable.values()))
-            more = (
-                f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
-            )
+            more = f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
             notes.append(f"collisions of {link} are not detected: {why}{more}")
         elif not self.task.robot.description.collisions:
             notes.append(
@@ -174,12 +168,8 @@ class Bodies:
             if pairs
         ]
         if self.disabled:
-            pairs = (
-                "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
-            )
-            notes.append(
-                f"{pairs} of links overlap and are not checked: the SRDF disables them"
-            )
+            pairs = "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
+            notes.append(f"{pairs} of links overlap and are not checked: the SRDF disables them")
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:
@@ -202,9 +192,7 @@ class Bodies:
         gradient shows which motion separates them."""
         return self._all(Q, hulls=True)[0]
 
-    def _all(
-        self, Q: ArrayLike, *, hulls: bool = False
-    ) -> tuple[Array, NDArray[np.intp]]:
+    def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
 
         Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
@@ -284,9 +272,7 @@ def _listed(pairs: list[Pair]) -> str:
     The text reads ``a and b, c and d, e and f and 4 more pairs``.
     """
     few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
-    return (
-        few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
-    )
+    return few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
 
 
 def bodies_of(task: Task) -> Bodies:

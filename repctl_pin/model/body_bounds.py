@@ -43,12 +43,10 @@ class _JointPlacements:
         here = model.jointPlacements
         pin.forwardKinematics(model, data, np.ones(model.nq))
         moved = [
-            pin.log6(place.actInv(now)).vector
-            for place, now in zip(here, data.liMi, strict=True)
+            pin.log6(place.actInv(now)).vector for place, now in zip(here, data.liMi, strict=True)
         ]
-        self._slides = np.array(
-            [twist[:3] for twist in moved]
-        )  # q u, at q = 1; 0 for revolute joints
+        # q u, at q = 1; 0 for revolute joints
+        self._slides = np.array([twist[:3] for twist in moved])
         crosses = [pin.skew(twist[3:]) for twist in moved]
         self._fixed = np.array([place.homogeneous for place in here])
         P = self._fixed[:, :3, :3]
@@ -118,16 +116,12 @@ class BodyBounds:
         self._model, self._pairs = model, pairs
         self._placements = _JointPlacements(model)
         self._joint = np.array(joint, np.intp)
-        centers = [
-            at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)
-        ]
+        centers = [at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)]
         boxes = [body.aabb_local for body in bodies]
         self._centers = np.array(centers).reshape(-1, 3)  # relative to the joint
         self._radii = np.array([body.aabb_radius for body in bodies])
         self._turns = np.array([at.rotation for at in place]).reshape(-1, 3, 3)
-        self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(
-            -1, 3
-        )
+        self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(-1, 3)
         self._first, self._second = pairs.T
         self._rows, row = np.unique(self._first, return_inverse=True)
         self._columns, column = np.unique(self._second, return_inverse=True)
@@ -147,19 +141,14 @@ class BodyBounds:
         smallest distance between two centres.
         """
         R, p = self._placements(Q)
-        centers = (
-            np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers)
-            + p[:, self._joint]
-        )
+        centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
         squares = np.einsum("kbi,kbi->kb", centers, centers)
         products = centers[:, self._rows] @ centers[:, self._columns].swapaxes(1, 2)
         products = products.reshape(len(Q), -1)[:, self._flat]  # (K, P)
         gaps = squares[:, self._first] + squares[:, self._second] - 2 * products
         gaps = np.sqrt(np.maximum(gaps, 0.0, out=gaps), out=gaps)
         bounds = gaps - self._reach
-        k, pair = np.nonzero(
-            (bounds < gaps.min(axis=1, keepdims=True) / 2) & (gaps > _TELLING)
-        )
+        k, pair = np.nonzero((bounds < gaps.min(axis=1, keepdims=True) / 2) & (gaps > _TELLING))
         a, b = self._first[pair], self._second[pair]
         u = centers[k, a] - centers[k, b]
         gap = np.sqrt(np.einsum("mi,mi->m", u, u))
@@ -175,9 +164,7 @@ class BodyBounds:
         """
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
-        return np.minimum(
-            self._radii[body], np.einsum("mi,mi->m", box, self._half[body])
-        )
+        return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))
 
     def reach(self, joints: Mapping[str, Joint]) -> Array:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.

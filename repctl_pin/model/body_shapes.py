@@ -153,9 +153,7 @@ def _primitive(solid: Shape) -> BodyShape:
     """
     size = solid.size
     allowed = {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
-    empty = size.count(0.0) > allowed or (
-        solid.kind in ("cylinder", "capsule") and size[0] == 0
-    )
+    empty = size.count(0.0) > allowed or (solid.kind in ("cylinder", "capsule") and size[0] == 0)
     if empty:
         raise UnusableShape(
             f"the {solid.kind} {solid.name!r} has size 0; set its size, or delete it"
@@ -204,9 +202,7 @@ def contains(
     if outer.interior is None:
         return False
     points = inner.witnesses @ there.getRotation().T + there.getTranslation()
-    return outer.interior.contains(
-        (points - here.getTranslation()) @ here.getRotation()
-    )
+    return outer.interior.contains((points - here.getTranslation()) @ here.getRotation())
 
 
 def transform(place: pin.SE3) -> coal.Transform3s:
@@ -218,9 +214,7 @@ def transform(place: pin.SE3) -> coal.Transform3s:
 
 
 @lru_cache(maxsize=256)
-def _from_mesh(
-    path: Path, scale: tuple[float, ...], changed: int, standing: bool
-) -> BodyShape:
+def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: bool) -> BodyShape:
     """Create the body of a mesh file, with its convex hull; cached for all robots.
 
     ``changed`` is the modification time of the file, so that a changed file is read again.
@@ -267,22 +261,12 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
         vertices = np.asarray(mesh.vertices, float) * meters * scale
         faces = np.asarray(mesh.faces, np.intp)
     except Exception as error:  # trimesh's readers raise errors of many kinds
-        raise UnusableShape(
-            "cannot be read; export it again, as STL for example"
-        ) from error
+        raise UnusableShape("cannot be read; export it again, as STL for example") from error
     if faces.ndim != 2 or not len(faces):
-        raise UnusableShape(
-            "contains no readable triangles; export it again, as STL for example"
-        )
+        raise UnusableShape("contains no readable triangles; export it again, as STL for example")
     used = np.unique(faces)
-    if (
-        used[0] < 0
-        or used[-1] >= len(vertices)
-        or not np.isfinite(vertices[used]).all()
-    ):
-        raise UnusableShape(
-            "cannot be read: a vertex is missing or not finite; export it again"
-        )
+    if used[0] < 0 or used[-1] >= len(vertices) or not np.isfinite(vertices[used]).all():
+        raise UnusableShape("cannot be read: a vertex is missing or not finite; export it again")
     if len(used) < len(vertices):
         vertices = vertices[used]
         faces = np.searchsorted(used, faces)
@@ -307,9 +291,7 @@ def _convex_hull(vertices: Array) -> Any:
     try:
         return trimesh.convex.convex_hull(_thickened(vertices))
     except Exception as error:  # Qhull's
-        raise UnusableShape(
-            "has no convex hull; export it again, as STL for example"
-        ) from error
+        raise UnusableShape("has no convex hull; export it again, as STL for example") from error
 
 
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
@@ -329,9 +311,7 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     same = abs(area - hull.area) <= _CONVEX * hull.area
-    return bool(
-        same and abs(_volume(points, faces) - hull.volume) <= _CONVEX * hull.volume
-    )
+    return bool(same and abs(_volume(points, faces) - hull.volume) <= _CONVEX * hull.volume)
 
 
 def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
@@ -458,9 +438,7 @@ class _MeshInterior:
     def __init__(self, parts: _MeshParts, *, gaps: bool) -> None:
         kept = parts.faces if gaps else parts.faces[parts.closed[parts.part]]
         turns = _DIRECTIONS if gaps and not parts.closed.all() else _DIRECTIONS[:1]
-        self._rays = (
-            [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
-        )
+        self._rays = [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
 
     def contains(self, points: Array) -> bool:
         """Test whether any of the points (K, 3) is inside.
@@ -489,9 +467,7 @@ class _Ray:
         low, high = corners.min(axis=1), corners.max(axis=1)  # (F, 3)
         self._bottom = low.min(axis=0)
         self._top = high.max(axis=0)
-        self._edges = np.linspace(
-            self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1
-        )
+        self._edges = np.linspace(self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1)
         ends = zip(self._edges[:-1], self._edges[1:], strict=True)
         meets = [(low[:, 0] <= end) & (high[:, 0] >= start) for start, end in ends]
         self._strips = [(corners[on], low[on].T, high[on].T) for on in meets]
@@ -504,12 +480,7 @@ class _Ray:
         p = point @ self._turn
         if (p < self._bottom).any() or (p > self._top).any():
             return 0
-        strip = (
-            min(
-                int(np.searchsorted(self._edges, p[0], side="right")), len(self._strips)
-            )
-            - 1
-        )
+        strip = min(int(np.searchsorted(self._edges, p[0], side="right")), len(self._strips)) - 1
         corners, (left, front, _), (right, back, top) = self._strips[strip]
         x, y, z = p.tolist()
         near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= top)

@@ -86,15 +86,11 @@ def find(name: str) -> Entry:
     """
     rows = table()
     names = {
-        alias: known
-        for known, row in rows.items()
-        for alias in (known, *row.get("aliases", ()))
+        alias: known for known, row in rows.items() for alias in (known, *row.get("aliases", ()))
     }
     known = names.get(str(name).strip().lower())
     if known is None:
-        listing = (
-            "(`repctl robots` lists all names); for any other robot, give its URDF file"
-        )
+        listing = "(`repctl robots` lists all names); for any other robot, give its URDF file"
         raise unknown("robot", name, rows, aliases=names, listing=listing)
     return _entry(known, rows[known])
 
@@ -161,8 +157,7 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     states = {group.get("name"): group for group in root.iter("group_state")}
     if state is None:
         state = next(
-            (name for name, group in states.items() if group.find("joint") is not None),
-            None,
+            (name for name, group in states.items() if group.find("joint") is not None), None
         )
     if state not in states:
         raise unknown(f"group_state in {srdf}", state, states)
@@ -203,9 +198,7 @@ def _read_srdf(srdf: Path) -> Any:
     try:
         return etree.fromstring(Path(srdf).read_bytes(), parser)
     except (OSError, etree.XMLSyntaxError) as error:
-        raise InputError(
-            f"{srdf}: cannot be read as SRDF ({error}); check the file"
-        ) from error
+        raise InputError(f"{srdf}: cannot be read as SRDF ({error}); check the file") from error
 
 
 def default_package_dirs(urdf_path: str | Path) -> list[str]:
@@ -216,13 +209,9 @@ def default_package_dirs(urdf_path: str | Path) -> list[str]:
     """
     folders = list(Path(os.path.expanduser(urdf_path)).absolute().parents)
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-        folders += [
-            Path(place),
-            Path(place).parent,
-        ]  # the variable can name a workspace or a package
-    for place in filter(
-        None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    ):
+        # the variable can name a workspace or a package
+        folders += [Path(place), Path(place).parent]
+    for place in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folders.append(Path(place) / "share")
     return [str(folder) for folder in dict.fromkeys(folders) if folder.is_dir()]
 
@@ -234,14 +223,8 @@ def _entry(name: str, row: dict[str, Any]) -> Entry:
     return Entry(
         name=name,
         urdf=robots / row["urdf"],
-        srdf=None
-        if srdf is None
-        else (robots if "/" in srdf else urdf_folder()) / srdf,
+        srdf=None if srdf is None else (robots if "/" in srdf else urdf_folder()) / srdf,
         package_dirs=() if ours else (str(robots.parents[1]),),
         frames=tuple(row["frames"]),
-        **{
-            key: row[key]
-            for key in ("posture", "note", "ready", "acceleration")
-            if key in row
-        },
+        **{key: row[key] for key in ("posture", "note", "ready", "acceleration") if key in row},
     )

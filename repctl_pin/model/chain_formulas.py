@@ -46,13 +46,9 @@ def chain_hessians(twists: Array, R: Array | None) -> Array:
     v, w = twists[..., :3], twists[..., 3:]
     i, k = np.indices((n, n))
     H = np.zeros((K, 6, n, n))
-    H[:, :3] = np.moveaxis(
-        np.cross(w[:, np.minimum(i, k)], v[:, np.maximum(i, k)]), -1, 1
-    )
+    H[:, :3] = np.moveaxis(np.cross(w[:, np.minimum(i, k)], v[:, np.maximum(i, k)]), -1, 1)
     turn = np.moveaxis(np.cross(w[:, k], w[:, i]), -1, 1)  # ω_k × ω_i, (K, 3, n, n)
-    H[:, 3:] = (
-        turn * (k < i) if R is None else -np.einsum("Kba,Kbik->Kaik", R, turn) * (k > i)
-    )
+    H[:, 3:] = turn * (k < i) if R is None else -np.einsum("Kba,Kbik->Kaik", R, turn) * (k > i)
     return H
 
 
@@ -95,19 +91,12 @@ def rotation_vectors(R: Array) -> Array:
     It is Pinocchio's ``log3`` for many rotations at once; near a half turn ``log3`` itself is
     called.
     """
-    axis = 0.5 * (
-        R[:, [2, 0, 1], [1, 2, 0]] - R[:, [1, 2, 0], [2, 0, 1]]
-    )  # sin(angle) times it
+    axis = 0.5 * (R[:, [2, 0, 1], [1, 2, 0]] - R[:, [1, 2, 0], [2, 0, 1]])  # sin(angle) times it
     sine = np.sqrt((axis**2).sum(axis=1))
     cosine = 0.5 * (R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
-    vectors = (
-        axis
-        * np.divide(angle, sine, out=np.ones_like(sine), where=~(sine <= 1e-9))[:, None]
-    )
-    for k in np.flatnonzero(
-        cosine < -0.9
-    ):  # near half a turn the axis is lost in rounding
+    vectors = axis * np.divide(angle, sine, out=np.ones_like(sine), where=~(sine <= 1e-9))[:, None]
+    for k in np.flatnonzero(cosine < -0.9):  # near half a turn the axis is lost in rounding
         vectors[k] = pin.log3(R[k])
     return vectors
 
@@ -220,11 +209,5 @@ def require_rotation(R: Array, name: str) -> None:
         raise InputError(f"the rotation of {name} must be finite numbers")
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     reflected = off < 1e-5 and np.linalg.det(R) < 0
-    why = (
-        "it is reflected, with det R = −1"
-        if reflected
-        else f"R Rᵀ differs from I by {off:.2g}"
-    )
-    raise InputError(
-        f"the rotation of {name} is not a rotation matrix: {why}; normalise R to 1e-6"
-    )
+    why = "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
+    raise InputError(f"the rotation of {name} is not a rotation matrix: {why}; normalise R to 1e-6")

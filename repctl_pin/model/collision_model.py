@@ -20,14 +20,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import InputError
 from .body_bounds import BodyBounds
-from .body_shapes import (
-    BodyShape,
-    UnusableShape,
-    body_shape,
-    collide,
-    contains,
-    transform,
-)
+from .body_shapes import BodyShape, UnusableShape, body_shape, collide, contains, transform
 from .catalogue import disabled_pairs
 from .model import fixed_placements, link_frames, origin
 from .shapes import find_mesh
@@ -105,16 +98,12 @@ class _CollisionModel:
         self.standing = frozenset(self.links[self._own :])
         self._shapes = pin.GeometryModel()
         for k in range(self._own):
-            body = pin.GeometryObject(
-                f"{k}", self._joint[k], self._place[k], self._bodies[k].hull
-            )
+            body = pin.GeometryObject(f"{k}", self._joint[k], self._place[k], self._bodies[k].hull)
             self._shapes.addGeometryObject(body)
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
         self._transforms: dict[int, coal.Transform3s] = {}
-        self._standing_transforms = [
-            transform(place) for place in self._place[self._own :]
-        ]
+        self._standing_transforms = [transform(place) for place in self._place[self._own :]]
         self._choose_pairs(task)
 
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
@@ -195,9 +184,7 @@ class _CollisionModel:
         N is the number of joints of the model, and P that of the pairs. The bound of a
         collision-only pair is infinite where it shows that the pair does not collide.
         """
-        size = min(
-            _BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size))
-        )
+        size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
             bounds = self._bounds(block)
@@ -227,9 +214,7 @@ class _CollisionModel:
 
     def _move(self, q: Array) -> None:
         """Update the placements of the robot's bodies to the model's configuration q (N,)."""
-        pin.updateGeometryPlacements(
-            self._model, self._data, self._shapes, self._placed, q
-        )
+        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
         self._transforms.clear()
 
     def _exact(self, k: int) -> float:
@@ -257,9 +242,7 @@ class _CollisionModel:
         contains one.
         """
         if k < self._own_pairs:
-            return float(
-                pin.computeDistance(self._shapes, self._placed, k).min_distance
-            )
+            return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
         a, b = self._both[k]
         here = self._transform(a)
         there = self._transform(b)
@@ -267,9 +250,7 @@ class _CollisionModel:
         self._result.clear()
         hull = self._bodies[a].hull
         distance = float(
-            coal.distance(
-                hull, here, other.measured, there, self._request, self._result
-            )
+            coal.distance(hull, here, other.measured, there, self._request, self._result)
         )
         return (
             -distance
@@ -328,9 +309,7 @@ class _CollisionModel:
             except UnusableShape as error:
                 unusable[solid.filename or solid.name] = solid.link, str(error)
                 continue
-            self._add(
-                body, link.parentJoint, link.placement * origin(solid), solid.link
-            )
+            self._add(body, link.parentJoint, link.placement * origin(solid), solid.link)
         return unusable
 
     def _add_surroundings(self, task: Task) -> None:
@@ -347,13 +326,9 @@ class _CollisionModel:
         for solid in around.collisions:
             name = f"surroundings/{solid.link}" if solid.link in own else solid.link
             try:
-                body = body_shape(
-                    solid, around.path, task.robot.package_dirs, standing=True
-                )
+                body = body_shape(solid, around.path, task.robot.package_dirs, standing=True)
             except UnusableShape as error:
-                raise InputError(
-                    f"{around.path}: link {solid.link!r}: {error}"
-                ) from error
+                raise InputError(f"{around.path}: link {solid.link!r}: {error}") from error
             self._add(body, 0, places[solid.link] * origin(solid), name)
 
     def _add(self, body: BodyShape, joint: int, place: pin.SE3, link: str) -> None:
@@ -373,19 +348,14 @@ class _CollisionModel:
         :class:`Bodies`.
         """
         self._measure(self._moving_pairs(task.robot.description.path))
-        joined = {
-            frozenset((joint.parent, joint.child))
-            for joint in task.robot.description.joints
-        }
+        joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
         neighbours = self._are_in(joined)
         self.adjacent = self.named(neighbours)
         self._measure(self.pairs[~neighbours])
 
         entry = task.robot.entry
         ruled_out = self._are_in(
-            disabled_pairs(entry.srdf)
-            if entry is not None and entry.srdf is not None
-            else set()
+            disabled_pairs(entry.srdf) if entry is not None and entry.srdf is not None else set()
         )
         near = ruled_out | self._one_joint_between()
         at_reference, share, hulls_always = self._sampled_collisions(task, near)
@@ -446,18 +416,14 @@ class _CollisionModel:
         a, b = np.array(self._joint, np.intp)[self.pairs].T
         return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
 
-    def _measure(
-        self, pairs: NDArray[np.intp], only_contact: _Mask | None = None
-    ) -> None:
+    def _measure(self, pairs: NDArray[np.intp], only_contact: _Mask | None = None) -> None:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
         ``only_contact`` (P,) marks those that are checked for collisions only; None for none. It is
         called again each time that pairs have been ruled out.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
-        self._only_contact = (
-            np.zeros(len(pairs), bool) if only_contact is None else only_contact
-        )
+        self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
         self._some_only_contact = bool(self._only_contact.any())
         self._own_pairs = int((pairs[:, 1] < self._own).sum())
         self._shapes.removeAllCollisionPairs()
@@ -465,13 +431,9 @@ class _CollisionModel:
             self._shapes.addCollisionPair(pin.CollisionPair(a, b))
         self._placed = pin.GeometryData(self._shapes)
         measured = [body.measured for body in self._bodies]
-        self._bounds = BodyBounds(
-            self._model, self._joint, self._place, measured, pairs
-        )
+        self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
 
-    def _sampled_collisions(
-        self, task: Task, near: _Mask
-    ) -> tuple[_Mask, Array, _Mask]:
+    def _sampled_collisions(self, task: Task, near: _Mask) -> tuple[_Mask, Array, _Mask]:
         """Test the pairs for collisions at the reference pose and at random configurations.
 
         Parameters
@@ -490,9 +452,7 @@ class _CollisionModel:
         count = np.zeros(len(self.pairs))
         at_reference = np.zeros(len(self.pairs), bool)
         overlaps = ~at_reference
-        for i, (q, bounds) in enumerate(
-            self._with_bounds(Q) if len(self.pairs) else ()
-        ):
+        for i, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
             self._move(q)
             overlap = (bounds < 0) & (near | overlaps)
             for k in np.flatnonzero(overlap).tolist():
@@ -546,24 +506,14 @@ def _key(task: Task) -> Hashable:
     files += [] if around is None else _mesh_files(around, robot.package_dirs)
     files += [] if entry is None else [entry.srdf]
     stamps = tuple(
-        (path, path.stat().st_mtime_ns, path.stat().st_size) if path else None
-        for path in files
+        (path, path.stat().st_mtime_ns, path.stat().st_size) if path else None for path in files
     )
     model, _ = task.bodies_model()
-    still = (
-        robot.locked,
-        robot.reference.tobytes(),
-        tuple(model.names),
-        task.robot_joints,
-    )
+    still = (robot.locked, robot.reference.tobytes(), tuple(model.names), task.robot_joints)
     return robot.description, around, robot.package_dirs, stamps, still
 
 
-def _mesh_files(
-    description: Description, package_dirs: tuple[str, ...]
-) -> list[Path | None]:
+def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
     """Find the collision mesh files of a description; None for each that is missing."""
-    names = dict.fromkeys(
-        solid.filename for solid in description.collisions if solid.filename
-    )
+    names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
     return [find_mesh(name, description.path, package_dirs) for name in names]

@@ -71,14 +71,10 @@ def linear_coordinates(
         If T is not an invertible (n, n) matrix of finite numbers.
     """
     n = len(names)
-    matrix: Array = np.array(
-        as_matrices(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0]
-    )
+    matrix: Array = np.array(as_matrices(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
     values = np.linalg.svd(matrix, compute_uv=False)
     if values[-1] <= 1e-12 * values[0]:
-        raise InputError(
-            "T of q = T ψ must be invertible, but its rows are linearly dependent"
-        )
+        raise InputError("T of q = T ψ must be invertible, but its rows are linearly dependent")
 
     low = np.full(n, -np.inf)
     high = np.full(n, np.inf)
@@ -95,11 +91,5 @@ def linear_coordinates(
             psi[j] = names[i]
     turns = np.array([revolute[np.nonzero(column)[0]].any() for column in matrix.T])
     return Coordinates(
-        matrix,
-        np.linalg.inv(matrix).astype(float),
-        tuple(psi),
-        low,
-        high,
-        fastest,
-        turns,
+        matrix, np.linalg.inv(matrix).astype(float), tuple(psi), low, high, fastest, turns
     )

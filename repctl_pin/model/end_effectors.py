@@ -88,9 +88,8 @@ class _Body:
             or (last and joint.kind == "prismatic")
             or (last and "gripper" in words(joint.name))
             or _says_finger(joint)
-            or any(
-                set.union(*_TOOLS) & set(words(link)) for link in self.links
-            )  # a tool link precedes it
+            # a tool link precedes it
+            or any(set.union(*_TOOLS) & set(words(link)) for link in self.links)
         )
 
 
@@ -120,12 +119,8 @@ def arm_ends(description: Description) -> list[_Body]:
                 links.append((joint.child, tip))
     for body in reversed(bodies):
         body.after = max((1 + tip.after for _, tip in body.branches), default=0)
-        body.narrow = all(
-            _moves_little(joint) and tip.narrow for joint, tip in body.branches
-        )
-    whole = all(
-        _says_finger(joint) for joint in description.joints if joint.kind != "fixed"
-    )
+        body.narrow = all(_moves_little(joint) and tip.narrow for joint, tip in body.branches)
+    whole = all(_says_finger(joint) for joint in description.joints if joint.kind != "fixed")
     ends, todo = [], [root]
     while todo:
         body = todo.pop()

@@ -157,14 +157,11 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
             "lower": lower,
             "upper": upper,
         },
-        sizes
-        | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
+        sizes | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
     )
 
 
-def _native_frames(
-    task: SeveralFrames,
-) -> tuple[Any, list[NDArray[np.generic]]] | None:
+def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]] | None:
     """Create the struct :data:`ARM` of several frames: each has the struct of its own chain.
 
     The result is as of :func:`native_chain`; None if one of the chains does not fit into C.
@@ -246,9 +243,7 @@ def _z_along(axis: Array) -> Array:
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
-def joint_axes(
-    model: pin.Model, joints: Sequence[int]
-) -> tuple[Array, NDArray[np.bool_]]:
+def joint_axes(model: pin.Model, joints: Sequence[int]) -> tuple[Array, NDArray[np.bool_]]:
     """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute (P,).
 
     ``joints`` are ids of the model. Axes are unit vectors, of rotation or of translation.
@@ -256,10 +251,7 @@ def joint_axes(
     data = model.createData()
     neutral = pin.neutral(model)
     screws = np.array(
-        [
-            pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
-            for j in joints
-        ]
+        [pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]] for j in joints]
     ).reshape(-1, 6)
     revolute = np.linalg.norm(screws[:, 3:], axis=1) > 0.5
     return np.where(revolute[:, None], screws[:, 3:], screws[:, :3]), revolute

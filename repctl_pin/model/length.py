@@ -30,9 +30,7 @@ def arm_length(task: Task, q: Array) -> float:
     if len(task.frames) > 1:
         return max(arm_length(*single) for single in of_singles(task, q))
     turning = np.append(np.linalg.norm(task.axes(q), axis=1) > 0.5, True)
-    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])[
-        turning
-    ]
+    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])[turning]
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
 
 

@@ -137,9 +137,7 @@ class Mechanism:
         return 0 if self.base is None else frame_id(self.model, self.base)
 
 
-def couple(
-    names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]
-) -> Coupling:
+def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]) -> Coupling:
     """Create the coupling of a model's joints (N names) to its free joints (n names).
 
     It is the map ``θ = S q + offset`` from free joints q (n,) to all joints θ (N,), S (N, n).
@@ -154,10 +152,7 @@ def couple(
             S[row, free.index(name)] = 1.0
         else:
             assert joint.mimic is not None, "a joint is free, a mimic joint, or locked"
-            S[row, free.index(joint.mimic)], offset[row] = (
-                joint.multiplier,
-                joint.offset,
-            )
+            S[row, free.index(joint.mimic)], offset[row] = (joint.multiplier, joint.offset)
     return Coupling(S, offset)
 
 

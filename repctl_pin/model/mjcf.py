@@ -121,9 +121,7 @@ def _last(parts: Sequence[_Part], name: str) -> _Part:
     return next(part for part in parts if part.name == name)
 
 
-def _joints(
-    model: Any, name: str, above: str, place: pin.SE3, joints: range
-) -> list[_Part]:
+def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) -> list[_Part]:
     """Write the joints of a body as links, one below the other; the last one is the body.
 
     A URDF has one joint per link, MuJoCo several per body. ``above`` is the parent link, ``place``
@@ -154,9 +152,7 @@ def _joints(
         low, high = model.jnt_range[j] if limited else (-2 * NO_LIMIT, 2 * NO_LIMIT)
         kind_name = "prismatic" if slides else "revolute" if limited else "continuous"
         link = f"{name}/{joint}"
-        parts.append(
-            _Part(link, above, at * back, joint, kind_name, tuple(axis), low, high)
-        )
+        parts.append(_Part(link, above, at * back, joint, kind_name, tuple(axis), low, high))
         above, place = link, pin.SE3(np.eye(3), -anchor)
     if parts and not np.any(place.translation):
         parts[-1].name = name
@@ -194,8 +190,7 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
         a = np.array(model.eq_data[e, :5])
         if other < 0 or a[2:].any():
             raise UrdfError(
-                f"equality constraint {name!r} is not q₁ = a₀ + a₁ q₂ between two joints; "
-                "remove it"
+                f"equality constraint {name!r} is not q₁ = a₀ + a₁ q₂ between two joints; remove it"
             )
         start = model.qpos0[model.jnt_qposadr]
         offset = float(start[j] + a[0] - a[1] * start[other])
@@ -232,9 +227,7 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
             shapes = _mesh(model, int(model.geom_dataid[g]), at, folder)
         if not shapes:
             left_out.add(
-                {0: "plane", 1: "height field", 4: "ellipsoid", 7: "mesh"}.get(
-                    kind, "other"
-                )
+                {0: "plane", 1: "height field", 4: "ellipsoid", 7: "mesh"}.get(kind, "other")
             )
         collides = model.geom_contype[g] or model.geom_conaffinity[g]
         drawn = model.geom_group[g] < _DRAWN_GROUPS
@@ -245,9 +238,7 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
     return ", ".join(sorted(left_out))
 
 
-def _shapes(
-    kind: int, size: Array, at: pin.SE3
-) -> list[tuple[pin.SE3, dict[str, str]]]:
+def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str, str]]]:
     """Write a shape of MuJoCo by its half sizes; a capsule is a cylinder and two spheres.
 
     ``kind`` is MuJoCo's number of the type. Each result is a placement, and the tag and attributes
@@ -268,9 +259,7 @@ def _shapes(
     return [tube, *((at * end, ball) for end in ends)]
 
 
-def _mesh(
-    model: Any, mesh: int, at: pin.SE3, folder: Path
-) -> list[tuple[pin.SE3, dict[str, str]]]:
+def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE3, dict[str, str]]]:
     """Write a mesh file, with MuJoCo's shift to its own centre undone.
 
     ``mesh`` is its number in the model. The result is as of :func:`_shapes`; empty if the mesh has

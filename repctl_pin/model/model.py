@@ -47,9 +47,7 @@ def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
     return {name: model.frames[i] for name, i in link_ids(model).items()}
 
 
-def frame_placements(
-    model: pin.Model, ids: Iterable[int], Q: Array, base: int = 0
-) -> Array:
+def frame_placements(model: pin.Model, ids: Iterable[int], Q: Array, base: int = 0) -> Array:
     """Place frames at every row of Q (T, N), relative to the frame ``base``: (T, F, 4, 4), m.
 
     ``ids`` are those of the F frames. A joint that moves several frames is read only once per row,
@@ -92,9 +90,7 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
     Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
     joint, so such links are renamed temporarily."""
     joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
-    links = [
-        f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints
-    ]
+    links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
     for link in links:
         link.name += _TEMPORARY
     try:
@@ -107,9 +103,7 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
     return reduced
 
 
-def frame_jacobian(
-    model: pin.Model, data: pin.Data, frame: int
-) -> Callable[[Array], Array]:
+def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Array], Array]:
     """Create the function q → Jacobian of a frame (6, nv), world axes: rows of v, then of ω.
 
     ``data`` is its scratch memory, so that each thread needs a function of its own. Pinocchio
@@ -126,9 +120,7 @@ def frame_jacobian(
     return jacobian if model.nv != 1 else single
 
 
-def path_between(
-    model: pin.Model, base: int, frame: int
-) -> tuple[list[int], list[int]]:
+def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], list[int]]:
     """List the ids of the joints on the path from one frame to another, in two lists.
 
     The first list leads from the frame ``base`` up to the common ancestor, the second one from
@@ -139,9 +131,7 @@ def path_between(
         for f in (base, frame)
     )
     shared = set(up) & set(down)
-    return [j for j in reversed(up) if j not in shared], [
-        j for j in down if j not in shared
-    ]
+    return [j for j in reversed(up) if j not in shared], [j for j in down if j not in shared]
 
 
 def chain_between(
@@ -174,9 +164,7 @@ def chain_between(
         at = _append(chain, at, here, joints[model.names[j]], -1.0)
         here = model.jointPlacements[j].inverse()
     for j in down:
-        at = _append(
-            chain, at, here * model.jointPlacements[j], joints[model.names[j]], 1.0
-        )
+        at = _append(chain, at, here * model.jointPlacements[j], joints[model.names[j]], 1.0)
         here = pin.SE3.Identity()
     end = model.frames[frame]
     return chain, chain.addFrame(
@@ -184,14 +172,10 @@ def chain_between(
     )
 
 
-def _append(
-    chain: pin.Model, parent: int, placement: pin.SE3, joint: Joint, sign: float
-) -> int:
+def _append(chain: pin.Model, parent: int, placement: pin.SE3, joint: Joint, sign: float) -> int:
     kind = (
         pin.JointModelPrismaticUnaligned
         if joint.kind == "prismatic"
         else pin.JointModelRevoluteUnaligned
     )
-    return int(
-        chain.addJoint(parent, kind(sign * np.array(joint.axis)), placement, joint.name)
-    )
+    return int(chain.addJoint(parent, kind(sign * np.array(joint.axis)), placement, joint.name))

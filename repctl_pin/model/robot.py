@@ -15,24 +15,11 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, file_name, list_of, list_of_names, require_type, shown
 from ..errors import InputError, UrdfError, unknown
-from .catalogue import (
-    READY,
-    Entry,
-    default_package_dirs,
-    find,
-    reference_posture,
-    urdf_folder,
-)
+from .catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from .end_effectors import arm_ends, is_sensor, task_links
 from .kind import Kind, KindName, task_kind
 from .mechanism import Mechanism, couple, limits, pose
-from .model import (
-    frame_id,
-    frame_placements,
-    link_ids,
-    lock_joints,
-    path_between,
-)
+from .model import frame_id, frame_placements, link_ids, lock_joints, path_between
 from .shapes import find_mesh
 from .task import Task
 from .urdf import Description, check_surroundings, read_urdf
@@ -88,9 +75,7 @@ class Robot(Mechanism):
         self.entry = entry
         self.package_dirs = tuple(str(p) for p in package_dirs)
         self.base = base
-        self.joints = {
-            joint.name: joint for joint in description.joints if joint.kind != "fixed"
-        }
+        self.joints = {joint.name: joint for joint in description.joints if joint.kind != "fixed"}
         held = set(lock)
         for joint_name in held:
             if joint_name not in self.joints:
@@ -112,25 +97,18 @@ class Robot(Mechanism):
         names = tuple(model.names)[1:]
         free = [name for name in names if self.joints[name].mimic is None]
         moving = [joint for joint in self.joints.values() if joint.name not in still]
-        bounds = [
-            limits(self.joints[j], [f for f in moving if f.mimic == j], notes)
-            for j in free
-        ]
+        bounds = [limits(self.joints[j], [f for f in moving if f.mimic == j], notes) for j in free]
         lower, upper, velocity = np.array(bounds).reshape(-1, 3).T
         turns = np.array([self.joints[name].kind != "prismatic" for name in free], bool)
         poses = {
-            name: pose(
-                free, lower, upper, turns, values, notes if name == "reference" else []
-            )
+            name: pose(free, lower, upper, turns, values, notes if name == "reference" else [])
             for name, values in _named_poses(entry).items()
         }
         whole = couple(names, free, self.joints)
         for name, q in poses.items():
             model.referenceConfigurations[name] = whole.joints(q)
         model = lock_joints(
-            model,
-            [model.getJointId(j) for j in still],
-            whole.joints(poses["reference"]),
+            model, [model.getJointId(j) for j in still], whole.joints(poses["reference"])
         )
 
         self.model = model
@@ -191,35 +169,26 @@ class Robot(Mechanism):
         text = str(file_name(name_or_path, "robot"))
         one = isinstance(package_dirs, (str, Path))
         given = (
-            [package_dirs]
-            if one
-            else list_of(package_dirs, "package_dirs", "a list of folders")
+            [package_dirs] if one else list_of(package_dirs, "package_dirs", "a list of folders")
         )
         own = [
-            os.path.expanduser(str(file_name(folder, "each of package_dirs")))
-            for folder in given
+            os.path.expanduser(str(file_name(folder, "each of package_dirs"))) for folder in given
         ]
         lock = list_of_names(lock, "lock", "a list of joint names")
         if base is not None:
             require_type(base, str, "base", "a link name")
         for folder in own:
-            if not os.path.isdir(
-                folder
-            ):  # unlike Path.is_dir, also for names that are too long
+            if not os.path.isdir(folder):  # unlike Path.is_dir, also for names that are too long
                 raise InputError(
                     f": there is no folder {folder!r}",
                     argument="package_dirs",
                     remedy="correct its path",
                 )
-        is_file = any(mark in text for mark in "./\\") or os.path.isfile(
-            text
-        )  # no catalogue name contains these
+        # no catalogue name contains these
+        is_file = any(mark in text for mark in "./\\") or os.path.isfile(text)
         entry = None if is_file or data is not None else find(text)
         path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
-        folders = [
-            *own,
-            *(default_package_dirs(path) if entry is None else entry.package_dirs),
-        ]
+        folders = [*own, *(default_package_dirs(path) if entry is None else entry.package_dirs)]
         around = None
         if surroundings is not None:
             around, near = read_surroundings(surroundings, own)
@@ -280,11 +249,7 @@ class Robot(Mechanism):
         ``kind`` is that of frames without their own; ``joints`` restricts the joints, None uses
         all. InputError is raised for a frame given twice, and for a task that is not redundant.
         """
-        from .several_frames import (
-            FrameSpec,
-            SeveralFrames,
-            based,
-        )  # few robots have two hands
+        from .several_frames import FrameSpec, SeveralFrames, based  # few robots have two hands
 
         specs: list[FrameSpec] = []
         for given in frames:
@@ -305,16 +270,13 @@ class Robot(Mechanism):
             union = tuple(dict.fromkeys(j for spec in specs for j in spec.joints))
             kept = self._subset(joints, union, "the frames")
             specs = [
-                spec._replace(joints=tuple(j for j in spec.joints if j in kept))
-                for spec in specs
+                spec._replace(joints=tuple(j for j in spec.joints if j in kept)) for spec in specs
             ]
         names = [spec.frame for spec in specs]
         twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
         if twice:
             raise InputError(
-                f": {twice[0]!r} is given twice",
-                argument="frame",
-                remedy="give each frame once",
+                f": {twice[0]!r} is given twice", argument="frame", remedy="give each frame once"
             )
         if not specs:
             raise InputError(": the list of frames is empty", argument="frame")
@@ -344,9 +306,7 @@ class Robot(Mechanism):
             )
         return chain
 
-    def _subset(
-        self, joints: Sequence[str], chain: tuple[str, ...], moved: str
-    ) -> frozenset[str]:
+    def _subset(self, joints: Sequence[str], chain: tuple[str, ...], moved: str) -> frozenset[str]:
         """Check a subset of the joints of a chain, and return it; ``moved`` names what they move.
 
         InputError is raised for an unknown joint, and for one that does not move it.
@@ -368,9 +328,7 @@ class Robot(Mechanism):
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(
-            dict.fromkeys(
-                self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)
-            )
+            dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down))
         )
 
     def reference_positions(self) -> dict[str, Array]:
@@ -409,9 +367,7 @@ class Robot(Mechanism):
         try:
             return frame_id(self.model, frame)
         except InputError:
-            likely = [
-                link for links in self._ends() for link in links if not is_sensor(link)
-            ]
+            likely = [link for links in self._ends() for link in links if not is_sensor(link)]
             raise unknown("frame", frame, self.frames, likely=likely) from None
 
     def _ends(self) -> list[list[str]]:
@@ -421,9 +377,7 @@ class Robot(Mechanism):
         """
         return [
             task_links(body)
-            for body in sorted(
-                arm_ends(self.description), key=lambda body: -body.before
-            )
+            for body in sorted(arm_ends(self.description), key=lambda body: -body.before)
         ]
 
     def _beyond_base(self, frame: str) -> bool:
@@ -446,16 +400,12 @@ class Robot(Mechanism):
     def offered_frames(self) -> tuple[str, ...]:
         """Frames to offer for a task: the catalogue's, else the end of the longest arm."""
         known = tuple(
-            frame
-            for frame in (self.entry.frames if self.entry else ())
-            if self._beyond_base(frame)
+            frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
         )
         ends = [links[0] for links in self._ends() if self._beyond_base(links[0])]
         return known or (
             max(
-                ends,
-                key=lambda frame: len(self.chain(frame)),
-                default=self.base or self.frames[0],
+                ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]
             ),
         )
 
@@ -477,11 +427,7 @@ class Robot(Mechanism):
     @property
     def movable_frames(self) -> tuple[str, ...]:
         """All frames that a joint moves; those of :attr:`end_frames` first."""
-        moved = (
-            frame
-            for frame in self.frames
-            if self._beyond_base(frame) and self.chain(frame)
-        )
+        moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 
     def __repr__(self) -> str:

@@ -56,12 +56,10 @@ class SeveralFrames(Task):
         self.specs = tuple(specs)
         self.twist_size = 6 * len(specs)
         self.parts = tuple(
-            Task(based(robot, spec.base), spec.frame, spec.kind, joints)
-            for spec in specs
+            Task(based(robot, spec.base), spec.frame, spec.kind, joints) for spec in specs
         )
         self._singles = tuple(
-            Task(based(robot, spec.base), spec.frame, spec.kind, spec.joints)
-            for spec in specs
+            Task(based(robot, spec.base), spec.frame, spec.kind, spec.joints) for spec in specs
         )
         self.model = self._bodies = _held(robot, self._driven())
         self._frame_id = 0

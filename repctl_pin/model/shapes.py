@@ -74,17 +74,11 @@ def shapes_of(robot: etree._Element, tag: str) -> list[Shape]:
     ]
 
 
-def _solid(
-    link: str, k: int, element: etree._Element, colors: dict[str, Color]
-) -> Shape:
+def _solid(link: str, k: int, element: etree._Element, colors: dict[str, Color]) -> Shape:
     shape = element.find("geometry")[0]
     origin = element.find("origin")
-    sizes = {"box": ("size",), "sphere": ("radius",)}.get(
-        shape.tag, ("radius", "length")
-    )
-    values = (
-        [] if shape.tag == "mesh" else [numbers(shape, size) or () for size in sizes]
-    )
+    sizes = {"box": ("size",), "sphere": ("radius",)}.get(shape.tag, ("radius", "length"))
+    values = [] if shape.tag == "mesh" else [numbers(shape, size) or () for size in sizes]
     return Shape(
         name=f"{link}_{k}",
         link=link,
@@ -98,12 +92,8 @@ def _solid(
     )
 
 
-def _three(
-    element: etree._Element | None, attribute: str, default: float
-) -> tuple[float, ...]:
-    return tuple(
-        (None if element is None else numbers(element, attribute)) or (default,) * 3
-    )
+def _three(element: etree._Element | None, attribute: str, default: float) -> tuple[float, ...]:
+    return tuple((None if element is None else numbers(element, attribute)) or (default,) * 3)
 
 
 def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
@@ -125,9 +115,7 @@ def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | 
     return known.get(name)
 
 
-def find_mesh(
-    filename: str, urdf: Path, package_dirs: Sequence[str | Path]
-) -> Path | None:
+def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
     """Find a mesh file by its name in a URDF; None if it is missing.
 
     ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` if the
@@ -136,10 +124,7 @@ def find_mesh(
     scheme, mark, rest = filename.partition("://")
     folders = [Path(folder) for folder in package_dirs]
     if not mark:
-        candidates = [
-            urdf.parent / filename,
-            *(folder / filename for folder in folders),
-        ]
+        candidates = [urdf.parent / filename, *(folder / filename for folder in folders)]
     elif scheme == "file":
         candidates = [Path(rest)]
     elif scheme in ("package", "model"):
@@ -149,6 +134,5 @@ def find_mesh(
         candidates += [folder / inside for folder in folders if folder.name == package]
     else:
         candidates = []
-    return next(
-        (path.resolve() for path in candidates if os.path.isfile(path)), None
-    )  # unlike Path.is_file, also for invalid names
+    # unlike Path.is_file, also for invalid names
+    return next((path.resolve() for path in candidates if os.path.isfile(path)), None)

@@ -129,9 +129,7 @@ def _read(path: Path, most: int) -> Surface:
     except InputError as error:
         raise InputError(f"mesh {path} cannot be drawn: {error}") from error
     except Exception as error:  # readers of many formats, each with its own errors
-        raise InputError(
-            f"mesh {path} cannot be read ({type(error).__name__}: {error})"
-        ) from error
+        raise InputError(f"mesh {path} cannot be read ({type(error).__name__}: {error})") from error
     if not any(len(points) for points, *_ in pieces):
         raise InputError(f"mesh {path} holds no triangles")
     points, normals, colors = map(np.concatenate, zip(*pieces, strict=True))
@@ -169,9 +167,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
     file = io.BytesIO(data)
     if file_type != "dae":
-        return trimesh.load_scene(
-            file, file_type=file_type, resolver=resolver, process=False
-        )
+        return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
     # load_scene does not pass process= on to the meshes of a COLLADA file
     parts = trimesh.exchange.load.mesh_loaders["dae"](file, resolver=resolver)
     for mesh in parts["geometry"].values():
@@ -193,9 +189,7 @@ def _read_bytes(path: Path) -> bytes:
     with path.open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
-        raise InputError(
-            f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB: make it coarser"
-        )
+        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB: make it coarser")
     return data
 
 
@@ -250,9 +244,8 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Arr
     points = vertices @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(mesh.faces)
     triangles = points.take(faces, 0)
-    flat = np.cross(
-        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    )  # (F, 3), twice the area
+    # (F, 3), twice the area
+    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     real = (flat[:, 0] != 0) | (flat[:, 1] != 0) | (flat[:, 2] != 0)
     faces, flat = faces[real], flat[real]
     corners = faces.ravel()
@@ -281,9 +274,7 @@ def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
     return uv_to_color(visual.uv, image)[corners, :3] / 255
 
 
-def smooth(
-    corners: NDArray[np.float64], flat: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute averaged normals (3F, 3) of face corners, for smooth shading.
 
     A corner's normal is the average over the faces at that point whose normals are within the
@@ -339,9 +330,7 @@ def _by_pairs(
     normals[corner] = _unit(total, own)
 
 
-def _sums(
-    place: NDArray[np.intp], vectors: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
+def _sums(place: NDArray[np.intp], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) are their group numbers."""
     return np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], 1)
 
@@ -359,9 +348,7 @@ def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
-def _unit(
-    vectors: NDArray[np.float64], zero: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _unit(vectors: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np.float64]:
     """Normalise vectors (K, 3); take the rows of ``zero`` for vectors of length 0."""
     length = np.sqrt(_dot(vectors, vectors))[:, None]
     return np.divide(vectors, length, out=zero.copy(), where=length > 0)

@@ -23,13 +23,7 @@ from ..arguments import (
 )
 from ..errors import InputError
 from ..threads import PerThread
-from .chain_formulas import (
-    Placement,
-    as_placement,
-    as_placements,
-    chain_hessians,
-    require_rotation,
-)
+from .chain_formulas import Placement, as_placement, as_placements, chain_hessians, require_rotation
 from .kind import Kind
 from .mechanism import Coupling, Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
@@ -98,15 +92,9 @@ class Task:
     ) -> None:
         self._take_joints(robot, frame, kind, joint_names)
         driven = self._driven()
-        up, down = path_between(
-            robot.model, robot.base_id, frame_id(robot.model, frame)
-        )
+        up, down = path_between(robot.model, robot.base_id, frame_id(robot.model, frame))
         self._bodies = _held(robot, driven)
-        self.model = (
-            self._bodies
-            if driven <= {*up, *down}
-            else _held(robot, driven & {*up, *down})
-        )
+        self.model = self._bodies if driven <= {*up, *down} else _held(robot, driven & {*up, *down})
         self._frame_id = frame_id(self.model, frame)
         if robot.base is not None:
             base = frame_id(self.model, robot.base)
@@ -133,13 +121,7 @@ class Task:
         self.velocity_limit = robot.velocity_limit[self._columns]
         self.revolute = robot.revolute[self._columns]
         self.reference = robot.reference[self._columns]
-        for array in (
-            self.lower,
-            self.upper,
-            self.velocity_limit,
-            self.revolute,
-            self.reference,
-        ):
+        for array in (self.lower, self.upper, self.velocity_limit, self.revolute, self.reference):
             array.setflags(write=False)
         self.coordinates: Coordinates | None = None
         self.n = len(self.joint_names)
@@ -153,9 +135,7 @@ class Task:
         return set((np.flatnonzero(moved) + 1).tolist())
 
     def _allocate(self) -> None:
-        self._scratch = PerThread(
-            partial(_Scratch, self.model, self._bodies, self._frame_id)
-        )
+        self._scratch = PerThread(partial(_Scratch, self.model, self._bodies, self._frame_id))
 
     @property
     def _data(self) -> pin.Data:
@@ -170,9 +150,7 @@ class Task:
 
         With joint coordinates ψ, it maps ψ.
         """
-        rows = [
-            self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]
-        ]
+        rows = [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]]
         whole = self.robot.coupling
         S = whole.S[np.ix_(rows, self._columns)]
         if self.coordinates is not None:
@@ -191,18 +169,11 @@ class Task:
             Invertible matrix, one row per joint.
         """
         if self.coordinates is not None:
-            raise InputError(
-                "the task already has joint coordinates; start from the original task"
-            )
+            raise InputError("the task already has joint coordinates; start from the original task")
         from .coordinates import linear_coordinates
 
         change = linear_coordinates(
-            self.joint_names,
-            self.lower,
-            self.upper,
-            self.velocity_limit,
-            self.revolute,
-            T,
+            self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T
         )
         task = copy(self)
         task.coordinates = change
@@ -353,9 +324,7 @@ class Task:
 
         For a joint that others mimic, it is the axis of the first joint that it drives.
         """
-        return self._scratch.own.jacobian(self._vector(q))[3:].T[
-            [j - 1 for j in self._first]
-        ]
+        return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling]:
         """Return the model of all links, with a fixed root and only the joints that q moves.
@@ -420,9 +389,7 @@ class Task:
 
     def from_robot(self, whole: ArrayLike) -> Array:
         """Extract q (..., n) from configurations of the whole robot; inverts :meth:`to_robot`."""
-        (whole,) = as_matrices(
-            ("the whole robot's q", whole, f"{len(self.robot.reference)}")
-        )
+        (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
@@ -448,11 +415,7 @@ class Task:
 
         The unit is rad or m. A joint without limits has an infinite margin.
         """
-        if not (
-            isinstance(q, np.ndarray)
-            and q.dtype.kind == "f"
-            and q.shape[-1:] == (self.n,)
-        ):
+        if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
             (q,) = as_matrices(("q", q, f"{self.n}"))
         joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
         return np.minimum(joints - lower, upper - joints)
@@ -463,13 +426,7 @@ class Task:
         The JSON output of commands contains it.
         """
         names = {"robot": self.robot.name, "frame": self.frame, "task": str(self.kind)}
-        return {
-            **names,
-            "n": self.n,
-            "m": self.m,
-            "r": self.r,
-            "joints": list(self.joint_names),
-        }
+        return {**names, "n": self.n, "m": self.m, "r": self.r, "joints": list(self.joint_names)}
 
     def check(self, q: ArrayLike, what: str = "q") -> Array:
         """Check a configuration of the user, and return it: (n,) finite numbers within the limits.
@@ -488,15 +445,9 @@ class Task:
                 argument=what,
                 remedy="give one number per joint",
             )
-        if (
-            given is not None
-            and given.shape == (self.n,)
-            and not np.isfinite(given).all()
-        ):
+        if given is not None and given.shape == (self.n,) and not np.isfinite(given).all():
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
-            raise InputError(
-                f": the value of {bad!r} is not a finite number", argument=what
-            )
+            raise InputError(f": the value of {bad!r} is not a finite number", argument=what)
         q = vector(q, self.n, what)
         lower, upper, _ = self.joint_limits
         for name, value, low, high in zip(
@@ -504,8 +455,7 @@ class Task:
         ):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise InputError(
-                    f": {name} = {value:g} is outside its limits [{low:g}, {high:g}]",
-                    argument=what,
+                    f": {name} = {value:g} is outside its limits [{low:g}, {high:g}]", argument=what
                 )
         return q
 
@@ -519,9 +469,8 @@ class Task:
         """
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]
-        driven = leaders[
-            [self.robot.model.getJointId(self.model.names[j]) - 1 for j in ids]
-        ]  # (path, n)
+        # (path, n)
+        driven = leaders[[self.robot.model.getJointId(self.model.names[j]) - 1 for j in ids]]
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
@@ -569,9 +518,7 @@ class Task:
             and q.shape == (self.n,)
             and ddot(q, q) < np.inf
         ):
-            values = vector(
-                q, self.n, f"q of {self!r}"
-            )  # ddot is faster than np.isfinite
+            values = vector(q, self.n, f"q of {self!r}")  # ddot is faster than np.isfinite
         return self.drive.joints(values)
 
     def _matrix(self, Q: ArrayLike) -> Array:
@@ -614,9 +561,7 @@ def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
 
 def require_task(value: Any) -> Task:
     """Return a value that is a task; raise InputError for any other value."""
-    return require_type(
-        value, Task, "task", "a task, such as rp.Robot.load('panda').task()"
-    )
+    return require_type(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
 
 
 def own_task(value: Any) -> Task:

@@ -124,9 +124,7 @@ def read_urdf(
         if robot.xpath("joint[@type='planar' or @type='floating']"):
             _split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
-        joints = tuple(
-            _joint(element, elements, notes) for element in elements.values()
-        )
+        joints = tuple(_joint(element, elements, notes) for element in elements.values())
         still = [repr(name) for name, element in elements.items() if _no_speed(element)]
         if still:
             notes.append(f"speed limit 0 of joint {', '.join(still)} read as no limit")
@@ -143,9 +141,7 @@ def read_urdf(
         root=root,
         shapes=tuple(shapes[:MAX_SHAPES]),
         collisions=tuple(shapes_of(robot, "collision")),
-        meshes=tuple(
-            dict.fromkeys(shape.filename for shape in shapes if shape.filename)
-        ),
+        meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
         notes=tuple(_one_line(note) for note in [*notes, *_degrees(joints)]),
         xml=_for_pinocchio(robot, joints),
     )
@@ -228,9 +224,7 @@ def _joint(
         lower = number(limit, "lower")
         upper = number(limit, "upper")
         if lower == upper == 0.0:  # exporters write this if no range was given
-            notes.append(
-                f"joint {name!r} has no range (lower = upper = 0): read as unlimited"
-            )
+            notes.append(f"joint {name!r} has no range (lower = upper = 0): read as unlimited")
             lower, upper = -math.inf, math.inf
     if kind != "fixed" and limit is not None:
         velocity = number(limit, "velocity") or math.inf
@@ -255,9 +249,7 @@ def _no_speed(element: etree._Element) -> bool:
     """Test whether a joint moves and has speed limit 0, which exporters write for no limit."""
     limit = element.find("limit")
     moves = element.get("type") not in ("fixed", None) and limit is not None
-    return (
-        moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
-    )
+    return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
 
 
 def _mimicked(
@@ -328,9 +320,7 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
         if joint.kind == "continuous":
             element.set("type", "revolute")
         etree.SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
-        limit = etree.SubElement(
-            element, "limit", effort=repr(max(effort, default=0) or NO_EFFORT)
-        )
+        limit = etree.SubElement(element, "limit", effort=repr(max(effort, default=0) or NO_EFFORT))
         limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
         limit.set("upper", repr(min(joint.upper, NO_LIMIT)))
         limit.set("velocity", repr(min(joint.velocity, NO_LIMIT)))
@@ -388,8 +378,7 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> None:
         taken = names & {*named, *(f"{name}_link" for name in named)}
         if taken:
             raise bad(
-                joint,
-                f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it",
+                joint, f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it"
             )
         notes.append(
             f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
@@ -416,10 +405,7 @@ def _planar(axis: tuple[float, float, float]) -> tuple[_Step, ...]:
 
 
 def _replace(
-    robot: etree._Element,
-    joint: etree._Element,
-    steps: tuple[_Step, ...],
-    names: list[str],
+    robot: etree._Element, joint: etree._Element, steps: tuple[_Step, ...], names: list[str]
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them.
 

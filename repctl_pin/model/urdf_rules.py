@@ -88,16 +88,12 @@ def check(robot: etree._Element) -> str:
     joints = robot.findall("joint")
     if not links:
         raise bad(
-            robot,
-            "the file contains no <link>, so it describes no robot; give the full URDF",
+            robot, "the file contains no <link>, so it describes no robot; give the full URDF"
         )
     if not robot.get("name"):
         raise bad(robot, 'the robot has no name; write <robot name="…">')
     if not robot.get("name").isprintable():
-        raise bad(
-            robot,
-            "the robot's name contains a control character or a line break; rename it",
-        )
+        raise bad(robot, "the robot's name contains a control character or a line break; rename it")
     if robot.get("version", "1.0") not in ("1.0", "1.1", "1.2"):
         raise bad(robot, f"version {short(robot.get('version'))} is unknown; write 1.0")
     if max(len(joints), len(links) - 1) > _MAX_JOINTS:
@@ -171,9 +167,7 @@ def finite(word: str) -> float | None:
 
     Python's float() accepts more, such as ``1_000`` and ``inf``.
     """
-    return (
-        float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
-    )
+    return float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
@@ -222,8 +216,7 @@ def _check_numbers(element: etree._Element) -> None:
                 raise bad(element, f"has no {attribute}; add it")
         elif (element.tag, attribute) in _NOT_NEGATIVE and min(values) < 0:
             raise bad(
-                element,
-                f"{attribute} = {short(element.get(attribute))} is negative; correct it",
+                element, f"{attribute} = {short(element.get(attribute))} is negative; correct it"
             )
     if element.tag == "mesh" and not element.get("filename"):
         raise bad(element, "has no filename; add it, or delete the mesh")
@@ -275,16 +268,11 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
     axis = joint.find("axis")
     limit = joint.find("limit")
     if axis is None and kind == "planar":
-        raise bad(
-            joint, "a planar joint requires an <axis>, the normal of its plane; add one"
-        )
+        raise bad(joint, "a planar joint requires an <axis>, the normal of its plane; add one")
     if axis is not None and kind not in ("fixed", "floating"):
         norm = math.hypot(*(numbers(axis, "xyz") or (1.0, 0.0, 0.0)))
         if not 1e-9 < norm < 1e9:
-            raise bad(
-                axis,
-                f"xyz = {short(axis.get('xyz'))} has no direction; give a unit vector",
-            )
+            raise bad(axis, f"xyz = {short(axis.get('xyz'))} has no direction; give a unit vector")
     if kind in ("revolute", "prismatic"):
         if limit is None:
             remedy = ", or make the joint continuous" if kind == "revolute" else ""
@@ -352,9 +340,7 @@ def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
     prefixed = [
         j
         for j in joints
-        if j != name
-        and j.endswith(mimicked)
-        and name.startswith(j.removesuffix(mimicked))
+        if j != name and j.endswith(mimicked) and name.startswith(j.removesuffix(mimicked))
     ]
     return prefixed[0] if len(prefixed) == 1 else None
 
@@ -368,21 +354,17 @@ def _check_range(limit: etree._Element) -> None:
     upper = number(limit, "upper")
     if lower >= NO_LIMIT or upper <= -NO_LIMIT:
         raise bad(
-            limit,
-            f"lower = {lower:g}, upper = {upper:g}: the range is too far from 0; correct it",
+            limit, f"lower = {lower:g}, upper = {upper:g}: the range is too far from 0; correct it"
         )
     if lower > upper:
         raise bad(limit, f"lower = {lower:g} is above upper = {upper:g}; swap them")
     if lower == upper != 0.0:  # exporters write 0 for both if no range was given
         raise bad(
-            limit,
-            f"lower = upper = {lower:g} allows no motion; widen it, or make the joint fixed",
+            limit, f"lower = upper = {lower:g} allows no motion; widen it, or make the joint fixed"
         )
 
 
-def _check_tree(
-    links: Sequence[etree._Element], joints: Sequence[etree._Element]
-) -> str:
+def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element]) -> str:
     """Check that links form a tree with one root and a limited depth; return the root's name.
 
     UrdfError is raised for a link with two parents, a loop, two roots, or a chain that is too long.
@@ -403,8 +385,7 @@ def _check_tree(
     roots = [link for link in links if link.get("name") not in above]
     if not roots:
         raise bad(
-            joints[0],
-            "all links form a loop, so there is no root link; remove a joint of the loop",
+            joints[0], "all links form a loop, so there is no root link; remove a joint of the loop"
         )
     if len(roots) > 1:
         other = f"{label(roots[0])} ({line(roots[0])})"
@@ -415,27 +396,18 @@ def _check_tree(
         )
     # links, each with the number of links and of movable joints from the root to it
     reached = [(roots[0].get("name"), 1, 0)]
-    for (
-        name,
-        depth,
-        moving,
-    ) in reached:  # extended in the loop, so that there is no recursion
+    for name, depth, moving in reached:  # extended in the loop, so that there is no recursion
         if depth > _MAX_DEPTH:
-            raise bad(
-                roots[0], f"a chain of links exceeds the maximum length of {_MAX_DEPTH}"
-            )
+            raise bad(roots[0], f"a chain of links exceeds the maximum length of {_MAX_DEPTH}")
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
             if count > _MAX_MOVING:
                 raise bad(
-                    joint,
-                    f"a chain has over {_MAX_MOVING} movable joints; make some of them fixed",
+                    joint, f"a chain has over {_MAX_MOVING} movable joints; make some of them fixed"
                 )
             reached.append((joint.find("child").get("link"), depth + 1, count))
     connected = {name for name, _, _ in reached}
     for link in links:
         if link.get("name") not in connected:
-            raise bad(
-                above[link.get("name")], "is part of a loop; remove a joint of the loop"
-            )
+            raise bad(above[link.get("name")], "is part of a loop; remove a joint of the loop")
     return str(roots[0].get("name"))

@@ -25,8 +25,7 @@ _OTHERS = {
     "collada": "this is a COLLADA mesh, not a URDF; give the .urdf that uses it",
 }
 _XACRO = (
-    "this is xacro, not URDF; "
-    "name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
+    "this is xacro, not URDF; name the file .xacro, or run `xacro file.xacro > robot.urdf` first"
 )
 _DOCTYPE = "has a <!DOCTYPE>, which a URDF does not need; delete it and the entities it declares"
 _HARMLESS = {
@@ -35,9 +34,7 @@ _HARMLESS = {
 }
 """Parser errors that change no element, with the note to add for each."""
 
-_PROLOG = re.compile(
-    rb"(?:\xef\xbb\xbf)?(?:\s*<(?:(?=\?).*?\?>|!(?=--).*?-->))*\s*", re.DOTALL
-)
+_PROLOG = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*<(?:(?=\?).*?\?>|!(?=--).*?-->))*\s*", re.DOTALL)
 """Start of an XML file: byte order mark, declaration, processing instructions, comments."""
 
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -71,9 +68,7 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
     _note_foreign(root, notes)
     robot = _plain(root)
     for child in list(robot):
-        nameless = child.tag == "material" and not child.get(
-            "name"
-        )  # no shape can refer to it
+        nameless = child.tag == "material" and not child.get("name")  # no shape can refer to it
         if child.tag not in ("link", "joint", "material") or nameless:
             robot.remove(child)
     for element in robot.iter():
@@ -89,11 +84,7 @@ def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
     silently drop what it cannot read. Nothing is fetched from the network.
     """
     parser = etree.XMLParser(
-        recover=True,
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        huge_tree=False,
+        recover=True, resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
     )
     try:
         root = etree.fromstring(data, parser)
@@ -131,9 +122,7 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
         )
     names = [e.tag for e in elements] + [name for e in elements for name in e.attrib]
     undeclared = [
-        name.split(":")[0]
-        for name in names
-        if ":" in name and not name.startswith(("{", "xacro:"))
+        name.split(":")[0] for name in names if ":" in name and not name.startswith(("{", "xacro:"))
     ]
     if undeclared:
         notes.append(
@@ -170,9 +159,7 @@ def _refuse_other_files(data: bytes) -> None:
     if not data.strip():
         raise UrdfError("the file is empty; give a .urdf file")
     if data.startswith(b"version https://git-lfs"):
-        raise UrdfError(
-            "this is a Git LFS pointer, not the file itself; run `git lfs pull` first"
-        )
+        raise UrdfError("this is a Git LFS pointer, not the file itself; run `git lfs pull` first")
     if data.startswith(_UTF16):
         return
     if b"\0" in data:
@@ -197,9 +184,7 @@ def _check_root(root: etree._Element) -> None:
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
     if tag != "robot":
-        raise UrdfError(
-            f"{line(root)}: the root is <{tag[:40]}>; the root of a URDF is <robot>"
-        )
+        raise UrdfError(f"{line(root)}: the root is <{tag[:40]}>; the root of a URDF is <robot>")
     depth = 0
     for event, element in etree.iterwalk(root, events=("start", "end")):
         depth += 1 if event == "start" else -1
@@ -214,16 +199,11 @@ def _check_root(root: etree._Element) -> None:
                 f"the maximum of {_MAX_ATTRIBUTES}"
             )
     tags = {child.tag for child in root}
-    xacro = next(
-        (e for e in root.iter() if isinstance(e.tag, str) and _prefix(e) == "xacro"),
-        None,
-    )
+    xacro = next((e for e in root.iter() if isinstance(e.tag, str) and _prefix(e) == "xacro"), None)
     if "link" not in tags and xacro is not None:
         raise UrdfError(f"{line(xacro)}: <xacro:{_local(xacro)}>: {_XACRO}")
     if "link" not in tags and tags & {"group", "group_state"}:
-        raise UrdfError(
-            "this is an SRDF (groups and poses), not a URDF; give the robot's .urdf"
-        )
+        raise UrdfError("this is an SRDF (groups and poses), not a URDF; give the robot's .urdf")
 
 
 def _plain(element: etree._Element) -> etree._Element:
@@ -231,16 +211,10 @@ def _plain(element: etree._Element) -> etree._Element:
 
     All later checks then see plain tags, and can name the line of the file.
     """
-    attributes = {
-        k: v
-        for k, v in element.attrib.items()
-        if not k.startswith("{") and ":" not in k
-    }
+    attributes = {k: v for k, v in element.attrib.items() if not k.startswith("{") and ":" not in k}
     copy = etree.Element(_local(element), attributes)
     copy.sourceline = min(element.sourceline, _LAST_LINE)
-    copy.extend(
-        [_plain(c) for c in element if isinstance(c.tag, str) and _prefix(c) is None]
-    )
+    copy.extend([_plain(c) for c in element if isinstance(c.tag, str) and _prefix(c) is None])
     return copy
 
 
@@ -266,11 +240,7 @@ def label(element: etree._Element) -> str:
     if owner.getparent() is None:
         return f"<{element.tag}>"
     name = short(owner.get("name")) if owner.get("name") else "without a name"
-    return (
-        f"{owner.tag} {name}"
-        if owner is element
-        else f"<{element.tag}> of {owner.tag} {name}"
-    )
+    return f"{owner.tag} {name}" if owner is element else f"<{element.tag}> of {owner.tag} {name}"
 
 
 def short(text: str) -> str:
@@ -330,10 +300,7 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
     folders = [os.path.abspath(folder) for folder in package_dirs]
     command = [sys.executable, "-c", _EXPAND, str(path.absolute()), *folders]
     with subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         try:
             text, complaints = process.communicate(timeout=_SECONDS)
@@ -347,13 +314,9 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
             raise
     if process.returncode != 0:
         said = [
-            line
-            for line in complaints.decode(errors="replace").splitlines()
-            if line.strip()
+            line for line in complaints.decode(errors="replace").splitlines() if line.strip()
         ] or ["no reason"]
-        stated = [
-            line.strip() for line in said if line.startswith(("package ", "error:"))
-        ]
+        stated = [line.strip() for line in said if line.startswith(("package ", "error:"))]
         reason = (stated or said)[0][:200]
         remedy = (
             "give the folder that contains it (--package-dir, package_dirs=)"

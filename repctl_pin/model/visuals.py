@@ -20,13 +20,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ..arguments import Array, read_only
 from ..errors import InputError
 from .mechanism import Coupling, Mechanism
-from .model import (
-    fixed_placements,
-    frame_placements,
-    link_frames,
-    link_ids,
-    origin,
-)
+from .model import fixed_placements, frame_placements, link_frames, link_ids, origin
 from .shapes import Color, Shape, find_mesh
 from .urdf import MAX_SHAPES, Description, Joint
 
@@ -188,9 +182,7 @@ def _skeleton(
             yield from _joint_bones(joint, place, thick, joint.parent in draw)
 
 
-def _joint_bones(
-    joint: Joint, place: pin.SE3, thick: float, rail: bool
-) -> Iterator[_Placed]:
+def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[_Placed]:
     """Iterate over the shapes of a joint: a cylinder if revolute, else a slider on a rail.
 
     ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True. ``place`` is
@@ -208,22 +200,16 @@ def _joint_bones(
     low = max(joint.lower, -reach)
     high = min(joint.upper, reach)
     if rail and high > low:
-        middle = (
-            place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along
-        )
+        middle = place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along
         size = 0.8 * thick, high - low
         yield Shape(f"{name}_rail", joint.parent, "cylinder", size, _TUBE), middle
 
 
-def _joint_origin(
-    model: pin.Model, links: dict[str, pin.Frame], joint: Joint
-) -> pin.SE3:
+def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -> pin.SE3:
     """Compute a joint's origin in its parent link's frame, also for a fixed joint."""
     parent = links[joint.parent]
     child = links[joint.child]
-    if (
-        child.parentJoint == parent.parentJoint
-    ):  # fixed joint, or locked at the reference pose
+    if child.parentJoint == parent.parentJoint:  # fixed joint, or locked at the reference pose
         return parent.placement.inverse() * child.placement
     return parent.placement.inverse() * model.jointPlacements[child.parentJoint]
 
@@ -275,9 +261,7 @@ def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
         if len(_hulls) >= _KEPT:
             _hulls.clear()
         if surfaces is None:
-            from .surfaces import (
-                read_surfaces,  # an arm without meshes has no need of it
-            )
+            from .surfaces import read_surfaces  # an arm without meshes has no need of it
 
             surfaces = read_surfaces([shape])
         _hulls[key] = _mesh_corners(surfaces[shape.path])

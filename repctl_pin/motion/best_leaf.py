@@ -129,9 +129,7 @@ class _LeafCandidate:
         A report names it, to show what keeps the start from being better. ``leaf`` is the leaf
         margin, the distance from an algorithmic singularity.
         """
-        return min(
-            self.relative_margins, key=lambda margin: self.relative_margins[margin]
-        )
+        return min(self.relative_margins, key=lambda margin: self.relative_margins[margin])
 
     @property
     def margin(self) -> float:
@@ -149,9 +147,7 @@ class _LeafCandidate:
         joints.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
-        relative_margins = np.rint(
-            np.sort(list(self.relative_margins.values())) / _ALIKE
-        )
+        relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
         return -broken, *relative_margins.tolist(), self.margin
 
 
@@ -259,10 +255,7 @@ def best_leaf(
     (3,)
     """
     require_type(
-        inverse,
-        RepeatableInverse,
-        "inverse",
-        "a repeatable inverse, such as design.inverse",
+        inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
     )
     path = closed_path(path)
     require_choice(by, ("limits", "speed"), "criterion")
@@ -289,14 +282,10 @@ def best_leaf(
         nonlocal tried
         for q in starts:
             tried += 1
-            candidate = (
-                None if q is None else _evaluated(inverse, G_d, path, q, region, steps)
-            )
+            candidate = None if q is None else _evaluated(inverse, G_d, path, q, region, steps)
             if candidate is None or candidate.motion.outside:
                 continue
-            if given is None or candidate.leaf_margin >= min(
-                _LEAST_LEAF_MARGIN, given.leaf_margin
-            ):
+            if given is None or candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin):
                 seen.append(candidate)
                 yield candidate
 
@@ -318,13 +307,9 @@ def best_leaf(
         return best
 
     def clearer(one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        return one.order > other.order and (
-            given is None or one.limit_margin >= given.limit_margin
-        )
+        return one.order > other.order and (given is None or one.limit_margin >= given.limit_margin)
 
-    for walk in self_motions(
-        task, start, target, _directions(task, start, seed), _STRIDE
-    ):
+    for walk in self_motions(task, start, target, _directions(task, start, seed), _STRIDE):
         for candidate in allowed(walk):
             best = candidate if best is None or clearer(candidate, best) else best
     if best is None:
@@ -403,9 +388,7 @@ def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
 
     if not len(Q):
         return Q
-    return newton_rows(
-        correction, Q, longest=_LONGEST, tolerance=_EXACT, iterations=iterations
-    )[0]
+    return newton_rows(correction, Q, longest=_LONGEST, tolerance=_EXACT, iterations=iterations)[0]
 
 
 def _inside(
@@ -417,14 +400,10 @@ def _inside(
     smallest joint-limit margin allowed, rad or m.
     """
     error = np.abs(task.errors(Q, [target] * len(Q))).max(axis=1, initial=0.0)
-    return np.asarray(
-        (error < near) & (task.limit_margin(Q).min(axis=1, initial=np.inf) >= margin)
-    )
+    return np.asarray((error < near) & (task.limit_margin(Q).min(axis=1, initial=np.inf) >= margin))
 
 
-def _around(
-    task: Task, q: Array, target: Placement, size: float
-) -> Iterator[Array | None]:
+def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
     """Generate configurations one step from q along ± each null vector, with the frame at a target.
 
     ``size`` is the length of the step, rad; for prismatic joints in arm lengths. None is yielded
@@ -455,8 +434,7 @@ def _evaluated(
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(
-            follow(inverse, path, q0, cycles=1, steps=steps, integrator=LeafLock(2)),
-            region=region,
+            follow(inverse, path, q0, cycles=1, steps=steps, integrator=LeafLock(2)), region=region
         )
         N = nullspace(task.jacobians(motion.q))
         G = inverse.batch(motion.q)

@@ -60,9 +60,7 @@ def compiled_steps(
     motion = {"nodes": tableau[0], "weights": tableau[1], "xdot": xdot, "h": h}
     sizes = {"stages": len(tableau[0]), "steps": len(np.asarray(h))}
     sizes |= {"arm": ctypes.addressof(arm)}
-    made, held = filled_struct(
-        LAW, {}, posture | motion | {"most": most}, sizes | scalars
-    )
+    made, held = filled_struct(LAW, {}, posture | motion | {"most": most}, sizes | scalars)
     return functools.partial(_run, native, made, [arm, held])
 
 
@@ -90,9 +88,7 @@ def _run(
     return step
 
 
-def _law_of(
-    strategy: Strategy,
-) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
+def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
     """Find the struct Arm, the scalars and the posture of a strategy's law; None if not in C.
 
     A law is the formula that gives q̇ from q and ẋ. The result is the C struct with the arm's

@@ -90,9 +90,7 @@ def csv_text(
                 for name in motions.joints
             ),
         ]
-        numbers = np.hstack(
-            [motions.t[:, None], motions.q, motions.qdot, motions.qddot]
-        )
+        numbers = np.hstack([motions.t[:, None], motions.q, motions.qdot, motions.qddot])
         rows = ([repr(float(v)) for v in row] for row in numbers)
     else:
         named = list(motions) if isinstance(motions, Iterable) else [("", motions)]
@@ -123,9 +121,7 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     rows = rows_of(motion, most or motion.steps)
     q = motion.joints(motion.q[rows])
     qdot = motion.joints(motion.qdot[rows])
-    table = np.hstack(
-        [np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot]
-    )
+    table = np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot])
     for values in table.tolist():
         yield [repr(v) if most is None else f"{v:.10g}" for v in values]
 
@@ -164,9 +160,7 @@ def read_motions(
     for at, row in rows:
         line = f"{where}, line {at}"
         if len(row) != len(names):
-            raise InputError(
-                f"{line}: {len(row)} fields, but the header has {len(names)}"
-            )
+            raise InputError(f"{line}: {len(row)} fields, but the header has {len(names)}")
         key, turn = "", None
         if "strategy" in names:
             key = row[names.index("strategy")]
@@ -231,16 +225,10 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}
     strange = [
-        n
-        for n in names
-        if n not in known and n not in beside and _SUFFIX.sub("", n) not in known
+        n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known
     ]
     if strange or not joints:
-        what = (
-            f"the robot has no joint {strange[0]!r}"
-            if strange
-            else "there is no joint column"
-        )
+        what = f"the robot has no joint {strange[0]!r}" if strange else "there is no joint column"
         raise InputError(f"{where}: {what}; its joints are {', '.join(known)}")
     return joints
 

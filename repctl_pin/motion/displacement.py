@@ -61,9 +61,7 @@ def displacements(
     return way, which
 
 
-def farthest(
-    shapes: Sequence[Shape], off: Array, links: Collection[str]
-) -> tuple[str, float]:
+def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tuple[str, float]:
     """Find the link of the shape that is displaced most, and how far, m.
 
     Parameters
@@ -159,9 +157,7 @@ class LinkPoints:
             if shape.link in own and most[s] >= most[best.get(shape.link, s)]:
                 best[shape.link] = s
         points = [[*bodies[s][which[when[s], s]], 1.0] for s in best.values()]
-        return cls(
-            task, tuple(best), visuals, np.array([*best.values()]), np.array(points)
-        )
+        return cls(task, tuple(best), visuals, np.array([*best.values()]), np.array(points))
 
     def at(self, Q: Array) -> Array:
         """Compute the points at configurations Q (K, n): (K, L, 3), m, base axes."""

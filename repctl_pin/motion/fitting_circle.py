@@ -59,11 +59,7 @@ def fitting_circle(
     planes = (plane,) if plane is not None else task.kind.planes
     limit = 0.14 * arm_reach(task, q0)
     sizes = _RADII if region is None and limit > _SHORT else (*_RADII, *_SMALL)
-    radii = (
-        (radius,)
-        if radius is not None
-        else [x for x in sizes if x <= max(limit, _RADII[-1])]
-    )
+    radii = (radius,) if radius is not None else [x for x in sizes if x <= max(limit, _RADII[-1])]
     strategy = control or Pseudoinverse(task)
     needed = 0.5 * dexterity_at(task, q0)
     touching: TaskPath | None = None
@@ -85,9 +81,7 @@ def fitting_circle(
     if touching is not None:
         return touching
     size_text = (
-        f"of radius {radius:g} m"
-        if radius is not None
-        else f"of {100 * radii[-1]:g} cm or more"
+        f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
     )
     where = "its joint limits" if region is None else "Ω and its joint limits"
     flat = " or ".join(planes)
@@ -97,9 +91,7 @@ def fitting_circle(
     )
 
 
-def circle_at(
-    task: Task, q0: Array, radius: float, plane: str, degrees: float
-) -> TaskPath:
+def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
     """Create a circle through the frame's place at q0, with the text (spec) that makes it again.
 
     ``degrees`` is the position of the start on the circle, counted from the first axis of
@@ -112,11 +104,7 @@ def circle_at(
         first = lambda single, q: circle_at(single, q, radius, plane, degrees)  # noqa: E731
         return several_paths(task, q0, [first, *[None] * (len(task.frames) - 1)])
     path = circle(
-        task,
-        q0,
-        radius,
-        normal=cast(Normal, plane),
-        start_angle=float(np.deg2rad(degrees)),
+        task, q0, radius, normal=cast(Normal, plane), start_angle=float(np.deg2rad(degrees))
     )
     # as few digits as reproduce the same floats
     numbers = (np.format_float_positional(x, trim="-") for x in (radius, degrees))

@@ -17,14 +17,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ..arguments import (
-    Array,
-    as_int,
-    function,
-    positive,
-    require_choice,
-    vector,
-)
+from ..arguments import Array, as_int, function, positive, require_choice, vector
 from ..defaults import CYCLES, PERIOD, STEPS
 from ..errors import InputError, SingularityError
 from ..model.length import joint_scale
@@ -162,9 +155,7 @@ def follow(
     cycles = as_int(cycles, "cycles", 1)
     steps = as_int(steps, "steps", 1)
     check_length(task, cycles, steps)
-    period = positive(
-        (path.period or PERIOD) if period is None else period, "the period", "s"
-    )
+    period = positive((path.period or PERIOD) if period is None else period, "the period", "s")
     feedback = positive(feedback, "the feedback gain", zero=True)
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
@@ -181,9 +172,7 @@ def follow(
                 "the leaf lock corrects the task error itself"
             )
         if not isinstance(strategy, RepeatableInverse):
-            raise InputError(
-                "a leaf lock requires a repeatable strategy, such as design.inverse"
-            )
+            raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
         advance = locked_steps(strategy, path, grid, q, period, integrator)
         method = _Method(advance)
     else:
@@ -192,12 +181,7 @@ def follow(
     size = _size([target.translation for target in targets])
     Q, Qdot, used = _run(method, task, path, (cycles, len(grid) - 1), size, q)
 
-    t = (
-        np.concatenate(
-            [(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]
-        )
-        * period
-    )
+    t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
     return motion_along(path, task, t, Q, Qdot, targets, damping=used)
 
 
@@ -255,12 +239,7 @@ def _size(points: ArrayLike) -> float:
 
 
 def _run(
-    method: _Method,
-    task: Task,
-    path: TaskPath,
-    counts: tuple[int, int],
-    size: float,
-    q: Array,
+    method: _Method, task: Task, path: TaskPath, counts: tuple[int, int], size: float, q: Array
 ) -> tuple[Array, Array, float]:
     """Take all steps from q: positions and velocities (T + 1, n), and the maximum damping.
 
@@ -270,9 +249,7 @@ def _run(
     meaningless.
     """
     (cycles, n_steps), used = counts, 0.0
-    most_step = _JUMP * np.where(
-        task.revolute, 1.0, np.maximum(joint_scale(task, q), size)
-    )  # (n,)
+    most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
     surely = float(most_step.min()) ** 2
     advance = method.advance
     in_c = method.compiled(most_step)
@@ -308,12 +285,7 @@ def _run(
 
 
 def _integrated(
-    strategy: Strategy,
-    path: TaskPath,
-    steps: int,
-    period: float,
-    integrator: str,
-    feedback: float,
+    strategy: Strategy, path: TaskPath, steps: int, period: float, integrator: str, feedback: float
 ) -> _Method:
     """Make the stepper of a motion by a fixed-step Runge–Kutta method, in Python or in C.
 
@@ -393,10 +365,7 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
     not finite.
     """
     found = [
-        [
-            path.twist(min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE))
-            for c in places
-        ]
+        [path.twist(min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE)) for c in places]
         for a, b in pairwise(path_grid(path, steps).tolist())
     ]
     for twist in (twist for row in found if not path.spec for twist in row):

@@ -99,10 +99,7 @@ class JointMotion:
         """
         times = np.diff(self.t)
         return float(
-            np.sqrt(
-                np.sum(np.sum(np.diff(self.q, axis=0) ** 2, axis=1) / times)
-                / times.sum()
-            )
+            np.sqrt(np.sum(np.sum(np.diff(self.q, axis=0) ** 2, axis=1) / times) / times.sum())
         )
 
     @property
@@ -191,9 +188,7 @@ class JointMotion:
         """
         return self._first(self.limit_margin < -1e-9, self.limit_margin)
 
-    def _first(
-        self, broken: NDArray[np.bool_], margins: Array
-    ) -> tuple[float, str] | None:
+    def _first(self, broken: NDArray[np.bool_], margins: Array) -> tuple[float, str] | None:
         """Find the first violation: time in cycles, and joint with the smallest margin; or None.
 
         ``broken`` (T + 1, n) tells at each sample which joints violate a limit. ``margins`` (T + 1,
@@ -261,9 +256,7 @@ def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
 
     Plots, files and collision checks need fewer samples than the integration has.
     """
-    cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(
-        np.intp
-    )[:-1]
+    cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(np.intp)[:-1]
     return np.append(
         (np.arange(motion.cycles)[:, None] * motion.steps + cycle).ravel(),
         motion.cycles * motion.steps,
@@ -296,9 +289,7 @@ class Violation:
         return f"{names} {verb} {into if self.moment else 'at the start'}"
 
 
-def violations_of(
-    motion: JointMotion, bodies: JointMotion | None = None
-) -> tuple[Violation, ...]:
+def violations_of(motion: JointMotion, bodies: JointMotion | None = None) -> tuple[Violation, ...]:
     """List the first limit violation and the first collision of a motion, in order of time.
 
     The tuple is empty if the motion can be sent to the robot.
@@ -312,13 +303,10 @@ def violations_of(
     """
     beyond = motion.first_violation
     touch = (bodies or motion).first_touch
-    found: list[tuple[float, tuple[str, ...]]] = (
-        [(beyond[0], beyond[1:])] if beyond else []
-    )
+    found: list[tuple[float, tuple[str, ...]]] = [(beyond[0], beyond[1:])] if beyond else []
     found += [touch] if touch else []
     return tuple(
-        Violation(moment, cycle_of(moment, motion.cycles), names)
-        for moment, names in sorted(found)
+        Violation(moment, cycle_of(moment, motion.cycles), names) for moment, names in sorted(found)
     )
 
 
@@ -334,6 +322,4 @@ def refuse_violations(motion: JointMotion, remedy: str) -> None:
     """
     found = violations_of(motion)
     if found:
-        raise InputError(
-            f"{'; '.join(map(str, found))}: no trajectory was written; {remedy}"
-        )
+        raise InputError(f"{'; '.join(map(str, found))}: no trajectory was written; {remedy}")

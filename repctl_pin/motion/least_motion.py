@@ -12,15 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import (
-    MOST_STEPS,
-    Array,
-    as_int,
-    flag,
-    positive,
-    read_only,
-    require_type,
-)
+from ..arguments import MOST_STEPS, Array, as_int, flag, positive, read_only, require_type
 from ..errors import InputError, SingularityError
 from ..model.chain_formulas import Placement
 from ..model.task import Task, require_task
@@ -126,22 +118,16 @@ def least_closed_motion(
     """
     path = closed_path(path)
     steps = as_int(steps, "steps", 8, MOST_STEPS)
-    period = positive(
-        (path.period or 5.0) if period is None else period, "the period", "s"
-    )
+    period = positive((path.period or 5.0) if period is None else period, "the period", "s")
     free_start = flag(free_start, "free_start")
     margin = positive(limit_margin, "limit_margin", "rad", zero=True)
-    start = solve_ik(
-        task, require_task(task).check(q0, "the start"), path.placement(0.0)
-    )
+    start = solve_ik(task, require_task(task).check(q0, "the start"), path.placement(0.0))
     grid = path_grid(path, steps)
     cost = _Cost.of(task, path, grid, free_start=free_start, margin=margin)
     if guess is None:
         Q = _closed(cost, _plain(cost, start), grid)
     else:
-        Q = _sampled(
-            cost, require_type(guess, Motion, "guess", "a motion"), start, grid
-        )
+        Q = _sampled(cost, require_type(guess, Motion, "guess", "a motion"), start, grid)
     Q = _within_limits(cost, Q)
     Q = np.vstack([Q, Q[:1]])
     t = grid * period
@@ -178,9 +164,7 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
         if rest is None:
             break
         Q = np.vstack([Q[:1], rest])
-    raise InputError(
-        "the motion of J⁺ cannot be closed", remedy="pass one that closes as guess="
-    )
+    raise InputError("the motion of J⁺ cannot be closed", remedy="pass one that closes as guess=")
 
 
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
@@ -193,17 +177,13 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
     cycle = guess.cycle(0)
     t = guess.t[: guess.steps + 1]
     if cycle.shape[1] != cost.task.n:
-        raise InputError(
-            f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess"
-        )
+        raise InputError(f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess")
     s = (t - t[0]) / (t[-1] - t[0])
     Q = np.stack([np.interp(grid[:-1], s, joint) for joint in cycle.T], axis=1)
     Q[: cost.first] = start
     moved = cost.moved(Q)
     if moved is None:
-        raise InputError(
-            ": it is too far from the path", argument="guess", remedy="omit it"
-        )
+        raise InputError(": it is too far from the path", argument="guess", remedy="omit it")
     return moved
 
 
@@ -230,13 +210,7 @@ class _Cost:
 
     @classmethod
     def of(
-        cls,
-        task: Task,
-        path: TaskPath,
-        grid: Array,
-        *,
-        free_start: bool,
-        margin: float = 0.0,
+        cls, task: Task, path: TaskPath, grid: Array, *, free_start: bool, margin: float = 0.0
     ) -> _Cost:
         """Create the cost at the points s = ``grid`` of a path, with multipliers 0.
 
@@ -311,9 +285,7 @@ class _Cost:
         TN = T @ N
         own = w + np.roll(w, 1) + _DAMPING * self.share
         diagonal = own[first:, None, None] * np.eye(N.shape[2])
-        diagonal = diagonal + np.swapaxes(TN, 1, 2) @ (
-            (stiff * (beyond != 0))[:, :, None] * TN
-        )
+        diagonal = diagonal + np.swapaxes(TN, 1, 2) @ ((stiff * (beyond != 0))[:, :, None] * TN)
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(free))
         bent = np.swapaxes(N, 1, 2) @ bent @ N
@@ -333,9 +305,7 @@ def _inverses(J: Array) -> tuple[Array, Array]:
     """
     m = J.shape[1]
     basis, R = row_factor(J, mode="complete")
-    inverse = np.swapaxes(
-        np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2
-    )
+    inverse = np.swapaxes(np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2)
     return inverse, basis[:, :, m:]
 
 
@@ -359,9 +329,7 @@ def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
         return (pseudoinverse(task.jacobians(Q)) @ errors[:, :, None])[:, :, 0]
 
     try:
-        moved, last = newton_rows(
-            correction, Q, longest=_LONGEST, tolerance=1e-7, iterations=20
-        )
+        moved, last = newton_rows(correction, Q, longest=_LONGEST, tolerance=1e-7, iterations=20)
     except SingularityError:
         return None
     return moved if (last <= 1e-7).all() else None
@@ -422,6 +390,4 @@ def _within_limits(cost: _Cost, Q: Array) -> Array:
                 remedy="choose another start or a smaller path",
             )
         stiff = cost.stiffness * cost.share[:, None]
-        cost = replace(
-            cost, multipliers=stiff * cost.excess(Q), stiffness=5 * cost.stiffness
-        )
+        cost = replace(cost, multipliers=stiff * cost.excess(Q), stiffness=5 * cost.stiffness)

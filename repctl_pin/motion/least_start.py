@@ -115,9 +115,7 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
     return next(better, given)
 
 
-def _along_self_motions(
-    task: Task, path: TaskPath, given: Motion, turn: Array
-) -> Iterator[Motion]:
+def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
     """Generate closed motions of minimum joint speed from starts along a start's self-motions.
 
     Each motion is the guess for the one from the next start. ``turn`` (r, r) rotates the
@@ -144,9 +142,7 @@ def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion
     if task.limit_margin(q).min() >= 0:
         for beside in {guess, None}:
             with suppress(InputError, SingularityError):
-                found.append(
-                    least_closed_motion(task, path, q, steps=_STEPS, guess=beside)
-                )
+                found.append(least_closed_motion(task, path, q, steps=_STEPS, guess=beside))
     return min(found, key=lambda motion: motion.rms_speed, default=None)
 
 
@@ -167,9 +163,7 @@ def _free(motion: Motion, margin: float) -> Motion | None:
             guess=motion,
         )
         start = found.q[0]
-        return least_closed_motion(
-            motion.task, motion.path, start, steps=_STEPS, guess=found
-        )
+        return least_closed_motion(motion.task, motion.path, start, steps=_STEPS, guess=found)
     except (InputError, SingularityError):
         return None
 

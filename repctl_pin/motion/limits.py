@@ -8,16 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
-    Array,
-    as_numbers,
-    flag,
-    freeze,
-    per_joint,
-    read_only,
-    require_type,
-    shown,
-)
+from ..arguments import Array, as_numbers, flag, freeze, per_joint, read_only, require_type, shown
 from ..errors import InputError
 from ..model.several_frames import one_frame
 from ..model.task import Task
@@ -32,10 +23,7 @@ _PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
         (10,) * 7,
         "frankarobotics.github.io/docs/robot_specifications.html, limits for Franka Research 3",
     ),
-    "ur": (
-        (5,) * 6,
-        "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml",
-    ),
+    "ur": ((5,) * 6, "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml"),
 }
 """Published acceleration limits of arms, rad/s² from the base outward, and their sources.
 
@@ -46,10 +34,7 @@ are not included."""
 
 _JERKS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": ((7500, 3750, 5000, 6250, 7500, 10000, 10000), _PRESETS["panda"][1]),
-    "fr3": (
-        (5000,) * 7,
-        "libfranka, include/franka/rate_limiting.h, kMaxJointJerk, from 0.10 on",
-    ),
+    "fr3": ((5000,) * 7, "libfranka, include/franka/rate_limiting.h, kMaxJointJerk, from 0.10 on"),
 }
 """Published jerk limits of arms, rad/s³ from the base outward, and sources; UR publishes none."""
 
@@ -73,9 +58,7 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     if entry is not None and entry.acceleration is not None:
         published = _PRESETS[entry.acceleration][0]
         if len(published) == len(names):
-            return np.array(
-                published, float
-            ), f"published limits for {entry.acceleration}"
+            return np.array(published, float), f"published limits for {entry.acceleration}"
     speed = task.joint_limits[2]
     return np.where(
         np.isfinite(speed), speed / _FULL_SPEED, _UNLIMITED
@@ -233,9 +216,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     found = JointLimits(
         own if given is None else per_joint(given, len(names), "velocity"),
         _per_joint(limits.acceleration, _PRESETS, task, "acceleration"),
-        jerk=None
-        if limits.jerk is None
-        else _per_joint(limits.jerk, _JERKS, task, "jerk"),
+        jerk=None if limits.jerk is None else _per_joint(limits.jerk, _JERKS, task, "jerk"),
         tool=None if tool is None else _tool_share(task, tool),
     )
     if not limits.torque:
@@ -245,12 +226,8 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
             "torque limits are of the robot's own joints; follow the path with the original task"
         )
     model = task.robot.model
-    efforts = np.array(
-        [model.effortLimit[model.getJointId(name) - 1] for name in names]
-    )
-    if (efforts >= NO_EFFORT).any() or not sum(
-        inertia.mass for inertia in model.inertias
-    ) > 0:
+    efforts = np.array([model.effortLimit[model.getJointId(name) - 1] for name in names])
+    if (efforts >= NO_EFFORT).any() or not sum(inertia.mass for inertia in model.inertias) > 0:
         raise InputError(
             "torque limits need efforts and masses, and this URDF lacks some; leave torque out"
         )
@@ -258,10 +235,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
 
 
 def _per_joint(
-    given: ArrayLike | str,
-    known: dict[str, tuple[tuple[float, ...], str]],
-    task: Task,
-    what: str,
+    given: ArrayLike | str, known: dict[str, tuple[tuple[float, ...], str]], task: Task, what: str
 ) -> Array:
     """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,).
 

@@ -79,8 +79,7 @@ class Motion(JointMotion):
             f"{value:.3g}" for value in dict.fromkeys((self.drift[0], self.drift[-1]))
         )
         return (
-            f"<Motion of {task.robot.name} {task.frame}: "
-            f"{self.path.name}, {cycles}, drift {drift}>"
+            f"<Motion of {task.robot.name} {task.frame}: {self.path.name}, {cycles}, drift {drift}>"
         )
 
     @property
@@ -89,11 +88,7 @@ class Motion(JointMotion):
 
         Ω is the region of joint space for which the design was made.
         """
-        return (
-            None
-            if self.region is None
-            else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
-        )
+        return None if self.region is None else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
 
     @cached_property
     def beyond_closing_radius(self) -> float | None:
@@ -119,9 +114,7 @@ class Motion(JointMotion):
         that leaves its path has no meaningful drift.
         """
         length = arm_length(self.task, self.q[0]) or 1.0
-        off = ~(
-            (self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH)
-        )
+        off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
         if not off.any():
             return None
         when = int(np.argmax(off)) / self.steps
@@ -134,9 +127,7 @@ class Motion(JointMotion):
         one motion serves for all speeds.
         """
         factor = positive(factor, "the factor")
-        return replace(
-            self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor
-        )
+        return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
         """Slow the motion down wherever a joint exceeds its speed limit, on the same joint path.
@@ -167,9 +158,7 @@ class Motion(JointMotion):
         qdot = self.joints(self.qdot)
         at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)
-        between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(
-            axis=1
-        )  # (T,)
+        between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)
         stretch = np.maximum(np.maximum(at_ends[1:], at_ends[:-1]), between)
         t = self.t[0] + np.concatenate([[0.0], np.cumsum(times * stretch)])
         return replace(self, t=t, qdot=self.qdot / at_ends[:, None])

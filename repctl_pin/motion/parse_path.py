@@ -97,9 +97,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
         radius = _length(parts[0], text)
         degrees = number(parts[1])
         if not np.isfinite(degrees):
-            raise InputError(
-                f"path {text!r}: {parts[1]!r} is no angle in degrees; give {_FORMS}"
-            )
+            raise InputError(f"path {text!r}: {parts[1]!r} is no angle in degrees; give {_FORMS}")
         return lambda task, q0, plane: circle_at(task, q0, radius, plane, degrees)
     numbers = [_length(part, text) for part in parts]
     curves: dict[str, Callable[..., TaskPath]] = {"eight": figure_eight, "rose": rose}
@@ -107,9 +105,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
         return lambda task, q0, plane: curves[kind](task, q0, numbers[0], normal=plane)
     if kind == "square" and len(numbers) == 1:
         side = numbers[0]
-        return _polygon(
-            [(side, 0), (side, side), (0, side)], f"square of side {side:g} m", blend
-        )
+        return _polygon([(side, 0), (side, side), (0, side)], f"square of side {side:g} m", blend)
     if (
         kind == "polygon"
         and len(numbers) == 2
@@ -119,17 +115,13 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
         count = int(min(numbers[0], MOST_POINTS + 1))
         radius = numbers[1]
         if count > MOST_POINTS:
-            raise InputError(
-                f"path {text!r} has more than {MOST_POINTS} corners; draw a circle"
-            )
+            raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; draw a circle")
         angles = 2 * np.pi * np.arange(1, count) / count
         ring = [(radius * (np.cos(a) - 1), radius * np.sin(a)) for a in angles]
         return _polygon(ring, f"{count}-gon of radius {radius:g} m", blend)
     others = registered("paths")
     if kind in others:
-        return lambda task, q0, plane: plugin("paths", kind)(
-            task, q0, *numbers, plane=plane
-        )
+        return lambda task, q0, plane: plugin("paths", kind)(task, q0, *numbers, plane=plane)
     more = "".join(f", {name}" for name in others)
     raise InputError(f"no path {text!r}; give {_FORMS}{more}, lengths in m")
 

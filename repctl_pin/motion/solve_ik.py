@@ -131,12 +131,7 @@ def solve_ik(
 
 
 def solve_near(
-    task: Task,
-    q0: Array,
-    target: Placement,
-    *,
-    tolerance: float,
-    limits: bool = False,
+    task: Task, q0: Array, target: Placement, *, tolerance: float, limits: bool = False
 ) -> Array:
     """Find q with f(q) at the target near q0: as :func:`solve_ik`, but from q0 only.
 
@@ -171,9 +166,7 @@ def _starts(task: Task, q0: Array) -> Iterator[Array]:
         yield q0 + k / count * (end - q0)
 
 
-def _newton(
-    task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations: int
-) -> _Attempt:
+def _newton(task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations: int) -> _Attempt:
     """Solve for the target from one start, and return where Newton's method ends, solved or not.
 
     Steps are ``J⁺ e`` with the task error e, at most 0.3 rad or m per joint. It ends at an error
@@ -298,9 +291,7 @@ def _with_corner(
     where = path.corners[corner]
     what = str(error)
     if corner > 0:
-        shortfalls = [
-            _shortfall(task, near, path.placement(knots[corner])) for near in (q, start)
-        ]
+        shortfalls = [_shortfall(task, near, path.placement(knots[corner])) for near in (q, start)]
         if "" in shortfalls:
             where = f"between {path.corners[corner - 1]} and {where}"
         else:
@@ -380,9 +371,7 @@ def _longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
     frame = model.frames[task._frame_id]
     chain = [j for j in model.supports[frame.parentJoint] if j > 0]
     offsets = [model.jointPlacements[j].translation for j in chain]
-    length = float(
-        np.linalg.norm([*offsets[1:], frame.placement.translation], axis=1).sum()
-    )
+    length = float(np.linalg.norm([*offsets[1:], frame.placement.translation], axis=1).sum())
     for name in (model.names[j] for j in chain):
         joint = task.robot.joints[name]
         if joint.kind == "prismatic":

@@ -98,9 +98,4 @@ class TimedMotion:
                 f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}"
             )
         rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
-        return (
-            self.t[rows] - self.starts[k],
-            self.q[rows],
-            self.qdot[rows],
-            self.qddot[rows],
-        )
+        return (self.t[rows] - self.starts[k], self.q[rows], self.qdot[rows], self.qddot[rows])

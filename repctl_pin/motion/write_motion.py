@@ -50,21 +50,16 @@ def write_motion(
     True
     """
     if not isinstance(motion, TimedMotion):
-        require_type(
-            motion, Motion, "motion", "a motion, such as rp.follow or rp.timed returns"
-        )
+        require_type(motion, Motion, "motion", "a motion, such as rp.follow or rp.timed returns")
     path = Path(file_name(file, "file"))
     if path.suffix not in (".csv", ".yaml", ".yml"):
         raise InputError(f"{str(path)!r} must end in .csv or .yaml")
     followed = motion.motion if isinstance(motion, TimedMotion) else motion
     if followed is not None and not flag(allow_violations, "allow_violations"):
         refuse_violations(
-            followed,
-            "choose another start or path, or write it anyway with allow_violations=True",
+            followed, "choose another start or path, or write it anyway with allow_violations=True"
         )
-    return write_whole(
-        path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion)
-    )
+    return write_whole(path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion))
 
 
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
@@ -77,9 +72,7 @@ def commanded(motion: Motion, strategy: Strategy) -> Motion:
     task = motion.task
     Qdot = [
         strategy.velocity(
-            q,
-            task.task_velocity(q, motion.path.twist(min(float(s), 1.0 - 1e-12)))
-            / period,
+            q, task.task_velocity(q, motion.path.twist(min(float(s), 1.0 - 1e-12))) / period
         )
         for q, s in zip(motion.q, ends, strict=True)
     ]
@@ -94,26 +87,13 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
     """
     if isinstance(motion, TimedMotion):
         names, t = motion.joints, motion.t
-        rows = {
-            "positions": motion.q,
-            "velocities": motion.qdot,
-            "accelerations": motion.qddot,
-        }
+        rows = {"positions": motion.q, "velocities": motion.qdot, "accelerations": motion.qddot}
     else:
         names = motion.task.robot_joints
         t = motion.t - motion.t[0]
-        rows = {
-            "positions": motion.joints(motion.q),
-            "velocities": motion.joints(motion.qdot),
-        }
+        rows = {"positions": motion.joints(motion.q), "velocities": motion.joints(motion.qdot)}
     joints = f"joint_names: [{', '.join(map(_quoted, names))}]"
-    lines = [
-        "header:",
-        "  stamp: {sec: 0, nanosec: 0}",
-        "  frame_id: ''",
-        joints,
-        "points:",
-    ]
+    lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", joints, "points:"]
     for moment, *values in zip(t, *rows.values(), strict=True):
         nanoseconds = round(float(moment) * 1e9)
         said = [
@@ -134,7 +114,5 @@ def _quoted(name: str) -> str:
     """
     if name.isprintable():
         return "'" + name.replace("'", "''") + "'"
-    plain = (
-        c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name
-    )
+    plain = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)
     return '"' + "".join(plain) + '"'

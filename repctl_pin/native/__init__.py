@@ -86,8 +86,7 @@ def _struct(
 
 
 PART = _struct(
-    ints="kind k count degree",
-    pointers="joint parent factor center scale wave weight chart",
+    ints="kind k count degree", pointers="joint parent factor center scale wave weight chart"
 )
 """The struct Part of arm.h: one term of a sum of potentials."""
 
@@ -107,9 +106,7 @@ CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers resu
 """The struct Call of calls.c: the arguments of one thread."""
 
 GOVERNOR_CALL = _struct(
-    ints="room",
-    doubles="dt",
-    pointers="arm state limits target twist q result samples ways allows",
+    ints="room", doubles="dt", pointers="arm state limits target twist q result samples ways allows"
 )
 """The struct GovernorCall of governor_calls.c: the arguments of one governor."""
 
@@ -135,9 +132,7 @@ LAW = _struct(
 )
 """The struct Law of runge_kutta.c: a control law, and the motion that it makes."""
 
-CHAIN = _struct(
-    ints="P k n N", pointers="R p a shift reach revolute level first column S o"
-)
+CHAIN = _struct(ints="P k n N", pointers="R p a shift reach revolute level first column S o")
 """The struct Chain of leaf_margin_bounds.h: the extended chain of one frame."""
 
 PROBLEM = _struct(
@@ -184,12 +179,8 @@ def filled_struct(
     them as ``held``, a dict by name, so that they live as long as it does.
     """
     held: dict[str, NDArray[np.generic]] = {}
-    held |= {
-        name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()
-    }
-    held |= {
-        name: np.ascontiguousarray(values, float) for name, values in reals.items()
-    }
+    held |= {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
+    held |= {name: np.ascontiguousarray(values, float) for name, values in reals.items()}
     pointers = {name: values.ctypes.data for name, values in held.items()}
     made = struct(**scalars, **pointers)
     made.held = dict(held)

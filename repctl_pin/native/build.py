@@ -27,11 +27,7 @@ _FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden"
 """Without fused multiply-add, every compiler and processor computes the same numbers."""
 
 _LEVELS = {"plain": "", "avx2": "-mavx2", "avx512": "-mavx512f -mavx512dq"}
-_LEVELLED = (
-    "cell_bounds.c",
-    "arm_angle.c",
-    "function.c",
-)
+_LEVELLED = ("cell_bounds.c", "arm_angle.c", "function.c")
 """Files that are compiled for each level of the vector units, and these levels on x86-64."""
 
 _SECONDS = 300

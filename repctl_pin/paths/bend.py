@@ -41,8 +41,7 @@ class Bend:
         nodes = chebyshev.chebpts1(_DEGREE + 1)
         theta = cls.direction_of(phi, (nodes + 1) / 2)
         slope = np.linalg.solve(
-            chebyshev.chebvander(nodes, _DEGREE),
-            np.stack([np.cos(theta), np.sin(theta)], axis=1),
+            chebyshev.chebvander(nodes, _DEGREE), np.stack([np.cos(theta), np.sin(theta)], axis=1)
         )
         return cls(phi, np.asarray(chebyshev.chebint(slope, scl=0.5, lbnd=-1), float))
 

@@ -21,9 +21,7 @@ _Turning = Callable[[float], Array]
 """Function of s in [0, 1] that returns R(s) (3, 3), or a vector (3,) such as ω(s)."""
 
 _NODES = np.arange(7)
-_WEIGHTS = np.array(
-    [np.linalg.inv(np.vander(_NODES - k, increasing=True))[1] for k in _NODES]
-)
+_WEIGHTS = np.array([np.linalg.inv(np.vander(_NODES - k, increasing=True))[1] for k in _NODES])
 """Row k: finite-difference weights of the first derivative at node k of seven nodes, sixth order;
 one-sided unless k is 3."""
 
@@ -43,9 +41,7 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
         If the value is not a rotation: ``RᵀR = I``, ``det R = 1``.
     """
     try:
-        R = np.array(
-            value.as_matrix() if isinstance(value, Rotation) else value, dtype=float
-        )
+        R = np.array(value.as_matrix() if isinstance(value, Rotation) else value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         R = np.empty(0)
     off = np.abs(R.T @ R - np.eye(3)).max() if R.shape == (3, 3) else np.inf
@@ -72,8 +68,7 @@ def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
         k = max(min(3, int((s - start) / e)), int(np.ceil(6 - (end - s) / e)))
         here = rotation(s)
         turned = [
-            pin.log3(rotation(float(x)) @ here.T)
-            for x in np.clip(s + e * (_NODES - k), start, end)
+            pin.log3(rotation(float(x)) @ here.T) for x in np.clip(s + e * (_NODES - k), start, end)
         ]
         return _WEIGHTS[k] @ turned / e
 
@@ -88,17 +83,13 @@ def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, fl
     """
 
     def piece(s: float) -> tuple[int, float]:
-        i = int(
-            np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(widths) - 1)
-        )
+        i = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(widths) - 1))
         return i, (s - knots[i]) / widths[i]
 
     return piece
 
 
-def smooth_turning(
-    knots: ArrayLike, rotations: Sequence[Array]
-) -> tuple[_Turning, _Turning]:
+def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[_Turning, _Turning]:
     """Interpolate orientations (P, 3, 3) at knots (P,) by a periodic cubic spline on SO(3).
 
     The knots increase from 0 to 1; the last orientation equals the first. The spline is twice
@@ -128,9 +119,7 @@ def smooth_turning(
         )
     count = len(s) - 1
     k = np.arange(-_WRAP, count + _WRAP + 1)
-    spline = RotationSpline(
-        s[k % count] + k // count, Rotation.from_matrix(R[k % count])
-    )
+    spline = RotationSpline(s[k % count] + k // count, Rotation.from_matrix(R[k % count]))
     rates = spline(s[:-1], 1)  # (P − 1, 3), in the rotating frame
     held = angles < 1e-9
     rates[held | np.roll(held, 1)] = 0.0
@@ -139,14 +128,10 @@ def smooth_turning(
     steps = np.diff(s)[:, None]
     begin = rates[:-1] * steps
     end = np.array(
-        [
-            pin.Jlog3(pin.exp3(t)) @ w
-            for t, w in zip(theta, rates[1:] * steps, strict=True)
-        ]
+        [pin.Jlog3(pin.exp3(t)) @ w for t, w in zip(theta, rates[1:] * steps, strict=True)]
     )
-    cubic = np.stack(
-        [begin, 3 * theta - 2 * begin - end, begin + end - 2 * theta], axis=1
-    )  # (P − 1, 3, 3)
+    # (P − 1, 3, 3)
+    cubic = np.stack([begin, 3 * theta - 2 * begin - end, begin + end - 2 * theta], axis=1)
 
     piece = piece_finder(s, steps[:, 0])
 

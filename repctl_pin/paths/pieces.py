@@ -58,9 +58,7 @@ def pieces_of(path: TaskPath) -> list[Piece]:
         If the path is too rough for an error of 1e-9 of its size.
     """
     knots = (0.0, *path.breaks, 1.0)
-    points = np.array(
-        [path.placement(float(s)).translation for s in np.linspace(0, 1, 33)]
-    )
+    points = np.array([path.placement(float(s)).translation for s in np.linspace(0, 1, 33)])
     size = max(float(np.ptp(points, axis=0).max()), 1e-3)
     placements = [path.placement(float(s)).rotation for s in np.linspace(0, 1, 33)]
     turns = any(not np.array_equal(placements[0], R) for R in placements)
@@ -84,17 +82,14 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
     """
     ends = np.array([piece.end for piece in pieces])
     slopes = [
-        chebyshev.chebder(piece.coefficients) * (2 / (piece.end - piece.begin))
-        for piece in pieces
+        chebyshev.chebder(piece.coefficients) * (2 / (piece.end - piece.begin)) for piece in pieces
     ]
 
     def at(s: float, *, slope: bool = False) -> Array:
         i = min(int(np.searchsorted(ends, s, side="right")), len(pieces) - 1)
         piece = pieces[i]
         u = (2 * s - piece.begin - piece.end) / (piece.end - piece.begin)
-        return np.asarray(
-            chebyshev.chebval(u, slopes[i] if slope else piece.coefficients)
-        )
+        return np.asarray(chebyshev.chebval(u, slopes[i] if slope else piece.coefficients))
 
     def spin(s: float) -> Array:
         """Evaluate ω(s), the vector part of ``2 p′ p* / |p|²``, from the quaternion p(s)."""
@@ -103,15 +98,9 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
     turning: dict[str, Any] = {"rotation": rotation}
     if pieces[0].coefficients.shape[1] == 7:
-        turning = {
-            "rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(),
-            "spin": spin,
-        }
+        turning = {"rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(), "spin": spin}
     return TaskPath(
-        point=lambda s: at(s)[:3],
-        slope=lambda s: at(s, slope=True)[:3],
-        **turning,
-        **what,
+        point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **what
     )
 
 
@@ -139,9 +128,7 @@ def _fitted(
     errors are relative, and ``depth`` the number of halvings so far. InputError is raised after the
     last one if the fit is still too rough.
     """
-    inner = 1e-13 * (
-        end - begin
-    )  # sample inside the piece: the path may have corners at its ends
+    inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
 
     def values(u: Array) -> Array:
         middles = (begin + end + u * (end - begin)) / 2
@@ -151,9 +138,7 @@ def _fitted(
         if not turns:
             return points
         order = np.argsort(u)
-        quaternions = Rotation.from_matrix(
-            [placed[i].rotation for i in order]
-        ).as_quat()
+        quaternions = Rotation.from_matrix([placed[i].rotation for i in order]).as_quat()
         for i in range(1, len(quaternions)):
             quaternions[i] *= -1 if quaternions[i] @ quaternions[i - 1] < 0 else 1
         return np.hstack([points, quaternions[np.argsort(order)]])
@@ -161,15 +146,12 @@ def _fitted(
     worst = np.inf
     for degree in _DEGREES:
         u = chebyshev.chebpts2(degree + 1)
-        C: Array = np.linalg.solve(chebyshev.chebvander(u, degree), values(u)).astype(
-            float
-        )
+        C: Array = np.linalg.solve(chebyshev.chebvander(u, degree), values(u)).astype(float)
         between = np.cos(np.pi * (np.arange(degree + 3) + 0.31) / (degree + 3))
         fit = chebyshev.chebval(between, C).T
         true = values(between)
-        true[:, 3:] *= np.sign(
-            (fit[:, 3:] * true[:, 3:]).sum(axis=1, keepdims=True)
-        )  # q and −q are the same rotation
+        # q and −q are the same rotation
+        true[:, 3:] *= np.sign((fit[:, 3:] * true[:, 3:]).sum(axis=1, keepdims=True))
         off = np.abs(fit - true) / np.array([size] * 3 + [1.0] * 4)[: C.shape[1]]
         worst = min(worst, float(off.max()))
         if off.max() <= _EXACT or (

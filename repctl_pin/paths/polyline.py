@@ -72,12 +72,7 @@ class Waypoints:
 
 
 def polygon(
-    task: Task,
-    q0: ArrayLike,
-    corners: ArrayLike,
-    *,
-    blend: float = 0.0,
-    name: str = "polygon",
+    task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0, name: str = "polygon"
 ) -> TaskPath:
     """Create a closed polygon that starts at the frame's position at q0, at constant speed.
 
@@ -123,9 +118,7 @@ def polygon(
     aside = start.translation - path.point(0.0)
     if not aside.any():
         return path
-    return TaskPath(
-        name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks
-    )
+    return TaskPath(name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks)
 
 
 def waypoints(
@@ -220,22 +213,14 @@ def waypoints(
     gap = float(np.linalg.norm(corners[-1] - corners[0]))
     turned = pin.log3(turns[0].T @ turns[-1])
     if gap > 1e-6 * size or np.linalg.norm(turned) > 1e-6:
-        by = (
-            f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
-        )
+        by = f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
         raise InputError(f"the path is open by {by}; repeat the first point at the end")
     corners = np.vstack([corners[:-1], corners[0]])
-    return _polyline(
-        corners, turns[0] if len(turns) == 1 else turns, times, blend, name
-    )
+    return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
 
 
 def _polyline(
-    corners: Array,
-    rotation: Array | list[Array],
-    times: ArrayLike | None,
-    blend: float,
-    name: str,
+    corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
 ) -> TaskPath:
     """Create a path through corners (P, 3), m, the last equal to the first.
 
@@ -244,21 +229,15 @@ def _polyline(
     corners; ``name`` is the display name.
     """
     if len(corners) - 1 > MOST_POINTS:
-        raise InputError(
-            f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}"
-        )
+        raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
     turns = np.zeros(len(corners) - 1)
     if isinstance(rotation, list):
-        turns = np.array(
-            [np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)]
-        )
+        turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])
     edges = np.diff(corners, axis=0)
     sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
     stays = sizes < 1e-9
     if stays.all():
-        raise InputError(
-            f"{name}: all points are the same; give at least two different points"
-        )
+        raise InputError(f"{name}: all points are the same; give at least two different points")
     blend = positive(blend, "blend", "m", zero=True)
     if blend and times is not None:
         raise InputError(
@@ -349,19 +328,13 @@ def _rounded(
     edges = np.diff(corners, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     units = edges / np.maximum(lengths, 1e-300)[:, None]
-    before = np.roll(
-        units, 1, axis=0
-    )  # direction into corner i; units[i] is the direction out of it
+    # direction into corner i; units[i] is the direction out of it
+    before = np.roll(units, 1, axis=0)
     inward = units - np.einsum("ij,ij->i", units, before)[:, None] * before
     across = np.linalg.norm(inward, axis=1)
     phi = np.arctan2(across, np.einsum("ij,ij->i", units, before))
     moving = lengths > 1e-9
-    phi[
-        ~(moving & np.roll(moving, 1))
-        | (phi > np.pi - 1e-3)
-        | (phi < 1e-9)
-        | (radius == 0)
-    ] = 0.0
+    phi[~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9) | (radius == 0)] = 0.0
     cut = radius * np.tan(phi / 2)  # length cut off both edges of corner i
     straight = lengths - cut - np.roll(cut, -1)
     if (straight < -1e-12).any():
@@ -382,9 +355,7 @@ def _rounded(
         if bend is not None:
             start = corners[i] - cut[i] * before[i]
             length = bend.length(cut[i])
-            pieces.append(
-                _bend(bend, start, before[i], inward[i] / across[i], length, begin)
-            )
+            pieces.append(_bend(bend, start, before[i], inward[i] / across[i], length, begin))
             took.append(length / 2)
 
     for i, edge in enumerate(edges):

@@ -104,11 +104,7 @@ def circle(
     target = vector(rotation, 3, "rotation, as a point to face,")
     R, spin = facing(target, point, slope, here.rotation)
     return TaskPath(
-        f"{name}, facing ({', '.join(f'{v:g}' for v in target)})",
-        point,
-        slope,
-        R,
-        spin=spin,
+        f"{name}, facing ({', '.join(f'{v:g}' for v in target)})", point, slope, R, spin=spin
     )
 
 
@@ -165,20 +161,13 @@ def figure_eight(
             here.translation
             + radius * (np.sin(turn * s) * along + 0.5 * np.sin(2 * turn * s) * across)
         ),
-        lambda s: (
-            radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across)
-        ),
+        lambda s: radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across),
         here.rotation,
     )
 
 
 def rose(
-    task: Task,
-    q0: ArrayLike,
-    radius: float = 0.1,
-    *,
-    petals: int = 3,
-    normal: Normal = "z",
+    task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: Normal = "z"
 ) -> TaskPath:
     """Create a rose, ρ = radius · sin(petals · φ) in polar coordinates around the start.
 
@@ -228,9 +217,7 @@ def rose(
 
     return TaskPath(
         f"rose of {petals} petals, {radius:g} m, in {plane}",
-        lambda s: (
-            here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s)
-        ),
+        lambda s: here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s),
         slope,
         here.rotation,
     )
@@ -243,10 +230,7 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
     second axis is reversed, and the path runs the other way round.
     """
     normal = require_type(
-        normal,
-        str,
-        "normal",
-        "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'",
+        normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"
     )
     bare = normal.removeprefix("-")
     meant = _NORMALS.get(bare, bare)

@@ -117,11 +117,7 @@ class TaskPath:
 
     def __post_init__(self) -> None:
         turn = self.point if self.spin is None else self.spin
-        for curve, what in (
-            (self.point, "point"),
-            (self.slope, "slope"),
-            (turn, "spin"),
-        ):
+        for curve, what in ((self.point, "point"), (self.slope, "slope"), (turn, "spin")):
             function(curve, what, "a function of s that returns three numbers")
         if len(list_of(self.breaks, "breaks", "values of s")):
             vector(self.breaks, None, "breaks", "values of s")
@@ -132,14 +128,10 @@ class TaskPath:
             object.__setattr__(self, "rotation", rotation_matrix(self.rotation))
         else:
             function(
-                self.rotation,
-                "rotation",
-                "a rotation matrix, or a function of s that returns one",
+                self.rotation, "rotation", "a rotation matrix, or a function of s that returns one"
             )
             if self.spin is None:
-                object.__setattr__(
-                    self, "spin", angular_velocity(self._turned, self.breaks)
-                )
+                object.__setattr__(self, "spin", angular_velocity(self._turned, self.breaks))
         _check(self)
 
     def placement(self, s: float) -> pin.SE3:
@@ -150,16 +142,12 @@ class TaskPath:
     def twist(self, s: float) -> Array:
         """Evaluate d(pose)/ds = (v, ω) at s in [0, 1]: (6,), m and rad per cycle, base axes."""
         s = finite(s, "s")
-        return np.concatenate(
-            [self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)]
-        )
+        return np.concatenate([self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)])
 
     def points(self, count: int = 201) -> Array:
         """Sample the frame's positions along the path, corners included: (≥ count, 3), m."""
         count = as_int(count, "count", 2, MOST_STEPS)
-        return np.array(
-            [self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)]
-        )
+        return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
 
     def __deepcopy__(self, memo: dict[int, Any]) -> TaskPath:
         """Return the path itself, which is immutable."""
@@ -173,16 +161,10 @@ class TaskPath:
 
     def as_dict(self) -> dict[str, Any]:
         """Collect the path's name, spec and plane in plain Python types, for JSON."""
-        return {
-            "path": self.name,
-            "path_spec": self.spec or None,
-            "plane": self.plane or None,
-        }
+        return {"path": self.name, "path_spec": self.spec or None, "plane": self.plane or None}
 
     def __repr__(self) -> str:
-        turning = (
-            "varying orientation" if callable(self.rotation) else "fixed orientation"
-        )
+        turning = "varying orientation" if callable(self.rotation) else "fixed orientation"
         period = "" if self.period is None else f", {self.period:g} s"
         return f"<TaskPath {self.name}: {turning}, {len(self.breaks)} corners{period}>"
 
@@ -238,17 +220,11 @@ def _check(path: TaskPath) -> None:
         _require_values(path, s)
     twists = np.array([path.twist(s) for s, _ in samples])
     differences = np.array(
-        [
-            _difference(path.placement(s - e), path.placement(s + e)) / (2 * e)
-            for s, e in samples
-        ]
+        [_difference(path.placement(s - e), path.placement(s + e)) / (2 * e) for s, e in samples]
     )
     first = path.placement(0.0)
     last = path.placement(1.0)
-    size = max(
-        float(np.abs([path.point(s) - first.translation for s, _ in samples]).max()),
-        1e-3,
-    )
+    size = max(float(np.abs([path.point(s) - first.translation for s, _ in samples]).max()), 1e-3)
     gap = _difference(first, last)
     for part, unit, curve, most in (
         (slice(3), "m", "p", 1e-6 * size),
@@ -287,9 +263,7 @@ def _difference(a: pin.SE3, b: pin.SE3) -> Array:
 
     The rotation part is a rotation vector, from a to b.
     """
-    return np.concatenate(
-        [b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)]
-    )
+    return np.concatenate([b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)])
 
 
 @dataclass(frozen=True, eq=False)

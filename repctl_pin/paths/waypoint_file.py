@@ -74,17 +74,13 @@ def _waypoints(file: Path, rows: list[_Line]) -> Waypoints:
     if rows and _is_header(rows[0][1]):
         names = _columns(rows.pop(0)[1], file)
     if not rows:
-        raise InputError(
-            f"{file} contains no waypoints; write x, y, z in m, one point per line"
-        )
+        raise InputError(f"{file} contains no waypoints; write x, y, z in m, one point per line")
     if len(rows) - 1 > MOST_POINTS:
         raise InputError(
             f"{file} contains {len(rows)} waypoints; reduce them to at most {MOST_POINTS}"
         )
     numbers = tuple(line for line, _ in rows)
-    values = np.array(
-        [_numbers(row, names, f"{file}, line {line}") for line, row in rows]
-    )
+    values = np.array([_numbers(row, names, f"{file}, line {line}") for line, row in rows])
     column = {name: values[:, i] for i, name in enumerate(names)}
     rotations = None
     if "qw" in column:
@@ -96,18 +92,14 @@ def _waypoints(file: Path, rows: list[_Line]) -> Waypoints:
                 f"{file}, line {numbers[at]}: the quaternion has length {sizes[at]:.3g}; "
                 "normalise it, in the order qx, qy, qz, qw"
             )
-        rotations = np.array(
-            [pin.Quaternion(q).normalized().matrix() for q in quaternions]
-        )
+        rotations = np.array([pin.Quaternion(q).normalized().matrix() for q in quaternions])
     times = column.get("time")
     if times is not None and (late := np.diff(times) <= 0).any():
         raise InputError(
             f"{file}, line {numbers[int(np.argmax(late)) + 1]}: "
             "the time must increase from line to line"
         )
-    return Waypoints(
-        np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers
-    )
+    return Waypoints(np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers)
 
 
 def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
@@ -125,10 +117,11 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     """
     where = file_name(file)
     spec = file + (f":blend={blend:.15g}" if blend else "")
+    # report errors before a robot is loaded
     made = {
         frame: _through(_waypoints(where, rows), where.name, spec, blend)
         for frame, rows in _by_frame(where, _lines(where)).items()
-    }  # report errors before a robot is loaded
+    }
 
     def path_of(task: Task, q0: ArrayLike) -> TaskPath:
         own = {_frame_of(text, task, where): path for text, path in made.items()}
@@ -155,9 +148,7 @@ def _through(
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
     def through(rotation: ArrayLike) -> TaskPath:
-        path = waypoints(
-            table.points, rotation, times=table.times, blend=blend, name=name
-        )
+        path = waypoints(table.points, rotation, times=table.times, blend=blend, name=name)
         return replace(path, spec=spec, corners=corners)
 
     known = through(np.eye(3) if table.rotations is None else table.rotations)
@@ -186,9 +177,7 @@ def _by_frame(file: Path, rows: list[_Line]) -> dict[str, list[_Line]]:
         )
     for line, row in rows:
         if len(row) != len(header):
-            raise InputError(
-                f"{file}, line {line}: {len(row)} cells for {len(header)} columns"
-            )
+            raise InputError(f"{file}, line {line}: {len(row)} cells for {len(header)} columns")
     found: dict[str, list[_Line]] = {}
     for frame in frames:
         own = [i for i, (of, _) in enumerate(cells) if of in ("", frame)]
@@ -224,9 +213,7 @@ def _cell(text: str) -> str:
 
 def _is_header(row: list[str]) -> bool:
     """Test whether a line of the file is a header: words instead of numbers."""
-    return all(
-        _cell(cell)[:1].isalpha() and not np.isfinite(number(cell)) for cell in row
-    )
+    return all(_cell(cell)[:1].isalpha() and not np.isfinite(number(cell)) for cell in row)
 
 
 def _columns(row: list[str], file: Path) -> tuple[str, ...]:
@@ -234,14 +221,10 @@ def _columns(row: list[str], file: Path) -> tuple[str, ...]:
 
     Known are x, y, z, with or without qx, qy, qz, qw, and with or without time, in any order.
     """
-    names = tuple(
-        _TIMES.get(name, name) for name in (_cell(cell).lower() for cell in row)
-    )
+    names = tuple(_TIMES.get(name, name) for name in (_cell(cell).lower() for cell in row))
     if not any(sorted(names) == sorted(layout) for layout in _LAYOUTS):
         if any(";" in name for name in row):
-            raise InputError(
-                f"{file}: separate the columns by commas, and use decimal points"
-            )
+            raise InputError(f"{file}: separate the columns by commas, and use decimal points")
         called = f"the columns are named {', '.join(map(str.strip, row))}"
         meant = "x, y, z (m), and optionally qx, qy, qz, qw and time (s)"
         raise InputError(f"{file}: {called}; name them {meant}")
@@ -255,9 +238,7 @@ def _numbers(row: list[str], names: tuple[str, ...], where: str) -> list[float]:
         return values
     wrong = f"{where}: {text!r} is not {_COUNT[len(names)]}"
     if ";" in text or len(text.split()) == len(names) > len(row):
-        raise InputError(
-            f"{wrong} numbers; separate them by commas, and use decimal points"
-        )
+        raise InputError(f"{wrong} numbers; separate them by commas, and use decimal points")
     raise InputError(f"{wrong} finite numbers {', '.join(names)}")
 
 

@@ -42,11 +42,7 @@ def winding(task: Task, path: TaskPath) -> int:
     one = around[np.argmax(np.linalg.norm(around, axis=1))]
     x = around @ one
     y = around @ np.cross(axis, one)
-    return int(
-        np.rint(
-            (np.unwrap(np.arctan2(y, x))[-1] - np.arctan2(y[0], x[0])) / (2 * np.pi)
-        )
-    )
+    return int(np.rint((np.unwrap(np.arctan2(y, x))[-1] - np.arctan2(y[0], x[0])) / (2 * np.pi)))
 
 
 def winding_words(turns: int, joint: str) -> str:

@@ -7,10 +7,4 @@ paths end where they began. A study uses polynomials only, so the other bases ar
 from .basis import CurvedPotentials, Joined, PotentialBasis, Potentials
 from .polynomial import Polynomial
 
-__all__ = [
-    "CurvedPotentials",
-    "Joined",
-    "Polynomial",
-    "PotentialBasis",
-    "Potentials",
-]
+__all__ = ["CurvedPotentials", "Joined", "Polynomial", "PotentialBasis", "Potentials"]

@@ -6,14 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import (
-    Array,
-    as_configurations,
-    as_numbers,
-    require_type,
-    shown,
-    vector,
-)
+from ..arguments import Array, as_configurations, as_numbers, require_type, shown, vector
 from ..errors import InputError, SingularityError
 from ..model.model import SHARED, frame_id
 from ..model.several_frames import one_frame
@@ -87,9 +80,7 @@ class ArmAngle(PotentialBasis):
         )
         self._ids = [frame_id(task.model, name) for name in self.frames]
         self.reference = _unit(reference, "the reference direction")
-        self.singular = (
-            None if singular is None else _unit(singular, "the singular direction")
-        )
+        self.singular = None if singular is None else _unit(singular, "the singular direction")
         if self.singular is not None:
             across = self.singular - self.reference * (self.reference @ self.singular)
             if np.linalg.norm(across) < 0.1:
@@ -115,10 +106,7 @@ class ArmAngle(PotentialBasis):
         ψ is the angle of the elbow about the line from shoulder to wrist.
         """
         return np.array(
-            [
-                [self._angle(q)[0]]
-                for q in as_configurations(Q, self.task.n, "an arm angle")
-            ]
+            [[self._angle(q)[0]] for q in as_configurations(Q, self.task.n, "an arm angle")]
         ).reshape(-1, 1)
 
     def gradients(self, Q: ArrayLike) -> Array:
@@ -147,9 +135,7 @@ class ArmAngle(PotentialBasis):
         model, data = self.task.model, self.task._data
         q = self.task._vector(q)
         J = [
-            self.task.drive.derivatives(
-                pin.computeFrameJacobian(model, data, q, i, SHARED)[:3]
-            )
+            self.task.drive.derivatives(pin.computeFrameJacobian(model, data, q, i, SHARED)[:3])
             for i in self._ids
         ]
         pin.framesForwardKinematics(model, data, q)
@@ -179,11 +165,7 @@ class ArmAngle(PotentialBasis):
                 "the arm angle is singular: the arm is straight, or the wrist points "
                 "in a singular direction"
             )
-        ds = (
-            np.cross(y, e) @ dw_hat
-            + np.cross(e, w_hat) @ dy_q
-            + np.cross(w_hat, y) @ J_e
-        )
+        ds = np.cross(y, e) @ dw_hat + np.cross(e, w_hat) @ dy_q + np.cross(w_hat, y) @ J_e
         dc = e @ dy_q + y @ J_e
         return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
 
@@ -195,9 +177,7 @@ class ArmAngle(PotentialBasis):
         """
         r, t = self.reference, self.singular
         if t is None:
-            return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(
-                w_hat, r
-            )
+            return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(w_hat, r)
         # k = (ŵ − t) × r, and y = k × ŵ: perpendicular to ŵ, 0 only at ŵ = t
         k, dk = np.cross(w_hat - t, r), -pin.skew(r)
         return np.cross(k, w_hat), -pin.skew(w_hat) @ dk + pin.skew(k)
@@ -205,13 +185,6 @@ class ArmAngle(PotentialBasis):
 
 def _unit(value: ArrayLike, what: str) -> Array:
     v = as_numbers(value)
-    if (
-        v is None
-        or v.shape != (3,)
-        or not np.isfinite(v).all()
-        or not np.linalg.norm(v) > 0
-    ):
-        raise InputError(
-            f"{what} must be three finite numbers, not all 0; got {shown(value)}"
-        )
+    if v is None or v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
+        raise InputError(f"{what} must be three finite numbers, not all 0; got {shown(value)}")
     return v / np.linalg.norm(v)

@@ -306,9 +306,7 @@ class Joined(PotentialBasis):
 
         A design chooses A; a repeatable controller keeps these r sums constant.
         """
-        maps = [
-            part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)
-        ]
+        maps = [part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)]
         curved = [part for part in maps if isinstance(part, CurvedPotentials)]
         return _CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
 

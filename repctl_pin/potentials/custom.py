@@ -7,13 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
-    Array,
-    as_configurations,
-    evaluated,
-    list_of_names,
-    require_type,
-)
+from ..arguments import Array, as_configurations, evaluated, list_of_names, require_type
 from ..errors import InputError
 from .basis import PotentialBasis
 
@@ -58,10 +52,7 @@ class CustomPotentials(PotentialBasis):
         names: Sequence[str] | None = None,
     ) -> None:
         require_type(
-            functions,
-            Sequence,
-            "functions",
-            "a list of functions q → h, or of pairs (h, gradient)",
+            functions, Sequence, "functions", "a list of functions q → h, or of pairs (h, gradient)"
         )
         pairs = [f if isinstance(f, tuple) else (f, None) for f in functions]
         if not pairs:
@@ -77,21 +68,14 @@ class CustomPotentials(PotentialBasis):
                 )
         self._functions = [pair[0] for pair in pairs]
         self._gradients = [pair[1] for pair in pairs]
-        given = (
-            ()
-            if names is None
-            else list_of_names(names, "names", "one name per potential")
-        )
+        given = () if names is None else list_of_names(names, "names", "one name per potential")
         if names is not None and len(given) != len(pairs):
             raise InputError(
                 f"{len(given)} names for {len(pairs)} potentials",
                 remedy="give one name per potential",
             )
         own = [getattr(f, "__name__", "h") for f in self._functions]
-        own = [
-            f"h_{i + 1}" if name in ("<lambda>", "h") else name
-            for i, name in enumerate(own)
-        ]
+        own = [f"h_{i + 1}" if name in ("<lambda>", "h") else name for i, name in enumerate(own)]
         self._names = given or tuple(own)
 
     @property
@@ -118,9 +102,9 @@ class CustomPotentials(PotentialBasis):
     def values(self, Q: ArrayLike) -> Array:
         """Evaluate the N potentials of the basis at every row of Q (K, n): (K, N)."""
         Q = as_configurations(Q, None, "this basis")
-        return np.array(
-            [[self._value(j, q) for j in range(self.size)] for q in Q]
-        ).reshape(len(Q), self.size)
+        return np.array([[self._value(j, q) for j in range(self.size)] for q in Q]).reshape(
+            len(Q), self.size
+        )
 
     def gradients(self, Q: ArrayLike) -> Array:
         """Evaluate the gradients ∇h_j of the N potentials at Q (K, n): (K, n, N), per rad or m.
@@ -144,8 +128,7 @@ class CustomPotentials(PotentialBasis):
             what = f"the gradient of potential {self._names[j]}"
             return evaluated(given, q, q.shape, what)
         differences = [
-            self._value(j, q + d) - self._value(j, q - d)
-            for d in _STEP * np.eye(len(q))
+            self._value(j, q + d) - self._value(j, q - d) for d in _STEP * np.eye(len(q))
         ]
         return np.array(differences) / (2 * _STEP)
 

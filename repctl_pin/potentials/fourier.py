@@ -71,9 +71,7 @@ class Fourier(PotentialBasis):
         self.n = as_int(n, "the number of joints", 1, _MAX_SIZE)
         self.order = as_int(order, "the order of a Fourier basis", 1, _MAX_SIZE)
         self.cross = flag(cross, "cross")
-        self.period = per_joint(
-            period, self.n, "the period of a Fourier basis", finite=True
-        )
+        self.period = per_joint(period, self.n, "the period of a Fourier basis", finite=True)
         self.variables = as_joint_indices(variables, self.n)
         multiples = range(-self.order, self.order + 1)
         joints = len(self.variables)
@@ -82,16 +80,10 @@ class Fourier(PotentialBasis):
                 f"order {order} in {joints} joints is too much",
                 remedy="lower it or choose variables",
             )
-        alone = (
-            tuple(row)
-            for k in multiples
-            for row in (k * np.eye(joints, dtype=int)).tolist()
-        )
+        alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
         every = product(multiples, repeat=joints) if self.cross else alone
         waves = [
-            k
-            for k in every
-            if next((x for x in k if x), 0) > 0 and sum(map(abs, k)) <= self.order
+            k for k in every if next((x for x in k if x), 0) > 0 and sum(map(abs, k)) <= self.order
         ]
         waves.sort(key=lambda k: (sum(map(abs, k)), tuple(-x for x in k)))
         self.waves = np.zeros((len(waves), self.n))  # (N / 2, n), rad per rad or m
@@ -133,8 +125,7 @@ class Fourier(PotentialBasis):
 
     def __str__(self) -> str:
         return (
-            f"{self.size} sines and cosines of order ≤ {self.order} "
-            f"in {len(self.variables)} joints"
+            f"{self.size} sines and cosines of order ≤ {self.order} in {len(self.variables)} joints"
         )
 
 
@@ -163,9 +154,7 @@ class FourierMap(Potentials):
         V and J together determine the repeatable inverse.
         """
         phase = (np.asarray(Q, float) @ self.waves.T)[..., None]  # (K, N / 2, 1)
-        return self.waves.T @ (
-            np.cos(phase) * self.sines - np.sin(phase) * self.cosines
-        )
+        return self.waves.T @ (np.cos(phase) * self.sines - np.sin(phase) * self.cosines)
 
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
@@ -173,9 +162,8 @@ class FourierMap(Potentials):
         Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
         """
         phase = self.waves @ q
-        bend = -(
-            np.sin(phase)[:, None] * self.sines + np.cos(phase)[:, None] * self.cosines
-        )  # (N / 2, r)
+        # (N / 2, r)
+        bend = -(np.sin(phase)[:, None] * self.sines + np.cos(phase)[:, None] * self.cosines)
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
     def _native_part(self) -> Any:

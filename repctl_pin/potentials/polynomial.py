@@ -96,9 +96,7 @@ class Polynomial(PotentialBasis):
         )
         if not cross:
             factors = (c for c in factors if len(set(c)) == 1)
-        self.exponents = np.array(
-            [[c.count(v) for v in range(n)] for c in factors]
-        )  # (N, n)
+        self.exponents = np.array([[c.count(v) for v in range(n)] for c in factors])  # (N, n)
         self.norms = np.sqrt(np.prod(2 * self.exponents + 1, axis=1))
         # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter products
         # are padded with factors of order 0, which are 1.
@@ -133,17 +131,12 @@ class Polynomial(PotentialBasis):
 
         Entry ``[k, i, j]`` is ∂h_j/∂q_i at row k.
         """
-        P, dP = (
-            np.ascontiguousarray(np.moveaxis(table, 0, -1)) for table in self._tables(Q)
-        )  # (n, d + 1, K)
+        # (n, d + 1, K)
+        P, dP = (np.ascontiguousarray(np.moveaxis(table, 0, -1)) for table in self._tables(Q))
         K, n = P.shape[-1], len(P)
         gradients = np.zeros((K, n * self.size))
-        for s, (variable, order) in enumerate(
-            zip(self._variable, self._order, strict=True)
-        ):
-            column = np.flatnonzero(
-                order
-            )  # the potentials that have a factor in this slot
+        for s, (variable, order) in enumerate(zip(self._variable, self._order, strict=True)):
+            column = np.flatnonzero(order)  # the potentials that have a factor in this slot
             slope = dP[variable[column], order[column]]  # (·, K)
             for t in range(len(self._order)):
                 if t != s:
@@ -161,8 +154,7 @@ class Polynomial(PotentialBasis):
         d, joints = self.degree, np.array(self.variables)
         # Legendre to monomial coefficients, variable by variable, in an array of exponents.
         to_power = [
-            np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k))
-            for k in range(d + 1)
+            np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k)) for k in range(d + 1)
         ]
         terms: dict[tuple[int, ...], Array] = {}
         exponents = self.exponents[:, joints]
@@ -185,9 +177,7 @@ class Polynomial(PotentialBasis):
         u are the scaled joint coordinates, and k = 0 … d is the last axis. All potentials are
         products of these numbers. The derivatives are by u, not by q.
         """
-        u = (
-            as_configurations(Q, self.n, "this polynomial basis") - self.center
-        ) / self.scale
+        u = (as_configurations(Q, self.n, "this polynomial basis") - self.center) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
         P[..., 1], dP[..., 0] = u, 0.0
         for k in range(1, self.degree):
@@ -299,11 +289,7 @@ class PolynomialMap(Potentials):
     def _native_part(self) -> Any:
         """Create the struct :data:`PART` of the polynomials, with which C evaluates them."""
         indices = {"joint": self.joints, "parent": self._parent, "factor": self._factor}
-        reals = {
-            "center": self.center,
-            "scale": 1 / self.scale,
-            "weight": self._weight,
-        }
+        reals = {"center": self.center, "scale": 1 / self.scale, "weight": self._weight}
         sizes = {
             "kind": _POLYNOMIALS,
             "k": len(self.center),
@@ -313,9 +299,7 @@ class PolynomialMap(Potentials):
         return filled_struct(PART, indices, reals, sizes)[0]
 
 
-def _shares(
-    terms: dict[_Powers, Array], degree: int, scale: Array
-) -> dict[_Powers, Array]:
+def _shares(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Powers, Array]:
     """Differentiate polynomials with respect to z: the weights (r, k + 1) of each u^β in w.
 
     ``terms`` are the coefficients (r,) of the monomials u^β by their powers β. See
@@ -351,9 +335,7 @@ def _monomials(
         while any(beta):
             needed.add(beta)
             beta, _ = _lower(beta)
-    order = sorted(
-        needed, key=lambda beta: (sum(beta), tuple(-power for power in beta))
-    )
+    order = sorted(needed, key=lambda beta: (sum(beta), tuple(-power for power in beta)))
     place = {beta: a for a, beta in enumerate(order)}
     made_of = [_lower(beta) for beta in order[1:]]
     parents = [0, *(place[beta] for beta, _ in made_of)]

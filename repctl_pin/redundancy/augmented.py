@@ -80,9 +80,7 @@ def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
     (...) array of bool
         True where A is regular.
     """
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # rows whose square overflows are singular
+    with np.errstate(over="ignore", invalid="ignore"):  # rows whose square overflows are singular
         size = np.sum(A**2, axis=-1) * np.sum(inverse**2, axis=-2)
     return size.max(axis=-1) < RANK_TOLERANCE**-2
 

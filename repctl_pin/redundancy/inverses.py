@@ -150,9 +150,7 @@ def row_factor(
         raise InputError(
             f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse"
         )
-    Q, R = np.linalg.qr(
-        np.swapaxes(J, -1, -2), mode="complete"
-    )  # half the time of "reduced"
+    Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")  # half the time of "reduced"
     R = R[..., :m, :]
     Q = Q if mode == "complete" else Q[..., :, :m]
     # |R_jj| / ‖R_:j‖ is the sine of the angle between row j of J and the span of the rows before:
@@ -161,12 +159,6 @@ def row_factor(
     size = np.linalg.norm(R, axis=-2)
     lost = ~(np.abs(diagonal) > RANK_TOLERANCE * size).all(axis=-1)
     if np.any(lost):
-        where = (
-            ""
-            if lost.ndim == 0
-            else f" at {int(lost.sum())} of {lost.size} configurations"
-        )
-        raise SingularityError(
-            f"the Jacobian loses rank{where}: the arm is at a singularity"
-        )
+        where = "" if lost.ndim == 0 else f" at {int(lost.sum())} of {lost.size} configurations"
+        raise SingularityError(f"the Jacobian loses rank{where}: the arm is at a singularity")
     return Q, R

@@ -20,15 +20,7 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
-from .region import (
-    Density,
-    Region,
-    check_density,
-    evaluate_density,
-    normalised,
-    sobol,
-    span,
-)
+from .region import Density, Region, check_density, evaluate_density, normalised, sobol, span
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,23 +58,15 @@ class Box(Region):
     density: Density | None = None
 
     def __init__(
-        self,
-        center: ArrayLike,
-        half_width: ArrayLike,
-        *,
-        density: Density | None = None,
+        self, center: ArrayLike, half_width: ArrayLike, *, density: Density | None = None
     ) -> None:
         middle = vector(center, None, "the center of a box")
-        half = per_joint(
-            half_width, len(middle), "the half-widths of a box", finite=True
-        )
+        half = per_joint(half_width, len(middle), "the half-widths of a box", finite=True)
         check_density(density)
         freeze(self, center=middle, half_width=half, density=density)
 
     @classmethod
-    def between(
-        cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None
-    ) -> Box:
+    def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
         """Create the box between two opposite corners (n,), such as two lists of joint limits.
 
         InputError is raised unless lower < upper for every joint.
@@ -153,9 +137,7 @@ class Box(Region):
     def shrunk(self, factor: float) -> Box:
         """Create the box with the same center and the half-widths multiplied by ``factor``."""
         return Box(
-            self.center,
-            self.half_width * positive(factor, "the factor"),
-            density=self.density,
+            self.center, self.half_width * positive(factor, "the factor"), density=self.density
         )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
@@ -163,14 +145,9 @@ class Box(Region):
 
         A design then does not spend its accuracy on configurations that the arm cannot reach.
         """
-        low, high = (
-            limits(values, self.n, "the limits of this box")
-            for values in (lower, upper)
-        )
+        low, high = (limits(values, self.n, "the limits of this box") for values in (lower, upper))
         return Box.between(
-            np.maximum(self.lower, low),
-            np.minimum(self.upper, high),
-            density=self.density,
+            np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density
         )
 
     def __str__(self) -> str:

@@ -122,9 +122,7 @@ def span(widths: Array, sign: str = "") -> str:
 
     ``sign`` is written before each, as in ``±0.2 to ±0.5``.
     """
-    return " to ".join(
-        dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max()))
-    )
+    return " to ".join(dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max())))
 
 
 def sobol(n: int, count: int, seed: int) -> Array:
@@ -140,9 +138,7 @@ def sobol(n: int, count: int, seed: int) -> Array:
 def check_density(density: Density | None) -> None:
     """Raise InputError unless a density is a function or None."""
     if density is not None:
-        function(
-            density, "the density", "a function of Q (K, n) that gives (K,) numbers"
-        )
+        function(density, "the density", "a function of Q (K, n) that gives (K,) numbers")
 
 
 def evaluate_density(density: Density | None, Q: Array) -> Array:
@@ -164,9 +160,7 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
             f"the density must give one number per row of Q, ({len(Q)},), not {values.shape}"
         )
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise InputError(
-            "the density must be finite and 0 or more everywhere in the region"
-        )
+        raise InputError("the density must be finite and 0 or more everywhere in the region")
     return values
 
 

@@ -65,9 +65,7 @@ class Tube(Region):
         (Q,) = as_matrices(("the samples of a tube", samples, "S n"), exact=True)
         wide = per_joint(radius, Q.shape[1], "the radius of a tube", finite=True)
         check_density(density)
-        Q = Q[
-            np.linspace(0, len(Q) - 1, min(len(Q), _MOST_SAMPLES)).round().astype(int)
-        ]
+        Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_SAMPLES)).round().astype(int)]
         freeze(self, samples=Q, radius=wide, density=density)
 
     @cached_property
@@ -83,16 +81,12 @@ class Tube(Region):
 
         Half-widths of it scale the steps of searches.
         """
-        return Box.between(
-            self.samples.min(0) - self.radius, self.samples.max(0) + self.radius
-        )
+        return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
     def random(self, count: int, seed: int) -> Array:
         """Draw scrambled Sobol points in the tube: (K, n), K the power of two from count up."""
         u = sobol(self.n + 1, count, seed)
-        which = np.minimum(
-            (u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1
-        )
+        which = np.minimum((u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1)
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
@@ -111,9 +105,7 @@ class Tube(Region):
     def shrunk(self, factor: float) -> Tube:
         """Create the tube around the same samples with the radius multiplied by ``factor``."""
         return Tube(
-            self.samples,
-            self.radius * positive(factor, "the factor"),
-            density=self.density,
+            self.samples, self.radius * positive(factor, "the factor"), density=self.density
         )
 
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:

@@ -89,9 +89,7 @@ class WorkspaceBox(Region):
     ) -> None:
         task = own_task(one_frame(require_task(task), "a workspace box"))
         axes = task.kind.rows[task.kind.linear]
-        require_type(
-            within, Box, "within", "a box in joint space, such as rp.Box(q0, 0.5)"
-        )
+        require_type(within, Box, "within", "a box in joint space, such as rp.Box(q0, 0.5)")
         middle = vector(position, len(axes), "the center of a workspace box", "m")
         half = per_joint(
             half_width,
@@ -102,17 +100,8 @@ class WorkspaceBox(Region):
         )
         check_density(density)
         if within.n != task.n:
-            raise InputError(
-                f"within= has {within.n} joints, but the task has {task.n}"
-            )
-        freeze(
-            self,
-            task=task,
-            position=middle,
-            half_width=half,
-            within=within,
-            density=density,
-        )
+            raise InputError(f"within= has {within.n} joints, but the task has {task.n}")
+        freeze(self, task=task, position=middle, half_width=half, within=within, density=density)
         reached = self.random(16, 0)
         freeze(self, center=reached[int(np.argmin(within.ratio(reached)))])
 

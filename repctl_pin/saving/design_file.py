@@ -24,12 +24,7 @@ from ..model.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import schema
 from .schema import VERSION, DesignFile, Figures, Sealed, described, made
-from .task_identity import (
-    identity,
-    require_arm_angles,
-    require_masses,
-    require_ranges,
-)
+from .task_identity import identity, require_arm_angles, require_masses, require_ranges
 
 FORMAT = "repctl design"
 
@@ -44,10 +39,7 @@ def write(content: Sealed, path: str | Path) -> Path:
     """
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
-        plain | {"checksum": _checksum_of(plain)},
-        indent=1,
-        ensure_ascii=False,
-        allow_nan=False,
+        plain | {"checksum": _checksum_of(plain)}, indent=1, ensure_ascii=False, allow_nan=False
     )
     return write_whole(path, text + "\n")
 
@@ -101,9 +93,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
                 f"and this is {__version__}, which reads {VERSION}; upgrade repctl-pin"
             )
         if head.schema < 1:
-            raise InputError(
-                f"{where} is not a design file: there is no schema {head.schema}"
-            )
+            raise InputError(f"{where} is not a design file: there is no schema {head.schema}")
         if head.schema < VERSION:
             raise InputError(
                 f"{where} has schema {head.schema}, and this version reads {VERSION}; "
@@ -117,9 +107,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
             f"{where} is not a design file: not valid JSON ({error}); give a file of "
             "repctl design, repctl cell or rp.save"
         ) from None
-    plain = json.loads(
-        text
-    )  # as written: an older file has fewer fields than its class
+    plain = json.loads(text)  # as written: an older file has fewer fields than its class
     if _printable(plain) != plain:
         raise InputError(
             f"{where} is not a valid design file: a text contains a control character "
@@ -191,10 +179,7 @@ def _design_of(content: DesignFile, task: Task) -> Design:
             f"they have shape {A.shape}"
         )
     region = schema.region_of(content.region, task)
-    if (
-        len(region.center) != task.n
-        or potentials.gradients(region.center[None]).shape[1] != task.n
-    ):
+    if len(region.center) != task.n or potentials.gradients(region.center[None]).shape[1] != task.n:
         raise InputError(f"potentials and region must be of {task.n} joints")
     inverse = RepeatableInverse(task, potentials.weighted(A), region=region)
     desired = schema.desired_of(content.desired, task)

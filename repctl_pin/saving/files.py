@@ -135,9 +135,7 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     return made_of(content, carrying_tool(made_for, task), where)
 
 
-def load_design(
-    path: str | Path, task: Task | None = None, *, frame: str | None = None
-) -> Design:
+def load_design(path: str | Path, task: Task | None = None, *, frame: str | None = None) -> Design:
     """Read a design of a repeatable inverse from a file, see :func:`load`.
 
     Parameters
@@ -224,6 +222,4 @@ def made_of(content: Sealed, task: Task, where: str) -> Any:
             )
         return kind.to_result(content, task)
     except (ValueError, IndexError, OverflowError, TypeError, RepctlError) as error:
-        raise InputError(
-            str(error) if where in str(error) else f"{where}: {error}"
-        ) from None
+        raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None

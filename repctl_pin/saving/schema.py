@@ -47,9 +47,7 @@ _NULLS = dict.fromkeys(
         "joint_range",
     ),
     np.inf,
-) | dict.fromkeys(
-    ("extra_speed_direction", "nearly", "unasked", "covered", "as_covered"), np.nan
-)
+) | dict.fromkeys(("extra_speed_direction", "nearly", "unasked", "covered", "as_covered"), np.nan)
 """Values, by attribute, that are null in a file: JSON has neither infinity nor NaN."""
 
 
@@ -489,10 +487,7 @@ def region_of(data: RegionFile, task: Task) -> Region:
     """Create a region Ω, the part of joint space of a design, from its part of a file."""
     if isinstance(data, WorkspaceFile):
         return WorkspaceBox(
-            task,
-            data.position,
-            data.half_width,
-            within=Box(**msgspec.structs.asdict(data.within)),
+            task, data.position, data.half_width, within=Box(**msgspec.structs.asdict(data.within))
         )
     given = msgspec.structs.asdict(data)
     return Box(**given) if isinstance(data, BoxFile) else Tube(**given)
@@ -512,17 +507,13 @@ def desired_file(desired: Inverse) -> Desired:
         return PseudoinverseFile()
     if isinstance(desired, WeightedInverse):
         weight = desired.weight
-        if isinstance(weight, LimitWeight) and np.array_equal(
-            weight.lower, desired.task.lower
-        ):
+        if isinstance(weight, LimitWeight) and np.array_equal(weight.lower, desired.task.lower):
             return described(LimitsFile, weight)
         if not callable(weight):
             if not isinstance(weight, str):
                 return WeightedFile(np.asarray(weight).tolist())
             task = desired.task
-            return WeightedFile(
-                weight, task.inertias(check_configurations(task)).tolist()
-            )
+            return WeightedFile(weight, task.inertias(check_configurations(task)).tolist())
     raise InputError(
         f"a design whose desired inverse is a user-defined {type(desired).__name__} cannot be "
         "saved, for a file holds no functions; save dataclasses.replace(design, "
@@ -538,9 +529,7 @@ def desired_of(data: Desired, task: Task) -> Inverse:
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
     weight = (
-        LimitWeight(task, data.gain, data.onset)
-        if isinstance(data, LimitsFile)
-        else data.weight
+        LimitWeight(task, data.gain, data.onset) if isinstance(data, LimitsFile) else data.weight
     )
     return WeightedInverse(task, weight)
 
@@ -606,10 +595,5 @@ def _path_of(data: CycleFile | PathFile) -> TaskPath:
     ):
         raise InputError("the pieces of the path do not lead from s = 0 to 1")
     pieces = [made(Piece, piece) for piece in data.pieces]
-    what = {
-        "name": data.path,
-        "spec": data.spec,
-        "plane": data.plane,
-        "breaks": tuple(ends[1:-1]),
-    }
+    what = {"name": data.path, "spec": data.spec, "plane": data.plane, "breaks": tuple(ends[1:-1])}
     return path_of(pieces, np.array(data.rotation), **what)

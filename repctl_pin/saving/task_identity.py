@@ -62,17 +62,13 @@ def identity(task: Task) -> TaskFile:
         fingerprint=checks,
         limits=_ranges_of(task),
         frames=_frames(task),
-        tool=task.tool.homogeneous.tolist()
-        if isinstance(task, ToolTask)
-        else msgspec.UNSET,
+        tool=task.tool.homogeneous.tolist() if isinstance(task, ToolTask) else msgspec.UNSET,
     )
 
 
 def _placements(task: Task, q: Array) -> Array:
     """Evaluate the placements [R p] of the task's frames, one below the other: (3 F, 4), m."""
-    places = (
-        task.placements(q) if isinstance(task, SeveralFrames) else [task.placement(q)]
-    )
+    places = task.placements(q) if isinstance(task, SeveralFrames) else [task.placement(q)]
     return np.concatenate([place.homogeneous[:3] for place in places])
 
 
@@ -151,9 +147,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     }.items():
         one, other = getattr(made_for, key), getattr(mine, key)
         if one != other:
-            raise InputError(
-                f"{where} is for the {name} {one!r}, not {other!r}; give that {name}"
-            )
+            raise InputError(f"{where} is for the {name} {one!r}, not {other!r}; give that {name}")
     if made_for.frames != mine.frames:
         raise InputError(f"{where} has frames that are relative to other links")
     if made_for.joints != mine.joints:
@@ -201,10 +195,11 @@ def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]
     if len(ranges) != task.n:
         raise InputError(f"the file has limits of {len(ranges)} joints, not {task.n}")
     now = _ranges_of(task)
+    # nan where there is no limit
     before, after = (
         np.array([[one.lower, one.upper, one.velocity] for one in every], float)
         for every in (ranges, now)
-    )  # nan where there is no limit
+    )
     same = np.isclose(before, after, rtol=0, atol=_TOLERANCE, equal_nan=True)
     for name, was, is_, kept in zip(task.robot_joints, ranges, now, same, strict=True):
         if not kept[:2].all():
@@ -258,8 +253,7 @@ def require_masses(desired: Desired, made_for: TaskFile, task: Task) -> list[str
     away = np.abs(now - _like(desired.inertia, now, "the inertia")).max()
     if not away < _TOLERANCE * np.abs(now).max():
         raise _changed(
-            made_for,
-            f"at its check configurations the inertia differs by {away:.3g} kg m² or kg",
+            made_for, f"at its check configurations the inertia differs by {away:.3g} kg m² or kg"
         )
     return []
 
@@ -289,6 +283,5 @@ def _text(limit: float | None) -> str:
 
 def _changed(made_for: TaskFile, what: str) -> InputError:
     return InputError(
-        f"the file is for another {made_for.robot}: {what}; "
-        "the URDF has changed, so design again"
+        f"the file is for another {made_for.robot}: {what}; the URDF has changed, so design again"
     )

@@ -10,12 +10,7 @@ BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
 GREY = "#595959"
 """Colour of text beside a figure that does not belong to one line."""
 
-COLOURS = {
-    "pseudoinverse": VERMILLION,
-    "posture": GREEN,
-    "posture_off": ORANGE,
-    "repeatable": BLUE,
-}
+COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
 """Colour of each strategy of a study, the same in every figure."""
 
 _OWN = (PURPLE, SKY, YELLOW, INK)
@@ -28,9 +23,7 @@ def luminance(colour: str) -> float:
     Contrast, by which text is readable, is a ratio of two of them.
     """
     parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    linear = [
-        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts
-    ]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 

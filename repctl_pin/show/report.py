@@ -30,14 +30,7 @@ from .text.headline import names_of, study_headline
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 
-_DISTRIBUTIONS = (
-    "numpy",
-    "scipy",
-    "pin",
-    "matplotlib",
-    "meshcat",
-    "example-robot-data",
-)
+_DISTRIBUTIONS = ("numpy", "scipy", "pin", "matplotlib", "meshcat", "example-robot-data")
 """Packages whose versions a report lists."""
 
 DPI = 130
@@ -83,13 +76,9 @@ def report_page(
         caption=f"{study.task.frame}, {study.task.kind} task, {study.path.name}",
         headline=study_headline(study),
         # the page's own heading is this page's already
-        animation=(animation or study_page(study)).replace(
-            "<body>", '<body class="inside">', 1
-        ),
+        animation=(animation or study_page(study)).replace("<body>", '<body class="inside">', 1),
         still=picture(still_figure(_compared(study)), captions.still_words(study)),
-        strategies=[
-            (names_of(row.label)["title"], colour[row.key]) for row in study.rows
-        ],
+        strategies=[(names_of(row.label)["title"], colour[row.key]) for row in study.rows],
         measures=[*displacement_cells(study), *study_cells(study)],
         legend=study_legend(study),
         figures=list(_figures(study, maps)),
@@ -121,34 +110,21 @@ def _compared(study: Study) -> list[tuple[str, Motion, str]]:
     A strategy that stopped is left out.
     """
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    return [
-        (row.label, row.motion, COLOURS[row.key])
-        for row in rows
-        if row.motion is not None
-    ]
+    return [(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
 
 
-def _figures(
-    study: Study, maps: ReportMaps | None
-) -> Iterable[tuple[str, dict[str, object]]]:
+def _figures(study: Study, maps: ReportMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
     """Yield the heading of each figure of the report, and its picture as :func:`framed` encodes it.
 
     ``maps`` are values of the design over two joints, None without that figure.
     """
     moved = drawn(study)
-    on = [
-        m for m in moved if m[2] != COLOURS["posture_off"]
-    ]  # its first motion to the posture would hide the others
+    # its first motion to the posture would hide the others
+    on = [m for m in moved if m[2] != COLOURS["posture_off"]]
     yield "Drift", picture(drift_figure(moved, ""), captions.drift_words(study))
     yield "Joints", picture(joints_figure(moved, ""), captions.joints_words(study))
-    yield (
-        "Orbits in joint space",
-        picture(orbits_figure(on, ""), captions.orbits_words(study)),
-    )
-    yield (
-        "Speed and limits",
-        picture(cycle_figure(moved, ""), captions.cycles_words(study)),
-    )
+    yield ("Orbits in joint space", picture(orbits_figure(on, ""), captions.orbits_words(study)))
+    yield ("Speed and limits", picture(cycle_figure(moved, ""), captions.cycles_words(study)))
     if maps is not None:
         yield (
             "The design over two joints",
@@ -241,17 +217,9 @@ def _chosen(
     The report shows the first at once, and the second, which have their defaults, in the details.
     Without a command line, all count as named.
     """
-    said = (
-        None
-        if command is None
-        else {word.partition("=")[0] for word in shlex.split(command)}
-    )
+    said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
     texts = {name: _text(value) for name, value in options.items()}
-    given = {
-        name: text
-        for name, text in texts.items()
-        if said is None or f"--{name}" in said
-    }
+    given = {name: text for name, text in texts.items() if said is None or f"--{name}" in said}
     return given, {name: text for name, text in texts.items() if name not in given}
 
 
@@ -262,6 +230,4 @@ def _text(value: object) -> str:
     """
     if isinstance(value, list | tuple):
         return ", ".join(map(str, value)) or "none"
-    return {"None": "chosen by the study", "True": "yes", "False": "no"}.get(
-        str(value), str(value)
-    )
+    return {"None": "chosen by the study", "True": "yes", "False": "no"}.get(str(value), str(value))

@@ -107,9 +107,7 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
         for row in rows
         if row.motion is not None
     ]
-    stopped = [
-        stopped_words(row.label, row.failure) for row in rows if row.motion is None
-    ]
+    stopped = [stopped_words(row.label, row.failure) for row in rows if row.motion is None]
     if not tracks:
         raise InputError(
             f"there is no motion to show: {' '.join(stopped)}".removesuffix("."),

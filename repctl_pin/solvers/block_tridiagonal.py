@@ -13,9 +13,7 @@ from scipy.linalg import solveh_banded
 from ..arguments import Array
 
 
-def solve_block_tridiagonal(
-    diagonal: Array, upper: Array, rhs: Array, *, cyclic: bool
-) -> Array:
+def solve_block_tridiagonal(diagonal: Array, upper: Array, rhs: Array, *, cyclic: bool) -> Array:
     """Solve a positive definite system ``D_k a_k + U_k a_{k+1} + U_{k−1}ᵀ a_{k−1} = b_k``.
 
     In a cyclic system, block K − 1 is coupled to block 0. The blocks are then reordered as
@@ -55,7 +53,5 @@ def solve_block_tridiagonal(
     for rows, columns, blocks in pairs:
         i, j = rows[:, :, None], columns[:, None, :]
         band[np.abs(i - j), np.minimum(i, j)] = blocks
-    solved = solveh_banded(
-        band, rhs[np.argsort(place)].ravel(), lower=True, check_finite=False
-    )
+    solved = solveh_banded(band, rhs[np.argsort(place)].ravel(), lower=True, check_finite=False)
     return solved.reshape(K, r)[place]

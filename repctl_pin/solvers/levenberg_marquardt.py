@@ -213,9 +213,7 @@ def levenberg_marquardt(
         if here.cost <= enough:
             return _Solution(here, start, count, True)
         step = problem.step(model, damping)
-        if (
-            step.damping > damping
-        ):  # with less damping, H + μ D is not positive definite
+        if step.damping > damping:  # with less damping, H + μ D is not positive definite
             damping = step.damping
             rules = replace(rules, smallest=damping)
         if step.predicted <= predicted * here.cost:

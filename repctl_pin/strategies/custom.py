@@ -43,11 +43,7 @@ class CustomInverse:
     """
 
     def __init__(
-        self,
-        task: Task,
-        function: Callable[[Array], ArrayLike],
-        *,
-        tolerance: float = 1e-8,
+        self, task: Task, function: Callable[[Array], ArrayLike], *, tolerance: float = 1e-8
     ) -> None:
         self.task = redundant(task)
         self.function = wanted_function(function, "function", "a function q → G")
@@ -111,9 +107,7 @@ class FunctionStrategy:
         Function of q (n,) and ẋ (m,) that returns q̇ (n,).
     """
 
-    def __init__(
-        self, task: Task, function: Callable[[Array, Array], ArrayLike]
-    ) -> None:
+    def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
         self.task = own_task(task)
         self.function = wanted_function(
             function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)", 2

@@ -33,9 +33,8 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     factors, pivots, info = dgetrf(J_V)
     if not info:
         inverse, _ = dgetri(factors, pivots)
-        if np.linalg.norm(inverse) < 1 / (
-            2 * most
-        ):  # σ_min ≥ 1 / ‖J_V⁻¹‖_F: surely far from singular
+        # σ_min ≥ 1 / ‖J_V⁻¹‖_F: surely far from singular
+        if np.linalg.norm(inverse) < 1 / (2 * most):
             return inverse @ rhs, 0.0
     if not np.isfinite(J_V).all():
         return np.full(len(rhs), np.nan), 0.0

@@ -77,9 +77,7 @@ class ExtendedJacobian(RepeatableInverse):
             posture = vector(potential, task.n, "a posture (or give U as a function)")
             shape = _Posture(posture)
             anchor = posture if reference is None else reference
-        super().__init__(
-            task, _ExtendedMap(task, shape, nullspace(task.jacobian(anchor)))
-        )
+        super().__init__(task, _ExtendedMap(task, shape, nullspace(task.jacobian(anchor))))
 
 
 class _ExtendedMap(Potentials):
@@ -89,15 +87,8 @@ class _ExtendedMap(Potentials):
     stationary points the arm should keep, and N the basis of the null space of J.
     """
 
-    def __init__(
-        self, task: Task, potential: _Posture | _Given, N_reference: Array
-    ) -> None:
-        self.task, self.potential, self.N_reference, self.n = (
-            task,
-            potential,
-            N_reference,
-            task.n,
-        )
+    def __init__(self, task: Task, potential: _Posture | _Given, N_reference: Array) -> None:
+        self.task, self.potential, self.N_reference, self.n = (task, potential, N_reference, task.n)
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q) = Nᵀ ∇U (r,), which is 0 where U is stationary in the self-motion."""
@@ -126,9 +117,7 @@ class _ExtendedMap(Potentials):
         V = U2 @ N - np.einsum("Kark,Ka->Kkr", HN, pulled)  # (K, n, r)
         r = N.shape[-1]
         if r > 1:
-            B = -np.einsum(
-                "Kark,Kas->Krsk", HN, np.swapaxes(J_plus, -1, -2) @ self.N_reference
-            )
+            B = -np.einsum("Kark,Kas->Krsk", HN, np.swapaxes(J_plus, -1, -2) @ self.N_reference)
             skew = B - np.swapaxes(B, 1, 2)  # (K, r, r, n)
             s, T = np.linalg.eigh(S)
             turned = np.einsum("Kra,Krsk,Ksb->Kabk", T, skew, T)
@@ -148,9 +137,7 @@ class _ExtendedMap(Potentials):
         """
         N = nullspace(J)
         alignment = np.swapaxes(N, -1, -2) @ self.N_reference
-        if (
-            N.shape[-1] == 1
-        ):  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
+        if N.shape[-1] == 1:  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
             J_N = np.concatenate([J, np.swapaxes(N, -1, -2)], axis=1)
             side = np.sign(np.linalg.det(J_N))[:, None, None]
             return N * side, alignment * side

@@ -127,9 +127,7 @@ class NumPyLaw:
             raise failure(self.task, q, rhs)
         return x
 
-    def _damped(
-        self, q: Array, J_V: Array, rhs: Array, most: float
-    ) -> tuple[Array, float]:
+    def _damped(self, q: Array, J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
         """Solve ``J_V x = rhs``, damped if ``most``, λ_max, is above 0; return x (n,) and λ.
 
         λ limits x near singularities; it is 0 elsewhere. Without damping a singularity raises an
@@ -164,9 +162,7 @@ def _within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     x_leaf = x - x_task
     left = np.where(x_leaf > 0, most - x_task, most + x_task)
     moving = np.abs(x_leaf) > 1e-12
-    share = float(
-        np.clip((left[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0)
-    )
+    share = float(np.clip((left[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0))
     shorter = x_task + share * x_leaf
     whole = float((most / np.maximum(np.abs(shorter), 1e-300)).min(initial=1.0))
     return shorter * min(1.0, whole), min(share, whole)

@@ -51,11 +51,7 @@ class LimitWeight:
                 "a limit weight needs one joint for every coordinate, "
                 "but q = T ψ of this task mixes joints; take the task without in_coordinates"
             )
-        self.lower, self.upper, self.n = (
-            np.array(task.lower),
-            np.array(task.upper),
-            task.n,
-        )
+        self.lower, self.upper, self.n = (np.array(task.lower), np.array(task.upper), task.n)
         self.gain = positive(gain, "the gain of a limit weight", zero=True)
         self.onset = positive(onset, "the onset of a limit weight")
 
@@ -68,6 +64,4 @@ class LimitWeight:
         limited = np.isfinite(self.lower) & np.isfinite(self.upper)
         onset = np.where(limited, self.onset * (self.upper - self.lower) / 2, 1.0)
         margins = np.where(limited, [q - self.lower, self.upper - q], np.inf)
-        return 1 + self.gain * np.sum(
-            (1 + (np.maximum(margins, 0) / onset) ** 2) ** -2, axis=0
-        )
+        return 1 + self.gain * np.sum((1 + (np.maximum(margins, 0) / onset) ** 2) ** -2, axis=0)

@@ -19,9 +19,7 @@ from ..potentials.basis import Potentials, SumMap
 from ..regions import Box, Tube, WorkspaceBox
 
 
-def native_arm(
-    task: Task, potentials: Potentials | None = None, region: Any = None
-) -> Any:
+def native_arm(task: Task, potentials: Potentials | None = None, region: Any = None) -> Any:
     """Create the struct :data:`ARM` of a task with potentials and a region Ω, for C.
 
     It points to arrays, which it keeps alive.
@@ -34,9 +32,7 @@ def native_arm(
     """
     made = native_chain(task)
     if made is None:
-        raise InputError(
-            f"{task!r} has more than 64 joints, too many for the code in C"
-        )
+        raise InputError(f"{task!r} has more than 64 joints, too many for the code in C")
     arm, _ = made
     if potentials is not None:
         parts = _native_parts(potentials)

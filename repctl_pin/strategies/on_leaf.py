@@ -81,11 +81,7 @@ def solve(
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     c_start = potentials.value(q)
-    c_end = (
-        c_start
-        if leaf is None
-        else vector(leaf, task.r, "the leaf c", "one per potential")
-    )
+    c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one per potential")
     between = _line(task, task.placements(q), target)
     side = _side(task, potentials, q)
     if side == 0:

@@ -9,15 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
-    Array,
-    as_configurations,
-    as_matrices,
-    as_numbers,
-    positive,
-    shown,
-    vector,
-)
+from ..arguments import Array, as_configurations, as_matrices, as_numbers, positive, shown, vector
 from ..errors import InputError, SingularityError
 from ..model.task import Task, own_task
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
@@ -102,9 +94,7 @@ class WeightedInverse:
     """
 
     def __init__(
-        self,
-        task: Task,
-        weight: Literal["inertia"] | ArrayLike | Callable[[Array], ArrayLike],
+        self, task: Task, weight: Literal["inertia"] | ArrayLike | Callable[[Array], ArrayLike]
     ) -> None:
         self.task = redundant(task)
         if isinstance(weight, str) and weight != "inertia":
@@ -115,18 +105,14 @@ class WeightedInverse:
             _check_inertia(self.task)
         n = self.task.n
         self.weight: Any = (
-            weight
-            if isinstance(weight, str) or callable(weight)
-            else _positive(weight, n)
+            weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
         )
 
     def __repr__(self) -> str:
         if isinstance(self.weight, str):
             return described(self, self.task, "weight 'inertia'")
         return described(
-            self,
-            self.task,
-            "weight a function of q" if callable(self.weight) else "constant M",
+            self, self.task, "weight a function of q" if callable(self.weight) else "constant M"
         )
 
     def __call__(self, q: ArrayLike) -> Array:
@@ -217,9 +203,7 @@ def _positive(weight: ArrayLike, n: int) -> Array:
             f"the weight must be {n} numbers or a symmetric {n} × {n} matrix, all finite"
         )
     if np.linalg.eigvalsh(M)[0] <= 0:
-        raise InputError(
-            "the weight must be positive definite; every joint needs a weight above 0"
-        )
+        raise InputError("the weight must be positive definite; every joint needs a weight above 0")
     return M
 
 
@@ -301,9 +285,7 @@ class PostureControl:
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
         self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
-        self._quick = PerThread(
-            partial(_least_speed, self.task, self.posture, self.gain)
-        )
+        self._quick = PerThread(partial(_least_speed, self.task, self.posture, self.gain))
 
     def __repr__(self) -> str:
         return described(self, self.task, f"gain {self.gain:g} 1/s")

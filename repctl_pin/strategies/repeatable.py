@@ -100,26 +100,16 @@ class RepeatableInverse:
     """
 
     def __init__(
-        self,
-        task: Task,
-        potentials: Potentials,
-        *,
-        region: Bounded | None = None,
+        self, task: Task, potentials: Potentials, *, region: Bounded | None = None
     ) -> None:
         potentials = require_type(
-            potentials,
-            Potentials,
-            "potentials",
-            "potentials, such as potentials.weighted(A)",
+            potentials, Potentials, "potentials", "potentials, such as potentials.weighted(A)"
         )
         if region is None:
             region = getattr(potentials, "region", None)
         else:
             require_type(
-                region,
-                Bounded,
-                "region",
-                "a region of joint space, such as rp.Box(q0, 0.3)",
+                region, Bounded, "region", "a region of joint space, such as rp.Box(q0, 0.3)"
             )
         self.task = redundant(task)
         self.potentials = potentials
@@ -149,9 +139,7 @@ class RepeatableInverse:
 
     # ---- the control loop ------------------------------------------------------------------------
 
-    def velocity(
-        self, q: ArrayLike, xdot: ArrayLike, *, outside: _Outside = "ignore"
-    ) -> Array:
+    def velocity(self, q: ArrayLike, xdot: ArrayLike, *, outside: _Outside = "ignore") -> Array:
         """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
 
         The frame moves with ẋ, and the potentials h, whose gradients are V, stay constant.
@@ -304,10 +292,7 @@ class RepeatableInverse:
         ratio = float(self.region.ratio(q[None])[0])
         if ratio > 1 + _EDGE:
             scaled = f"scaled distance {ratio:.3g}; the boundary is at 1"
-            _report(
-                f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it",
-                outside,
-            )
+            _report(f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it", outside)
 
     def _check_limits(self, q: ArrayLike, what: str, outside: str) -> None:
         """Warn or raise, as ``outside`` says, if q (called ``what``) violates a joint limit.
@@ -338,9 +323,7 @@ class RepeatableInverse:
         """
         return bool(np.abs(self.leaf(q) - self.leaf(other)).max() <= _SAME_LEAF)
 
-    def solve(
-        self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None
-    ) -> Array:
+    def solve(self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
         """Solve f(q) = x on a leaf: the inverse kinematic function q = F(x; c).
 
         A leaf is the set h(q) = c of the potentials h, on which pose x and level c determine q. On
@@ -366,11 +349,7 @@ class RepeatableInverse:
         return solve(self.task, self.potentials, self.step, target, q0, leaf)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            "task": self.task,
-            "potentials": self.potentials,
-            "region": self.region,
-        }
+        return {"task": self.task, "potentials": self.potentials, "region": self.region}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         RepeatableInverse.__init__(self, **state)

@@ -43,9 +43,7 @@ def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> Ste
     return StepLimits(per_joint(limit, n, "a speed limit"), damping)
 
 
-def as_velocity_arguments(
-    q: ArrayLike, xdot: ArrayLike, n: int, m: int
-) -> tuple[Array, Array]:
+def as_velocity_arguments(q: ArrayLike, xdot: ArrayLike, n: int, m: int) -> tuple[Array, Array]:
     """Check q (n,) and ẋ (m,) of a velocity, and return them as arrays of doubles.
 
     Arrays of doubles pass without a test of their values, which the solver tests.
@@ -86,9 +84,7 @@ def as_step_arguments(
     if gain is not None and not (isinstance(gain, float) and 0.0 <= gain * dt <= 2.0):
         gain = _as_gain(gain, dt)
     if twist is not None and not (
-        type(twist) is ndarray
-        and twist.dtype is FLOAT
-        and twist.shape == (task.twist_size,)
+        type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == (task.twist_size,)
     ):
         twist = vector(twist, task.twist_size, "the twist (v, ω)", "m/s and rad/s")
     return q, target, dt, twist, leaf, gain
@@ -100,9 +96,7 @@ def _as_gain(gain: float, dt: float) -> float:
     A step removes the share gain · dt of the error, which must be from 0 to 2: above 2, each step
     would increase the error. Otherwise InputError is raised.
     """
-    value = (
-        gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
-    )
+    value = gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
     if not 0.0 <= value * dt <= 2.0:
         raise InputError(
             f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"

@@ -204,12 +204,7 @@ def _merit(problem: Problem, design: Design) -> tuple[int, float]:
 
 
 def _around_motion(
-    problem: Problem,
-    desired: Inverse,
-    make: _Make,
-    width: float | None,
-    seed: int,
-    say: _Say,
+    problem: Problem, desired: Inverse, make: _Make, width: float | None, seed: int, say: _Say
 ) -> Design:
     """Design in a tube around the motion, all configurations within ``width`` of it.
 

@@ -81,11 +81,7 @@ class PathStart(NamedTuple):
 
 
 def starts(
-    task: Task,
-    start: ArrayLike | str | None,
-    draw: PathOf | None,
-    *,
-    any_path: bool = False,
+    task: Task, start: ArrayLike | str | None, draw: PathOf | None, *, any_path: bool = False
 ) -> Iterator[PathStart]:
     """Generate the usable starts, the best first.
 
@@ -204,9 +200,7 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
     return task.from_robot(poses[start]), name
 
 
-def _with_a_circle(
-    task: Task, offers: Iterable[tuple[Array, str]]
-) -> Iterator[PathStart]:
+def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[PathStart]:
     """Generate the starts of a problem without a path; those from which a circle fits come first.
 
     There, no bodies collide either. The others follow, in their order; ``offers`` are
@@ -270,15 +264,11 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
     """
     if dexterity_at(task, q0) < _SINGULAR:
         raise SingularityError(
-            f"the start is at a singularity of {task.frame!r}, {task.kind}",
-            remedy=remedy,
-            at=q0,
+            f"the start is at a singularity of {task.frame!r}, {task.kind}", remedy=remedy, at=q0
         )
 
 
-def _best_first(
-    task: Task, found: Iterable[PathStart], least: float
-) -> Iterator[PathStart]:
+def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterator[PathStart]:
     """Sort starts by the first cycle of J⁺ from there, so that a study begins at the best one.
 
     First come those without violations in which a part of the robot drifts visibly, by at least
@@ -308,10 +298,6 @@ def _inner_limits(task: Task) -> tuple[Array, Array]:
     Starts are searched between them, away from the joint limits. A missing limit is replaced by one
     at least 3 rad or m from 0 and from the reference pose.
     """
-    low = np.where(
-        np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0)
-    )
-    high = np.where(
-        np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0)
-    )
+    low = np.where(np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0))
+    high = np.where(np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0))
     return low + 0.1 * (high - low), high - 0.1 * (high - low)

@@ -76,9 +76,7 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
         seconds = _design_seconds(task, degree)
         if seconds <= _LONG:
             return degree, []
-        time = (
-            f"a design of degree {degree} for {task.n} joints takes {_about(seconds)}"
-        )
+        time = f"a design of degree {degree} for {task.n} joints takes {_about(seconds)}"
         return degree, [f"{time}; a lower degree takes less"]
     seconds = _design_seconds(task, DEGREE)
     if seconds <= _LONG:
@@ -91,9 +89,7 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
             argument="degree",
             remedy="choose a frame that fewer joints move, lock joints, or pass degree=1",
         )
-    times = (
-        f"{_about(least)}; degree 2 would take {_about(seconds)} for {task.n} joints"
-    )
+    times = f"{_about(least)}; degree 2 would take {_about(seconds)} for {task.n} joints"
     return 1, [f"degree 1 is used, which takes {times} and is used on request"]
 
 

@@ -13,9 +13,7 @@ _SHARE = 0.9
 """Maximum fraction of a speed limit that a cycle uses, if its period is increased."""
 
 
-def choose_period(
-    usual: float, motions: Mapping[str, Motion | None]
-) -> tuple[float, list[str]]:
+def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
     """Choose a period in which the first cycle of every motion keeps the speed limits.
 
     A study calls this before its motions are compared, so that no joint is faster than it can be.

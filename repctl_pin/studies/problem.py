@@ -171,14 +171,10 @@ class Problem:
             return Box(self.start, asked)
         if callable(asked):
             made = asked(self.task, self.start)
-            return require_type(
-                made, Region, "the result of region", "a region of joint space"
-            )
+            return require_type(made, Region, "the result of region", "a region of joint space")
         if asked is not None:
             return asked
-        return tube_around(
-            follow(Pseudoinverse(self.task), self.cycle, self.start, cycles=1)
-        )
+        return tube_around(follow(Pseudoinverse(self.task), self.cycle, self.start, cycles=1))
 
     @property
     def cycle(self) -> TaskPath:
@@ -190,9 +186,7 @@ class Problem:
             If the problem has no path.
         """
         if self.path is None:
-            raise InputError(
-                "this problem has no path", remedy="make it without path=False"
-            )
+            raise InputError("this problem has no path", remedy="make it without path=False")
         return self.path
 
     @property
@@ -228,8 +222,7 @@ class Problem:
         begin = row(self.start) if self.start_is == GIVEN else self.start_is
         region = "" if self._asked is None else f", Ω {self.region}"
         return (
-            f"<Problem of {task.robot.name} {task.frame}, {task.kind}: "
-            f"{path} from {begin}{region}>"
+            f"<Problem of {task.robot.name} {task.frame}, {task.kind}: {path} from {begin}{region}>"
         )
 
     def _begin(self, start: PathStart) -> None:
@@ -237,11 +230,7 @@ class Problem:
 
         The start is moved if a path given by the user begins at another pose.
         """
-        moved = (
-            ("the start was moved to the first point of the path",)
-            if start.moved
-            else ()
-        )
+        moved = ("the start was moved to the first point of the path",) if start.moved else ()
         freeze(self, start=start.q0, start_is=start.name, path=start.path, moved=moved)
         freeze(self, _violates=start.violates)
 
@@ -292,9 +281,7 @@ def at_minimum_speed(problem: Problem) -> Problem:
     if saved > 0:
         note = f"the start was moved along the self-motion, to {100 * saved:.0f} % less joint speed"
     return problem._with(
-        start=found.best.q[0],
-        given=problem.given | {"start"},
-        moved=(*problem.moved, note),
+        start=found.best.q[0], given=problem.given | {"start"}, moved=(*problem.moved, note)
     )
 
 
@@ -308,9 +295,7 @@ def _task_of(robot: Robot | Task, frame: Any, kind: str | None) -> Task:
         return choose_task(robot, frame, kind)
     for name, value in (("frame", frame), ("kind", kind)):
         if value is not None:
-            raise InputError(
-                ": a task has its own", argument=name, remedy=f"omit {name}="
-            )
+            raise InputError(": a task has its own", argument=name, remedy=f"omit {name}=")
     return robot
 
 
@@ -336,10 +321,7 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
     if isinstance(path, (list, tuple)):
         from ..paths.several_paths import several_paths
 
-        own = [
-            _checked_path(each, None) if isinstance(each, str) else each
-            for each in path
-        ]
+        own = [_checked_path(each, None) if isinstance(each, str) else each for each in path]
         return lambda task, q0: several_paths(task, q0, own)
     if isinstance(path, str):
         from ..motion.parse_path import parse_path  # with the readers of files

@@ -92,19 +92,9 @@ def _distance(motion: Motion, cycles: int) -> float:
 
 QUANTITIES = (
     Quantity("drift_first", "drift after 1 cycle", JOINTS, lambda m: m.drift[0]),
+    Quantity("drift_last", "drift after {cycles} cycles", JOINTS, lambda m: m.drift[-1], cycles=2),
     Quantity(
-        "drift_last",
-        "drift after {cycles} cycles",
-        JOINTS,
-        lambda m: m.drift[-1],
-        cycles=2,
-    ),
-    Quantity(
-        "drift_in_last",
-        "drift in cycle {cycles}",
-        JOINTS,
-        lambda m: m.cycle_drift[-1],
-        cycles=2,
+        "drift_in_last", "drift in cycle {cycles}", JOINTS, lambda m: m.cycle_drift[-1], cycles=2
     ),
     Quantity(
         "tracking_error",
@@ -120,13 +110,7 @@ QUANTITIES = (
         lambda m: m.first_rms_speed,
         meaning="Joint speed: ‖q̇‖, root mean square.",
     ),
-    Quantity(
-        "rms_speed",
-        "joint speed, all cycles",
-        "joints/s",
-        lambda m: m.rms_speed,
-        cycles=2,
-    ),
+    Quantity("rms_speed", "joint speed, all cycles", "joints/s", lambda m: m.rms_speed, cycles=2),
     Quantity(
         "peak_speed",
         "peak joint speed",

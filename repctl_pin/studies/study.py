@@ -157,9 +157,7 @@ def study(
         )
 
     problem, design = design_for(problem, desired, make, seed=options.seed, say=say)
-    design = replace(
-        design, cycle=Cycle(problem.start, problem.cycle, period or PERIOD)
-    )
+    design = replace(design, cycle=Cycle(problem.start, problem.cycle, period or PERIOD))
     for addition in parts("study_design"):
         design = addition(design, thread_time() - begun, say)
     say(f"following the path for {cycles} cycles")
@@ -234,9 +232,7 @@ def _followed(
         )
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + _POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
-    near, other = (
-        PostureControl(task, posture, _POSTURE_GAIN) for posture in (q0, away)
-    )
+    near, other = (PostureControl(task, posture, _POSTURE_GAIN) for posture in (q0, away))
     margin = _leaf_margin(design, last.motion)
     rows = [
         first,
@@ -252,9 +248,7 @@ def _followed(
     return rows, options["period"], [*slower, *edges]
 
 
-def _repeatable(
-    design: Design, path: TaskPath, q0: Array, options: dict[str, Any]
-) -> Row:
+def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with the design's inverse from q0 (n,), and return its row of the study.
 
     The motion gets the region Ω of the design and its proved closing radius, within which every
@@ -297,9 +291,7 @@ def edge_warning(
     return [f"{edge}; choose another start or a smaller path"]
 
 
-def _custom_controls(
-    task: Task, controls: Mapping[str, _Control]
-) -> dict[str, Strategy]:
+def _custom_controls(task: Task, controls: Mapping[str, _Control]) -> dict[str, Strategy]:
     """Convert the user's controllers, given by name, to strategies for a task, by name.
 
     A strategy is an object that gives q̇ for q and ẋ. InputError is raised if they are not in a
@@ -307,9 +299,7 @@ def _custom_controls(
     """
     what = "a dictionary that gives each control a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
-    return {
-        name: _custom_control(task, name, control) for name, control in controls.items()
-    }
+    return {name: _custom_control(task, name, control) for name, control in controls.items()}
 
 
 def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
@@ -323,15 +313,9 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
     InputError
         If the name is taken or not a name, or the strategy is for a different task.
     """
-    if (
-        not isinstance(name, str)
-        or name in (*LABELS, *LABELS.values())
-        or not name.strip()
-    ):
+    if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
         raise InputError(
-            f": {name!r} is taken",
-            argument="controls",
-            remedy="give your control another name",
+            f": {name!r} is taken", argument="controls", remedy="give your control another name"
         )
     if not isinstance(control, Strategy):
         from ..strategies.custom import FunctionStrategy
@@ -347,9 +331,7 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
     )
 
 
-def _run(
-    key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
-) -> Row:
+def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with one controller from q0 (n,), and return its row of the study.
 
     At a singularity the row has no motion, and the reason is in ``stopped``, so that the study goes

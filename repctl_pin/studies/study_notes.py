@@ -64,9 +64,7 @@ def unlimited_speeds(task: Task) -> list[str]:
     names = [name for name, limit in limits if not np.isfinite(limit)]
     if not names:
         return []
-    return [
-        f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"
-    ]
+    return [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"]
 
 
 def _path_losses(rows: Sequence[Row]) -> list[str]:
@@ -100,9 +98,7 @@ def violation_texts(row: Row) -> list[str]:
     return said
 
 
-def _drift_elsewhere(
-    plain: Pseudoinverse, q0: Array, motion: Motion | None
-) -> list[str]:
+def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
     """Write a note on the plane in which J⁺ drifts more, if it hardly drifts on the study's path.
 
     Without it, the user may believe that the arm needs no repeatable controller. ``plain`` is J⁺,
@@ -134,9 +130,7 @@ def _drift_elsewhere(
     return [f"J⁺ hardly drifts on this path, but {small}"]
 
 
-def _other_circle(
-    plain: Pseudoinverse, q0: Array, motion: Motion
-) -> tuple[str, str, float] | None:
+def _other_circle(plain: Pseudoinverse, q0: Array, motion: Motion) -> tuple[str, str, float] | None:
     """Find the circle of the same radius in another plane on which J⁺, ``plain``, drifts most.
 
     Returns the plane (``yz``), the link that is displaced most at the end of all cycles, and by how
@@ -205,9 +199,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     notes = [f"joint speed: {size} above the minimum of closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:
-        notes.append(
-            f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed"
-        )
+        notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")
     return notes
 
 

@@ -175,17 +175,12 @@ class Study:
 
     def summary(self) -> str:
         """Summarise the problem in one line, and each controller's result in another."""
-        cycles = next(
-            (row.motion.cycles for row in self.rows if row.motion is not None), 0
-        )
+        cycles = next((row.motion.cycles for row in self.rows if row.motion is not None), 0)
         task = f"{self.robot.name} {self.task.frame}, {self.task.kind}"
         head = f"{task}: {self.path.name}, {cycles} cycles"
         width = max(len(row.label) for row in self.rows)
         return "\n".join(
-            [
-                head,
-                *(f"  {row.label.ljust(width)}  {row.summary()}" for row in self.rows),
-            ]
+            [head, *(f"  {row.label.ljust(width)}  {row.summary()}" for row in self.rows)]
         )
 
     @property
@@ -241,16 +236,9 @@ class Study:
             "region": region_dict(self.region),
             "design": {
                 **picked(
-                    design,
-                    "cost",
-                    "cost_error",
-                    "relative_distance",
-                    "leaf_margin",
-                    "converged",
+                    design, "cost", "cost_error", "relative_distance", "leaf_margin", "converged"
                 ),
-                "leaf_margin_proved": design.proof.leaf_margin
-                if design.proof
-                else None,
+                "leaf_margin_proved": design.proof.leaf_margin if design.proof else None,
                 "closes": _closes(design),
                 "potentials": design.potentials.size,
             },
@@ -293,9 +281,7 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
     return {
         "body_distance": least,
         "nearest_bodies": {"cycle": when, "links": list(nearest.links)},
-        "first_touch": None
-        if touch is None
-        else {"cycle": touch[0], "links": list(touch[1])},
+        "first_touch": None if touch is None else {"cycle": touch[0], "links": list(touch[1])},
     }
 
 

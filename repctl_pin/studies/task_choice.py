@@ -29,9 +29,7 @@ _SAMPLES = 32
 _RANK = 1e-4
 
 
-def choose_task(
-    robot: Robot, frame: str | Sequence[Any] | None, kind: str | None
-) -> Task:
+def choose_task(robot: Robot, frame: str | Sequence[Any] | None, kind: str | None) -> Task:
     """Create the task of a robot at a frame: of the given kind, or of the first redundant kind.
 
     ``frame`` is None for the robot's default frame, a name, or a list for several frames. Kinds are
@@ -103,9 +101,7 @@ def _redundant(robot: Robot, task: Task) -> Task:
         return task
     others = redundant_kinds(robot, task.frame)
     names = ", ".join(f"{kind} (r = {r})" for kind, r in others.items() if r >= 1)
-    remedy = (
-        f"redundant here: {names}" if names else "no kind of task is redundant here"
-    )
+    remedy = f"redundant here: {names}" if names else "no kind of task is redundant here"
     sizes = f"n = {task.n} joints move it and the task has m = {task.m} coordinates"
     why = f"{sizes}, so r = {task.r}"
     if task.r >= 1:

@@ -51,9 +51,7 @@ Case = tuple[str, str, str, list[list[str]]]
 """What is changed, the file's name and content, and the commands that read it."""
 
 
-def json_cases(
-    name: str, good: dict[str, Any], commands: list[list[str]]
-) -> Iterator[Case]:
+def json_cases(name: str, good: dict[str, Any], commands: list[list[str]]) -> Iterator[Case]:
     """Every text, key and number of a saved design."""
     for place in entries(good):
         holder: Any = good
@@ -84,12 +82,7 @@ def json_cases(
                 part = part[key]
             if isinstance(part, dict) and text:
                 part[payload] = part.pop(place[-1])
-                yield (
-                    f"{name} key {place} = {payload!r}",
-                    name,
-                    json.dumps(content),
-                    commands,
-                )
+                yield (f"{name} key {place} = {payload!r}", name, json.dumps(content), commands)
 
 
 def text_cases(
@@ -99,9 +92,7 @@ def text_cases(
     for found in re.finditer(pattern, good):
         for payload in PAYLOADS:
             written = (
-                "".join(f"&#{ord(c)};" if ord(c) < 0x20 else c for c in payload)
-                if xml
-                else payload
+                "".join(f"&#{ord(c)};" if ord(c) < 0x20 else c for c in payload) if xml else payload
             )
             for value in {written, found[1] + written, payload}:
                 content = good[: found.start(1)] + value + good[found.end(1) :]
@@ -119,17 +110,12 @@ def cases(folder: Path) -> list[Case]:
     cell = rp.Cell(task, task.placement(task.reference), 0.05)
     rp.save(
         rp.nearest_inverse_function(
-            rp.Pseudoinverse(task),
-            cell,
-            degree=1,
-            options=rp.FitOptions(samples=256, held_out=64),
+            rp.Pseudoinverse(task), cell, degree=1, options=rp.FitOptions(samples=256, held_out=64)
         ),
         "cell.json",
     )
     control = json.loads((folder / "made" / "control.json").read_text())
-    motion = (
-        "\n".join((folder / "made" / "motion.csv").read_text().splitlines()[:3]) + "\n"
-    )
+    motion = "\n".join((folder / "made" / "motion.csv").read_text().splitlines()[:3]) + "\n"
     room = (
         '<robot name="room"><link name="post"><collision><origin xyz="5 5 0"/><geometry><sphere '
         'radius="0.1"/>'
@@ -146,10 +132,7 @@ def cases(folder: Path) -> list[Case]:
         "--allow-violations",
     ]
     attributes = r'\b[a-z_]+="([^"]*)"'
-    read = [
-        ["follow", "control.json", "--robot", "arm.urdf"],
-        ["check", "control.json"],
-    ]
+    read = [["follow", "control.json", "--robot", "arm.urdf"], ["check", "control.json"]]
     shown = [["animate", "arm.urdf", "--motion", "m.csv"]]
     return [
         *json_cases("control.json", control, read),
@@ -167,16 +150,10 @@ def cases(folder: Path) -> list[Case]:
         ),
         *text_cases("b.urdf", urdf, r"<([a-z]+)", [["inspect", "b.urdf"]], xml=False),
         *text_cases(
-            "room.urdf",
-            room,
-            attributes,
-            [[*follow, "--surroundings", "room.urdf"]],
-            xml=True,
+            "room.urdf", room, attributes, [[*follow, "--surroundings", "room.urdf"]], xml=True
         ),
         *text_cases("m.csv", motion, r"(?m)(?:^|,)([^,\n]+)", shown, xml=False),
-        *text_cases(
-            "p.csv", square, r"([^,\n]+)", [[*follow, "--path", "p.csv"]], xml=False
-        ),
+        *text_cases("p.csv", square, r"([^,\n]+)", [[*follow, "--path", "p.csv"]], xml=False),
     ]
 
 
@@ -212,21 +189,13 @@ def main() -> int:
             for i in rng.permutation(len(group))[: options.count // len(groups)]
         ]
         for what, name, content, commands in drawn:
-            Path(name).write_text(
-                content, encoding="utf-8", errors="surrogatepass", newline=""
-            )
+            Path(name).write_text(content, encoding="utf-8", errors="surrogatepass", newline="")
             for command in commands:
                 code, text = prints(command)
                 wrong = [c for c in text if not c.isprintable() and c != "\n"]
                 forged = any(line.startswith("FORGED") for line in text.splitlines())
                 fault = code not in (0, 2) or (code == 2 and text.count("\n") != 1)
-                counts[
-                    "escaped"
-                    if wrong or forged
-                    else "fault"
-                    if fault
-                    else f"exit {code}"
-                ] += 1
+                counts["escaped" if wrong or forged else "fault" if fault else f"exit {code}"] += 1
                 if wrong or forged or fault:
                     print(f"{what}, {command[0]}: {code} {text[-300:]!r}", flush=True)
         os.chdir("/")

@@ -57,15 +57,7 @@ SPECIALS: tuple[Any, ...] = (
 )
 DEVICES = {"null": os.makedev(1, 3), "zero": os.makedev(1, 5), "full": os.makedev(1, 7)}
 STUDY = ["study", "planar3r", "--cycles", "1", "--steps", "40", "--region", "0.3"]
-FOLLOW = [
-    "follow",
-    "ppr",
-    "--strategy",
-    "pseudoinverse",
-    "--steps",
-    "40",
-    "--allow-violations",
-]
+FOLLOW = ["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", "--allow-violations"]
 ONE_LINE = 6000
 
 
@@ -103,9 +95,7 @@ def load_and_use(file: Path, again: Path) -> None:
     said, kept = (json.loads(path.read_text()) for path in (file, again))
     said["task"]["file"] = kept["task"]["file"]  # of a catalogue's robot: for a person
     if isinstance(design, rp.CellDesign):  # null is what older files did not say
-        kept["figures"] |= {
-            name: None for name, value in said["figures"].items() if value is None
-        }
+        kept["figures"] |= {name: None for name, value in said["figures"].items() if value is None}
     other = [
         part
         for part in said
@@ -144,9 +134,7 @@ def check_function(design: rp.CellDesign) -> None:
 def alike(one: Any, other: Any) -> bool:
     """Whether two parts of files are the same, numbers but for rounding."""
     if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(
-            alike(one[key], other[key]) for key in one
-        )
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
     if isinstance(one, list) and isinstance(other, list):
         return len(one) == len(other) and all(map(alike, one, other))
     numbers = (int, float)
@@ -216,10 +204,7 @@ def commands(name: str, out: bool) -> Iterator[list[str]]:
 def judged(done: Outcome, folder: Path) -> str:
     """Say how a command ended."""
     for name, device in DEVICES.items():
-        if (
-            not stat.S_ISCHR((state := (folder / name).stat()).st_mode)
-            or state.st_rdev != device
-        ):
+        if not stat.S_ISCHR((state := (folder / name).stat()).st_mode) or state.st_rdev != device:
             return f"fault: the device {name} is none any more"
     if done.kind == "fault" or len(done.words) > ONE_LINE or done.lines > 1:
         return f"fault: {done.lines} lines: {done.words[:200]!r}"
@@ -279,9 +264,7 @@ def places() -> Iterator[tuple[str, dict[str, str], str]]:
         yield lines, {}, lines
 
 
-def in_place(
-    command: list[str], folder: Path, environment: dict[str, str], lines: str
-) -> Outcome:
+def in_place(command: list[str], folder: Path, environment: dict[str, str], lines: str) -> Outcome:
     """Run a command in a process of its own; where stderr is broken, a silent 2 is one line too."""
     program = f"{lines}\n" + 'exec "$0" -m repctl_pin "$@"'
     started = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -332,20 +315,19 @@ def main() -> int:
             for good in ("control.json", "cell.json"):
                 for name, content in changed_files(json.loads(Path(good).read_text())):
                     Path("changed.json").write_text(json.dumps(content))
-                    how = fate(
-                        lambda: load_and_use(Path("changed.json"), Path("again.json"))
-                    )
+                    how = fate(lambda: load_and_use(Path("changed.json"), Path("again.json")))
                     tell("json", f"{good}: {name}", how)
         names = hostile_names(folder)
         cases: list[tuple[str, Callable[[], Outcome]]] = []
         if only in (None, "names"):
+            # a pipe waits for its reader
             cases += [
                 (f"names {' '.join(words)!r}", lambda words=words: run(words))
                 for out in (False, True)
                 for name in names
                 for words in commands(name, out)
                 if not (out and ("pipe" in name or "huge" in name))
-            ]  # a pipe waits for its reader
+            ]
         if only in (None, "places"):
             words = (["inspect", "ppr"], STUDY, [*FOLLOW, "--csv", "m.csv"])
             cases += [

@@ -211,10 +211,7 @@ def draw(path: Path, robot: rp.Robot, q: np.ndarray) -> Page | None:
     A robot that is not redundant has no page."""
     rows = np.array([q, robot.reference, q])
     motion = path.with_name("motion.csv")
-    lines = [
-        ",".join(robot.joint_names),
-        *(",".join(map(repr, r)) for r in rows.tolist()),
-    ]
+    lines = [",".join(robot.joint_names), *(",".join(map(repr, r)) for r in rows.tolist())]
     motion.write_text("\n".join(lines) + "\n", encoding="utf-8")
     page = path.with_name("page")
     code, text = told("animate", str(path), "--motion", str(motion), "--out", str(page))
@@ -222,9 +219,7 @@ def draw(path: Path, robot: rp.Robot, q: np.ndarray) -> Page | None:
         return None
     if code:
         raise ArithmeticError(f"animate ends with {code}: {text[:150]}")
-    scene, commands, numbers = read(
-        (page / "animation.html").read_text(encoding="utf-8")
-    )
+    scene, commands, numbers = read((page / "animation.html").read_text(encoding="utf-8"))
     if not (np.isfinite(numbers).all() and all_finite([scene, commands])):
         raise ArithmeticError("a number of the page is not finite")
     return scene, commands
@@ -244,19 +239,14 @@ def all_finite(held: Any) -> bool:
 def compare(robot: rp.Robot, path: Path, q: np.ndarray) -> None:
     """Compare the placements of all links with those of the model that Pinocchio itself makes of
     the file."""
-    split = any(
-        note.startswith("joint") and "read as" in note
-        for note in robot.description.notes
-    )
+    split = any(note.startswith("joint") and "read as" in note for note in robot.description.notes)
     with silence():
         try:
             theirs = pin.buildModelFromUrdf(str(path))
         except ValueError:
             return  # stricter than we are
     tree = etree.parse(str(path), etree.XMLParser(recover=True))
-    odd = any(
-        axis.get("xyz") is None for axis in tree.iter("axis")
-    )  # Pinocchio takes a zero axis
+    odd = any(axis.get("xyz") is None for axis in tree.iter("axis"))  # Pinocchio takes a zero axis
     if split or odd:
         return
     values = (
@@ -277,8 +267,7 @@ def compare(robot: rp.Robot, path: Path, q: np.ndarray) -> None:
     pin.framesForwardKinematics(robot.model, own, robot.coupling.joints(q))
     for frame in robot.frames:
         there, here = (
-            model.getFrameId(frame, pin.FrameType.BODY)
-            for model in (theirs, robot.model)
+            model.getFrameId(frame, pin.FrameType.BODY) for model in (theirs, robot.model)
         )
         away = np.abs(data.oMf[there].homogeneous - own.oMf[here].homogeneous)
         if not away.max() <= 1e-9 * max(1.0, np.abs(data.oMf[there].translation).max()):
@@ -345,16 +334,7 @@ def mutations(dice: random.Random, count: int) -> Iterator[bytes]:
                 other.append(copy.deepcopy(element))
             elif element is not root:
                 element.tag = dice.choice(
-                    [
-                        "link",
-                        "joint",
-                        "axis",
-                        "limit",
-                        "mimic",
-                        "origin",
-                        "visual",
-                        "geometry",
-                    ]
+                    ["link", "joint", "axis", "limit", "mimic", "origin", "visual", "geometry"]
                 )
         yield etree.tostring(root)
 
@@ -384,16 +364,13 @@ def specials() -> Iterator[bytes]:
     for kind in ("revolute", "fixed", "continuous"):
         yield ARM.replace("</robot>", star.format(kind=kind) + "</robot>").encode()
     yield ARM.replace(
-        '<link name="l3">',
-        '<link name="l3" ' + " ".join(f'a{i}="1"' for i in range(300_000)) + ">",
+        '<link name="l3">', '<link name="l3" ' + " ".join(f'a{i}="1"' for i in range(300_000)) + ">"
     ).encode()
     yield ARM.replace(
         '<collision><geometry><sphere radius="1"/></geometry></collision>',
         '<visual><geometry><sphere radius="1"/></geometry></visual>' * 50_000,
     ).encode()
-    ring = ARM.replace(
-        'velocity="1"/><dynamics', 'velocity="1"/><mimic joint="j3"/><dynamics'
-    )
+    ring = ARM.replace('velocity="1"/><dynamics', 'velocity="1"/><mimic joint="j3"/><dynamics')
     yield ring.encode()
     yield ARM.replace("<axis xyz=", "<axis XYZ=").encode()
     yield (ARM + "\0" * 100).encode()
@@ -409,8 +386,7 @@ def meshes(folder: Path) -> Iterator[Path]:
         for kind in ("stl", "stl_ascii", "obj", "ply", "off", "glb", "dae")
     }
     good = {
-        kind: text.encode() if isinstance(text, str) else bytes(text)
-        for kind, text in good.items()
+        kind: text.encode() if isinstance(text, str) else bytes(text) for kind, text in good.items()
     }
     good["gltf"] = (
         b'{"asset":{"version":"2.0"},"buffers":[{"uri":"pipe","byteLength":9}],"meshes":[{"primitives":[]}]}'
@@ -482,12 +458,7 @@ def look_at(path: Path) -> None:
 def main() -> int:
     """Run all, print the faults and the counts."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    for name, count in (
-        ("seed", 0),
-        ("mutations", 3600),
-        ("specials", 450),
-        ("meshes", 120),
-    ):
+    for name, count in (("seed", 0), ("mutations", 3600), ("specials", 450), ("meshes", 120)):
         parser.add_argument(f"--{name}", type=int, default=count)
     options = parser.parse_args()
     dice = random.Random(options.seed)
@@ -508,22 +479,14 @@ def main() -> int:
         path = Path(folder) / "r.urdf"
         every = list(specials())
         last = every[-8:]  # the large ones
-        chosen = (
-            dice.sample(every[:-8], min(len(every) - 8, max(options.specials - 8, 0)))
-            + last
-        )
-        for part, cases in (
-            ("mutation", mutations(dice, options.mutations)),
-            ("special", chosen),
-        ):
+        chosen = dice.sample(every[:-8], min(len(every) - 8, max(options.specials - 8, 0))) + last
+        for part, cases in (("mutation", mutations(dice, options.mutations)), ("special", chosen)):
             for k, data in enumerate(cases):
                 path.write_bytes(data)
                 how = fate(lambda: load_and_look(path))
                 tell(part, str(k), how)
                 if how.startswith("fault"):
-                    (
-                        Path(tempfile.gettempdir()) / f"fault_{part}_{k}.urdf"
-                    ).write_bytes(data)
+                    (Path(tempfile.gettempdir()) / f"fault_{part}_{k}.urdf").write_bytes(data)
         for k, mesh in enumerate(meshes(Path(folder))):
             if k < options.meshes:
                 tell("mesh", mesh.name, fate(lambda mesh=mesh: look_at(mesh)))

@@ -107,11 +107,7 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
     )  # fmt: skip
     governor.start(q0)
     home, said, times = task.placement(q0), Counter(), []
-    least, contact, checks, stops, asked, stuck, blocked, done = (
-        np.inf,
-        np.inf,
-        *6 * [0],
-    )
+    least, contact, checks, stops, asked, stuck, blocked, done = (np.inf, np.inf, *6 * [0])
     Q = [q0] * 4
     worst, limits = np.zeros(3), (task.velocity_limit, 8.0, 2000.0)
 

@@ -60,9 +60,7 @@ def rail(folder: Path) -> rp.Robot:
         '<origin xyz="0 0.1 0"/></joint><link name="tool"/>'
     )
     path = folder / "rail.urdf"
-    path.write_text(
-        f'<robot name="rail"><link name="base"/>{joints}</robot>', encoding="utf-8"
-    )
+    path.write_text(f'<robot name="rail"><link name="base"/>{joints}</robot>', encoding="utf-8")
     return rp.Robot.load(path)
 
 
@@ -139,16 +137,12 @@ def jacobian_time(task: rp.Task, q: np.ndarray) -> float:
     return 1e6 * min(found)
 
 
-def run(
-    name: str, ticks: int, seed: int, repeats: int, folder: Path
-) -> dict[str, float]:
+def run(name: str, ticks: int, seed: int, repeats: int, folder: Path) -> dict[str, float]:
     """Export, build and drive one arm; what was measured."""
     task, start, acceleration, jerk = ARMS[name](folder)
     inverse, n = control(task, start, rp.Polynomial(start, 2, 0.5)), task.n
     rp.export_c(inverse, folder / name, "arm")
-    command = (
-        f"gcc -std=c99 -O2 -D_POSIX_C_SOURCE=199309L arm.c {HARNESS} -I. -o run -lm"
-    )
+    command = f"gcc -std=c99 -O2 -D_POSIX_C_SOURCE=199309L arm.c {HARNESS} -I. -o run -lm"
     subprocess.run(command.split(), cwd=folder / name, check=True)
     margin = 0.02
     speeds = IIWA if name == "iiwa14" else task.velocity_limit
@@ -156,9 +150,7 @@ def run(
         start, speeds, np.broadcast_to(acceleration, n), np.broadcast_to(jerk, n),
         task.lower, task.upper, [margin],
     ]  # fmt: skip
-    numbers = " ".join(
-        f"{value!r}" for part in rows for value in np.asarray(part, float).tolist()
-    )
+    numbers = " ".join(f"{value!r}" for part in rows for value in np.asarray(part, float).tolist())
     before = jacobian_time(task, start)
     done = subprocess.run(
         ["./run", str(ticks), str(seed), str(DT), str(repeats)],
@@ -182,11 +174,7 @@ def main() -> None:
     for name in sys.argv[3:] or ARMS:
         with tempfile.TemporaryDirectory() as folder:
             found = run(name, ticks, 1, repeats, Path(folder))
-        print(
-            name,
-            ", ".join(f"{key} {value:.10g}" for key, value in found.items()),
-            flush=True,
-        )
+        print(name, ", ".join(f"{key} {value:.10g}" for key, value in found.items()), flush=True)
 
 
 if __name__ == "__main__":

@@ -37,8 +37,7 @@ def test_distances_beside_frame_jacobians(name: str, say) -> None:
 
     base = seconds(bare, 60, thread_time) / len(Q)
     random, along = (
-        seconds(lambda P=P: bodies.distances(P), 60, thread_time) / len(P)
-        for P in (Q, way)
+        seconds(lambda P=P: bodies.distances(P), 60, thread_time) / len(P) for P in (Q, way)
     )
     say(
         f"{name}, {len(bodies.pairs)} pairs of links: {random / base:.0f} × a frame's Jacobian at "

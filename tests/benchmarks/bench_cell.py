@@ -35,22 +35,17 @@ def test_a_pose_and_a_step_beside_frame_jacobians(panda_pose: rp.Task, say) -> N
     found = rp.nearest_inverse_function(
         desired, cell, posture=Q0, degree=3, options=rp.FitOptions(held_out=64)
     )
-    quadratic = rp.nearest_repeatable(
-        desired, rp.Polynomial(Q0, 2, 0.4), rp.Box(Q0, 0.2)
-    ).inverse
+    quadratic = rp.nearest_repeatable(desired, rp.Polynomial(Q0, 2, 0.4), rp.Box(Q0, 0.2)).inverse
     F, U = found.function, cell.sample(200)
     targets, Q = [cell.at(u) for u in U], F.batch(U)
     near, none = [cell.at(0.99 * u) for u in U], np.zeros(task.r)
     model, data = task.model, task.model.createData()
     frame = model.getFrameId(task.frame, pin.FrameType.BODY)
     loops = {
-        "a Jacobian": lambda: [
-            pin.computeFrameJacobian(model, data, Q0, frame, WORLD) for _ in U
-        ],
+        "a Jacobian": lambda: [pin.computeFrameJacobian(model, data, Q0, frame, WORLD) for _ in U],
         "F": lambda: [F(x) for x in targets],
         "step": lambda: [
-            found.inverse.step(q, x, 0.01, leaf=none)
-            for q, x in zip(Q, near, strict=True)
+            found.inverse.step(q, x, 0.01, leaf=none) for q, x in zip(Q, near, strict=True)
         ],
         "quadratic step": lambda: [
             quadratic.step(q, x, 0.01, leaf=none) for q, x in zip(Q, near, strict=True)
@@ -58,20 +53,12 @@ def test_a_pose_and_a_step_beside_frame_jacobians(panda_pose: rp.Task, say) -> N
     }
     best = dict.fromkeys(loops, np.inf)
     for _ in range(100):  # they take turns, and the processor's time counts: a loop is
-        for (
-            name,
-            loop,
-        ) in loops.items():  # longer than the turn that a busy machine gives it
+        for name, loop in loops.items():  # longer than the turn that a busy machine gives it
             time_of_one = 1e6 * seconds(loop, 1, time.thread_time) / len(U)
             best[name] = min(best[name], time_of_one)
-    in_jacobians, beside = (
-        best["F"] / best["a Jacobian"],
-        best["step"] / best["quadratic step"],
-    )
+    in_jacobians, beside = (best["F"] / best["a Jacobian"], best["step"] / best["quadratic step"])
     times = ", ".join(f"{name} {t:.2f}" for name, t in best.items())
-    say(
-        f"µs: {times}; F {in_jacobians:.0f} Jacobians, a step {beside:.1f} times the quadratic's"
-    )
+    say(f"µs: {times}; F {in_jacobians:.0f} Jacobians, a step {beside:.1f} times the quadratic's")
     assert in_jacobians < 40 and beside < 6
 
 
@@ -116,22 +103,14 @@ def frame_jacobian(task: rp.Task) -> float:
     model, data = task.model, task.model.createData()
     frame = model.getFrameId(task.frame, pin.FrameType.BODY)
     evaluate = pin.computeFrameJacobian
-    return 5e3 * seconds(
-        lambda: [evaluate(model, data, Q0, frame, WORLD) for _ in range(200)], 200
-    )
+    return 5e3 * seconds(lambda: [evaluate(model, data, Q0, frame, WORLD) for _ in range(200)], 200)
 
 
 def cells_of(task: rp.Task) -> dict[str, rp.Cell]:
     """Make a cell in six dimensions, a sector that two symmetries reduce to four, and one in
     three."""
     middle = task.placement(Q0)
-    widths = {
-        "radius": 0.1,
-        "height": 0.1,
-        "angle": 1.0,
-        "half_angle": 0.25,
-        "spin": 0.5,
-    }
+    widths = {"radius": 0.1, "height": 0.1, "angle": 1.0, "half_angle": 0.25, "spin": 0.5}
     return {
         "6-D": rp.Cell(task, middle, 0.08, 0.25),
         "sector, 6-D in 4": rp.Sector(task, middle, **widths),
@@ -139,9 +118,7 @@ def cells_of(task: rp.Task) -> dict[str, rp.Cell]:
     }
 
 
-def test_f_in_c_beside_frame_jacobians(
-    panda_pose: rp.Task, say, tmp_path: Path
-) -> None:
+def test_f_in_c_beside_frame_jacobians(panda_pose: rp.Task, say, tmp_path: Path) -> None:
     """At -O2 at most 1.2 frame Jacobians in six dimensions, 1.0 where symmetries leave four; a
     batch for the machine's own vector units at most 0.6."""
     if shutil.which("gcc") is None:
@@ -160,16 +137,11 @@ def test_f_in_c_beside_frame_jacobians(
         for name, flags in BUILDS.items():
             line = ["gcc", "-std=c99", *flags, "arm.c", "bench.c", "-o", name, "-lm"]
             subprocess.run(line, cwd=folder, check=True)
-    base, times = (
-        np.inf,
-        {(w, name): np.full(3, np.inf) for w in folders for name in BUILDS},
-    )
+    base, times = (np.inf, {(w, name): np.full(3, np.inf) for w in folders for name in BUILDS})
     for _ in range(10):  # they take turns, so that a ratio holds on a busy machine too
         base = min(base, frame_jacobian(task))
         for (what, name), least in times.items():
-            run = subprocess.run(
-                [f"./{name}"], cwd=folders[what], capture_output=True, check=True
-            )
+            run = subprocess.run([f"./{name}"], cwd=folders[what], capture_output=True, check=True)
             times[what, name] = np.minimum(least, np.array(run.stdout.split(), float))
     for (what, name), least in times.items():
         one, many, J = least / base
@@ -189,11 +161,7 @@ def test_batches_called_from_python(panda_pose: rp.Task, say) -> None:
     task = panda_pose
     cell = rp.Cell(task, task.placement(Q0), 0.05, 0.2)
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        posture=Q0,
-        degree=4,
-        options=rp.FitOptions(held_out=64),
+        rp.Pseudoinverse(task), cell, posture=Q0, degree=4, options=rp.FitOptions(held_out=64)
     )
     fast, model, data = found.function, task.model, task.model.createData()
     frame = model.getFrameId(task.frame, pin.FrameType.BODY)
@@ -206,8 +174,7 @@ def test_batches_called_from_python(panda_pose: rp.Task, say) -> None:
         runs: dict[str, tuple[Callable[[], object], int]] = {
             "a Jacobian": (
                 lambda: [
-                    pin.computeFrameJacobian(model, data, Q0, frame, WORLD)
-                    for _ in range(2000)
+                    pin.computeFrameJacobian(model, data, Q0, frame, WORLD) for _ in range(2000)
                 ],
                 2000,
             ),
@@ -221,8 +188,7 @@ def test_batches_called_from_python(panda_pose: rp.Task, say) -> None:
             for name, (work, size) in runs.items():
                 times[name].append(1e6 * seconds(work, 1, time.thread_time) / size)
         least, middle = (
-            {name: float(by(each)) for name, each in times.items()}
-            for by in (np.min, np.median)
+            {name: float(by(each)) for name, each in times.items()} for by in (np.min, np.median)
         )
         said = ", ".join(
             f"{name} {least[name] / least['a Jacobian']:.2f} "
@@ -249,9 +215,7 @@ def closed_forms(task: rp.Task) -> dict[str, Solve]:
         arm = ssik.Manipulator.from_prebuilt("franka_panda")
         off = np.linalg.inv(tool_of(task, arm.fk))
 
-        def nearest(
-            x: np.ndarray, q: np.ndarray, most: int | None = 1
-        ) -> list[np.ndarray]:
+        def nearest(x: np.ndarray, q: np.ndarray, most: int | None = 1) -> list[np.ndarray]:
             return [one.q for one in arm.solve(x @ off, q_seed=q, max_solutions=most)]
 
         found["ssik, nearest to a seed"] = nearest
@@ -298,29 +262,18 @@ def test_f_beside_closed_forms(panda_pose: rp.Task, say) -> None:
     task = panda_pose
     cell = rp.Cell(task, task.placement(Q0), 0.05, 0.2)
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        posture=Q0,
-        degree=3,
-        options=rp.FitOptions(held_out=64),
+        rp.Pseudoinverse(task), cell, posture=Q0, degree=3, options=rp.FitOptions(held_out=64)
     )
     fast, U = found.function, cell.sample(64)
     targets, Q = [cell.at(u) for u in U], fast.batch(U)
     poses = [x.homogeneous for x in targets]
-    solvers: dict[str, Solve] = {
-        "F": lambda x, q: [fast(x)],
-        **closed_forms(task),
-    }
+    solvers: dict[str, Solve] = {"F": lambda x, q: [fast(x)], **closed_forms(task)}
     best = dict.fromkeys(solvers, np.inf)
-    own = {
-        name: targets if name[0] == "F" else poses for name in solvers
-    }  # what each one takes
+    own = {name: targets if name[0] == "F" else poses for name in solvers}  # what each one takes
     for _ in range(20):  # they take turns, so that a ratio holds on a busy machine too
         for name, solve in solvers.items():
             loop = partial(
-                lambda f, X: [f(x, q) for x, q in zip(X, Q, strict=True)],
-                solve,
-                own[name],
+                lambda f, X: [f(x, q) for x, q in zip(X, Q, strict=True)], solve, own[name]
             )
             time_of_one = 1e6 * seconds(loop, 1, time.thread_time) / len(U)
             best[name] = min(best[name], time_of_one)
@@ -340,7 +293,6 @@ def test_f_beside_closed_forms(panda_pose: rp.Task, say) -> None:
         assert none == 0 and worst < 1e-6
     many = np.tile(U, (64, 1))
     batch = min(
-        1e6 * seconds(lambda: fast.batch(many), 1, time.thread_time) / len(many)
-        for _ in range(10)
+        1e6 * seconds(lambda: fast.batch(many), 1, time.thread_time) / len(many) for _ in range(10)
     )
     say(f"F.batch, compiled: {batch:.2f} µs a pose")

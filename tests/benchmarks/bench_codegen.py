@@ -94,9 +94,7 @@ def control(task: rp.Task, degree: int) -> rp.RepeatableInverse:
     N = rp.redundancy.nullspace(task.jacobian(Q0))
     return rp.RepeatableInverse(
         task,
-        potentials.weighted(
-            np.linalg.lstsq(potentials.gradients(Q0[None])[0], N, rcond=None)[0]
-        ),
+        potentials.weighted(np.linalg.lstsq(potentials.gradients(Q0[None])[0], N, rcond=None)[0]),
     )
 
 
@@ -138,27 +136,13 @@ def test_c_beside_pinocchios_jacobian(panda_pose: rp.Task, say, tmp_path: Path) 
     base = np.inf
     for degree in (2, 4):
         rp.export_c(control(panda_pose, degree), tmp_path / str(degree), "arm")
-        line = [
-            "gcc",
-            "-std=c99",
-            "-O2",
-            "-I.",
-            "arm.c",
-            "../bench.c",
-            "-o",
-            "bench",
-            "-lm",
-        ]
+        line = ["gcc", "-std=c99", "-O2", "-I.", "arm.c", "../bench.c", "-o", "bench", "-lm"]
         subprocess.run(line, cwd=tmp_path / str(degree), check=True)
     for _ in range(5):
         base = min(base, best_of({"jacobian": jacobian(panda_pose)}, 100)["jacobian"])
         for degree in (2, 4):
             done = subprocess.run(
-                ["./bench"],
-                cwd=tmp_path / str(degree),
-                capture_output=True,
-                text=True,
-                check=True,
+                ["./bench"], cwd=tmp_path / str(degree), capture_output=True, text=True, check=True
             )
             times = np.array(done.stdout.split(), float)
             found[degree] = np.minimum(found.get(degree, times), times)
@@ -168,16 +152,10 @@ def test_c_beside_pinocchios_jacobian(panda_pose: rp.Task, say, tmp_path: Path) 
         f"of the Jacobian {found[2][0] / base:.2f}, {found[4][0] / base:.2f}, "
         f"{found[2][1] / base:.2f}"
     )
-    assert (
-        found[2][0] < 0.6 * base
-        and found[2][1] < base
-        and found[4][0] < 3 * found[2][0]
-    )
+    assert found[2][0] < 0.6 * base and found[2][1] < base and found[4][0] < 3 * found[2][0]
 
 
-def test_the_longest_of_a_million_steps(
-    panda_pose: rp.Task, say, tmp_path: Path
-) -> None:
+def test_the_longest_of_a_million_steps(panda_pose: rp.Task, say, tmp_path: Path) -> None:
     """At most 50 times the median. Each is the least of three, for what the system does in between
     is not ours."""
     if shutil.which("gcc") is None:
@@ -222,10 +200,7 @@ def test_a_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
             J = pin.computeFrameJacobian(model, data, Q0, frame, WORLD)
             here = data.oMf[frame]
             e = np.concatenate(
-                [
-                    target.translation - here.translation,
-                    pin.log3(target.rotation @ here.rotation.T),
-                ]
+                [target.translation - here.translation, pin.log3(target.rotation @ here.rotation.T)]
             )
             Q0 + DT * np.linalg.pinv(J) @ (twist + e / DT)
 
@@ -237,20 +212,9 @@ def test_a_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
         return loop
 
     best = best_of(
-        {
-            "pinv": pinv,
-            "python": ours(plain),
-            "c": ours(inverse),
-            "jacobian": jacobian(task),
-        },
-        100,
+        {"pinv": pinv, "python": ours(plain), "c": ours(inverse), "jacobian": jacobian(task)}, 100
     )
-    say(
-        ", ".join(
-            f"{name} {t:.2f} µs, {t / best['pinv']:.3f} of pinv"
-            for name, t in best.items()
-        )
-    )
+    say(", ".join(f"{name} {t:.2f} µs, {t / best['pinv']:.3f} of pinv" for name, t in best.items()))
     assert best["c"] < 0.12 * best["pinv"]
 
 
@@ -260,11 +224,7 @@ def test_batches(panda_pose: rp.Task, say) -> None:
     plain, rng = in_numpy(inverse), np.random.default_rng(0)
     Q, Xdot = Q0 + rng.uniform(-0.3, 0.3, (200, 7)), rng.normal(size=(200, 6))
     best = best_of(
-        {
-            "python": lambda: plain.velocities(Q, Xdot),
-            "c": lambda: inverse.velocities(Q, Xdot),
-        },
-        200,
+        {"python": lambda: plain.velocities(Q, Xdot), "c": lambda: inverse.velocities(Q, Xdot)}, 200
     )
     say(
         f"velocities, µs a row: Python {best['python']:.2f}, C {best['c']:.2f}: "

@@ -25,9 +25,7 @@ import repctl_pin as rp
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
 
-def design(
-    task: rp.Task, degree: int, samples: int, *, progress=False, **options
-) -> rp.Design:
+def design(task: rp.Task, degree: int, samples: int, *, progress=False, **options) -> rp.Design:
     return rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         None,
@@ -38,9 +36,7 @@ def design(
     )
 
 
-def test_building_and_solving_beside_bare_jacobians(
-    panda_pose: rp.Task, benchmark, say
-) -> None:
+def test_building_and_solving_beside_bare_jacobians(panda_pose: rp.Task, benchmark, say) -> None:
     """16,384 nodes, degree 2: at most 25 times the loop of Pinocchio's Jacobians on them."""
     task = panda_pose
     Q, _ = rp.Box(Q0, 0.4).nodes(16384, 0)
@@ -53,9 +49,7 @@ def test_building_and_solving_beside_bare_jacobians(
 
     base = seconds(bare, 7)
     # the least evaluation there is: what is measured is the building and the solving
-    benchmark.pedantic(
-        lambda: design(task, 2, 16384, held_out=64), rounds=7, warmup_rounds=1
-    )
+    benchmark.pedantic(lambda: design(task, 2, 16384, held_out=64), rounds=7, warmup_rounds=1)
     ratio = benchmark.stats.stats.min / base
     whole = seconds(lambda: design(task, 2, 16384), 5) / base
     say(
@@ -74,11 +68,7 @@ def test_against_the_literal_reading(panda_pose: rp.Task, say) -> None:
     for q in Q:
         J = task.jacobian(q)
         prepared.append(
-            (
-                np.linalg.pinv(J),
-                np.linalg.svd(J)[2][-1],
-                potentials.gradients(q[None])[0],
-            )
+            (np.linalg.pinv(J), np.linalg.svd(J)[2][-1], potentials.gradients(q[None])[0])
         )
 
     def literal(a: np.ndarray) -> float:
@@ -89,13 +79,9 @@ def test_against_the_literal_reading(panda_pose: rp.Task, say) -> None:
         return total
 
     n0 = np.linalg.svd(task.jacobian(Q0))[2][-1]
-    start = np.linalg.lstsq(potentials.gradients(Q0[None])[0], n0, rcond=None)[
-        0
-    ]  # constant rows
+    start = np.linalg.lstsq(potentials.gradients(Q0[None])[0], n0, rcond=None)[0]  # constant rows
     found = []
-    slow = seconds(
-        lambda: found.append(scipy.optimize.minimize(literal, start, tol=1e-9)), 1
-    )
+    slow = seconds(lambda: found.append(scipy.optimize.minimize(literal, start, tol=1e-9)), 1)
     ours: list[rp.Design] = []
     fast = seconds(lambda: ours.append(design(task, 2, samples, held_out=64)), 5)
     say(
@@ -112,15 +98,10 @@ def test_linear_in_nodes(panda_pose: rp.Task, say) -> None:
     per_node = {}
     for power in (14, 17, 20):
         per_node[power] = (
-            seconds(
-                lambda p=power: design(panda_pose, 2, 2**p, held_out=64, stream=True), 1
-            )
+            seconds(lambda p=power: design(panda_pose, 2, 2**p, held_out=64, stream=True), 1)
             / 2**power
         )
-    say(
-        "time a node, µs: "
-        + ", ".join(f"2^{p}: {1e6 * t:.1f}" for p, t in per_node.items())
-    )
+    say("time a node, µs: " + ", ".join(f"2^{p}: {1e6 * t:.1f}" for p, t in per_node.items()))
     assert per_node[20] < 1.5 * per_node[14]
 
 
@@ -161,9 +142,7 @@ def test_two_processes(panda_pose: rp.Task, say) -> None:
         pytest.skip(f"two free cores are needed; the load is {os.getloadavg()[0]:.1f}")
     work = {"degree": 3, "samples": 262_144}
     one = seconds(lambda: design(panda_pose, **work), 4)
-    with ProcessPoolExecutor(
-        2, mp_context=multiprocessing.get_context("spawn")
-    ) as pool:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         design(panda_pose, 1, 4096, executor=pool)  # the workers' imports
         two = seconds(lambda: design(panda_pose, **work, executor=pool), 4)
     load = os.getloadavg()[0]
@@ -219,9 +198,7 @@ def test_the_standard_error_in_100_designs(say) -> None:
         Q = box.random(2**20, 10_000 + seed)
         for i in range(0, len(Q), 2**16):
             part = Q[i : i + 2**16]
-            truth += np.sum(
-                (found.inverse.batch(part) - desired.batch(part)) ** 2
-            ) / len(Q)
+            truth += np.sum((found.inverse.batch(part) - desired.batch(part)) ** 2) / len(Q)
         inside += abs(found.cost - truth) <= 2 * found.cost_error
     say(f"{inside} of 100 designs within two standard errors of the cost on 2^20 nodes")
     assert inside >= 90
@@ -230,10 +207,7 @@ def test_the_standard_error_in_100_designs(say) -> None:
 def test_a_progress_bar_costs_nothing_to_speak_of(panda_pose: rp.Task, say) -> None:
     silent = seconds(lambda: design(panda_pose, 2, 16384, held_out=64), 5)
     spoken = seconds(
-        lambda: design(
-            panda_pose, 2, 16384, held_out=64, progress=lambda what, share: None
-        ),
-        5,
+        lambda: design(panda_pose, 2, 16384, held_out=64, progress=lambda what, share: None), 5
     )
     say(f"progress reports: {spoken / silent:.2f} × the time without")
     assert spoken < 1.2 * silent

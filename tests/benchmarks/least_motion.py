@@ -55,17 +55,8 @@ class Row(NamedTuple):
     bodies: float
 
     def __str__(self) -> str:
-        change = [
-            self.own,
-            self.least,
-            self.own / self.least,
-            self.free,
-            self.leaf,
-            self.own_there,
-        ]
-        speeds = " | ".join(
-            f"{round(100 * (value - 1), 2) + 0.0:+.2f}\u00a0%" for value in change
-        )
+        change = [self.own, self.least, self.own / self.least, self.free, self.leaf, self.own_there]
+        speeds = " | ".join(f"{round(100 * (value - 1), 2) + 0.0:+.2f}\u00a0%" for value in change)
         speeds = speeds.replace("-", "−")
         bodies = "–" if self.bodies == float("inf") else f"{100 * self.bodies:.1f} cm"
         margins = f"{self.margin:.2f} | {self.largest:.2f} | {bodies}"
@@ -83,9 +74,7 @@ def measured(robot: str) -> Row:
     there = found.best.q[0]
     leaf = rp.least_closed_motion(task, path, there, steps=STEPS, guess=found.best)
     free = [
-        rp.least_closed_motion(
-            task, path, guess.q[0], steps=STEPS, guess=guess, free_start=True
-        )
+        rp.least_closed_motion(task, path, guess.q[0], steps=STEPS, guess=guess, free_start=True)
         for guess in (least, leaf)
     ]
     problem = rp.Problem(task, start=there, path=path)
@@ -105,9 +94,7 @@ def cycle(study: rp.Study, steps: int) -> rp.Motion:
     """Follow one cycle of a study's design from point to point, on its leaf."""
     lock = rp.LeafLock(4)
     inverse = study.design.inverse
-    return rp.follow(
-        inverse, study.path, study.q0, cycles=1, steps=steps, integrator=lock
-    )
+    return rp.follow(inverse, study.path, study.q0, cycles=1, steps=steps, integrator=lock)
 
 
 def main(robots: list[str]) -> None:

@@ -34,11 +34,7 @@ ARMS = {
     "panda": ("panda", "panda_hand_tcp", (*_TUCKED, np.pi / 4)),
     "panda, tool turned": ("panda", "panda_hand_tcp", (*_TUCKED, 2.45)),
     "xarm7": ("xarm7", "link_eef", (-0.73, 0.37, 0.19, 1.27, -0.5, 1.13, -0.38)),
-    "baxter": (
-        "baxter",
-        "left_gripper",
-        (-0.43, -1.32, -0.36, 1.99, -0.03, 0.95, 1.94),
-    ),
+    "baxter": ("baxter", "left_gripper", (-0.43, -1.32, -0.36, 1.99, -0.03, 0.95, 1.94)),
 }
 """Robot, frame, and configuration in the middle of the cell."""
 
@@ -77,11 +73,7 @@ def scene(name: str) -> Scene:
 def smooth_poses(cell: rp.Cell, seed: int) -> list[pin.SE3]:
     """Draw a random smooth motion in a cell: sums of sinusoids of 0.03 to 0.3 Hz."""
     rng, t = np.random.default_rng(100 + seed), DT * np.arange(FRAMES)
-    waves = (
-        2
-        * np.pi
-        * (rng.uniform(0.03, 0.3, (6, 4))[..., None] * t + rng.random((6, 4, 1)))
-    )
+    waves = 2 * np.pi * (rng.uniform(0.03, 0.3, (6, 4))[..., None] * t + rng.random((6, 4, 1)))
     U = (rng.normal(size=(6, 4, 1)) * np.sin(waves)).sum(axis=1).T
     return [cell.at(u) for u in 0.98 * U / np.abs(U).max(axis=0)]
 
@@ -104,9 +96,7 @@ def starts(scene: Scene, *, elbows: bool) -> list[np.ndarray]:
         q = middle.copy()
         way = rp.redundancy.nullspace(scene.task.jacobian(q))
         for _ in range(50 * elbows):
-            N = rp.redundancy.align(
-                rp.redundancy.nullspace(scene.task.jacobian(q)), way
-            )
+            N = rp.redundancy.align(rp.redundancy.nullspace(scene.task.jacobian(q)), way)
             q, way = q + away / 50 * N[:, 0], N
             pull = scene.task.error(q, scene.task.placement(middle))
             q = q + np.linalg.pinv(scene.task.jacobian(q)) @ pull
@@ -164,9 +154,7 @@ def function_step(F: rp.InverseFunction) -> Step:
     return lambda _, target: F(target)
 
 
-def recorded(
-    scene: Scene, step: Step, begin: list[np.ndarray]
-) -> tuple[np.ndarray, float, float]:
+def recorded(scene: Scene, step: Step, begin: list[np.ndarray]) -> tuple[np.ndarray, float, float]:
     """Run all sessions: joints (K, n), largest joint step, rad, and processor time per frame, s."""
     Q, largest, began = [], 0.0, process_time()
     for targets, start in zip(scene.targets, begin, strict=True):
@@ -191,20 +179,14 @@ def hand_errors(scene: Scene, Q: np.ndarray) -> np.ndarray:
 
 def coordinates(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     poses = [x for targets in scene.targets for x in targets]
-    p, R = (
-        np.array([x.translation for x in poses]),
-        np.array([x.rotation for x in poses]),
-    )
+    p, R = (np.array([x.translation for x in poses]), np.array([x.rotation for x in poses]))
     return scene.cell.coordinates(p, R)[0], np.repeat(np.arange(SESSIONS), FRAMES)
 
 
 def controllers_table(name: str, scene: Scene) -> tuple[np.ndarray, rp.CellDesign]:
     """Print the ambiguity of five controllers; return J⁺'s joints from six elbows."""
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(scene.task),
-        scene.cell,
-        posture=scene.middle,
-        incomplete="keep",
+        rp.Pseudoinverse(scene.task), scene.cell, posture=scene.middle, incomplete="keep"
     )
     steps = {
         "J⁺": pinv_step(scene),
@@ -225,16 +207,8 @@ def controllers_table(name: str, scene: Scene) -> tuple[np.ndarray, rp.CellDesig
         unit = seconds if unit is None else unit
         error = 1000 * hand_errors(scene, Q)
         margin = float(scene.task.limit_margin(Q).min())
-        cells += [
-            f"{largest:.2g}",
-            f"{margin:.2g}",
-            f"{error.max():.1g}",
-            f"{seconds / unit:.2f}",
-        ]
-        print(
-            f"| {name} | {label} | {' | '.join(cells)} |".replace("-0", "−0"),
-            flush=True,
-        )
+        cells += [f"{largest:.2g}", f"{margin:.2g}", f"{error.max():.1g}", f"{seconds / unit:.2f}"]
+        print(f"| {name} | {label} | {' | '.join(cells)} |".replace("-0", "−0"), flush=True)
     assert kept is not None
     return kept, found
 
@@ -279,9 +253,7 @@ def cloned(
 
         def terms(U: np.ndarray) -> np.ndarray:
             away = ((U[:, None] - centres) ** 2).sum(axis=2)
-            return np.concatenate(
-                [np.exp(-away / 8.0), U, np.ones((len(U), 1))], axis=1
-            )
+            return np.concatenate([np.exp(-away / 8.0), U, np.ones((len(U), 1))], axis=1)
 
     T, mean = terms(U), Q.mean(axis=0)
     ridges = 10.0 ** np.arange(-8, 2) * len(U)
@@ -378,10 +350,7 @@ def cloning_rows(name: str, scene: Scene, done: rp.Relabeled) -> None:
     assert done.recording.joints is not None
     labels = {"recorded": done.recording.joints, "relabelled": done.joints}
     F, leaf = done.design.function, done.leaf
-    ends = [
-        rollout(scene, lambda u: F(scene.cell.at(u), leaf=leaf), i)
-        for i in range(SESSIONS)
-    ]
+    ends = [rollout(scene, lambda u: F(scene.cell.at(u), leaf=leaf), i) for i in range(SESSIONS)]
     print_rollouts(f"| {name} | F itself | –", ends)
     for kind in ("cubic", "Gaussians"):
         for label, Q in labels.items():
@@ -399,9 +368,7 @@ def brief(value: float) -> str:
 
 
 def print_rollouts(head: str, ends: list[tuple[np.ndarray, np.ndarray, float]]) -> None:
-    far, turned, beyond = (
-        np.concatenate([np.atleast_1d(e[i]) for e in ends]) for i in range(3)
-    )
+    far, turned, beyond = (np.concatenate([np.atleast_1d(e[i]) for e in ends]) for i in range(3))
     cells = [
         brief(1000 * np.median(far)),
         brief(1000 * far.max()),
@@ -427,12 +394,8 @@ def large() -> None:
     done = rp.relabel(recording)
     ended = process_time()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(
-        f"{len(Q):,} frames: checked in {read - began:.1f} s, relabelled in {ended - read:.1f} s"
-    )
-    print(
-        f"peak memory {peak / 1e6:.2f} GB, {(peak - before) / 1e6:.2f} GB above the input's"
-    )
+    print(f"{len(Q):,} frames: checked in {read - began:.1f} s, relabelled in {ended - read:.1f} s")
+    print(f"peak memory {peak / 1e6:.2f} GB, {(peak - before) / 1e6:.2f} GB above the input's")
     print(done.summary())
     with tempfile.TemporaryDirectory() as folder:
         files(done, Path(folder))
@@ -468,9 +431,7 @@ def main() -> None:
         "\n| arm | relabelled | ambiguity, rad | limit margin, rad | moved, rad | leaf c | time |\n"
         "| --- " + "| --- " * 6 + "|"
     )
-    results = {
-        name: relabel_row(name, scenes[name], Q) for name, Q in recordings.items()
-    }
+    results = {name: relabel_row(name, scenes[name], Q) for name, Q in recordings.items()}
     print(
         "\n| arm | policy | labels | hand error, median, mm | worst, mm | median, rad | worst, rad "
         "| commands beyond a limit |\n| --- " + "| --- " * 7 + "|"

@@ -7,9 +7,7 @@ from collections.abc import Callable
 
 
 def seconds(
-    work: Callable[[], object],
-    repeats: int = 3,
-    clock: Callable[[], float] = time.perf_counter,
+    work: Callable[[], object], repeats: int = 3, clock: Callable[[], float] = time.perf_counter
 ) -> float:
     """Run a few times; the least time, s. ``time.thread_time`` leaves out what others do on the
     machine meanwhile."""

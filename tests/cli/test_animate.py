@@ -63,9 +63,7 @@ def test_a_studys_csv_is_read_back(study: rp.Study, folder: Path, animated) -> N
     assert per == 61
     for row, arm, pane in zip(study.rows, scene["arms"], arms, strict=True):
         assert arm["unit"] == "rad and m"
-        np.testing.assert_allclose(
-            answer["drift"][row.key], row.motion.drift, atol=1e-8
-        )
+        np.testing.assert_allclose(answer["drift"][row.key], row.motion.drift, atol=1e-8)
         expected = drawn.placements(study.task.to_robot(row.motion.q[rows]))
         np.testing.assert_allclose(pane.of(drawn), expected, atol=1e-6)
 
@@ -89,9 +87,7 @@ def named(folder: Path, names: tuple[str, ...]) -> rp.Robot:
     return rp.Robot.load(folder / "named.urdf")
 
 
-def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(
-    tmp_path: Path, animated
-) -> None:
+def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(tmp_path: Path, animated) -> None:
     yaml = pytest.importorskip("yaml")
     names = ("a b: c", "ü#", "it's")
     task = named(tmp_path, names).task(kind="xy")
@@ -104,9 +100,7 @@ def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(
     expected = task.positions(motion.q[np.r_[:11, 10:21, 20:31]])
     np.testing.assert_allclose(arms[0].tip[:, 0], expected, atol=1e-6)
     file = rp.write_motion(motion, tmp_path / "m.yaml", allow_violations=True)
-    assert yaml.safe_load(file.read_text(encoding="utf-8"))["joint_names"] == list(
-        names
-    )
+    assert yaml.safe_load(file.read_text(encoding="utf-8"))["joint_names"] == list(names)
     for bad in ("a,b", 'say "x"', "c;d"):
         with pytest.raises(rp.InputError, match="which breaks CSV files; rename it"):
             named(tmp_path, (bad,))
@@ -121,9 +115,7 @@ def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
             rp.write_motion(motion, tmp_path / "m.csv")
 
 
-def test_joints_without_a_column_stay_at_the_reference(
-    tmp_path: Path, animated
-) -> None:
+def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path, animated) -> None:
     robot = rp.Robot.load("planar4r")
     rows = "\n".join(f"{k / 10},{0.1 * k}" for k in range(5))
     (tmp_path / "one.csv").write_text(f"time, theta2\n{rows}\n", encoding="utf-8")
@@ -140,14 +132,8 @@ def test_a_files_times_say_how_fast_its_joints_are(
     """In the second of two cycles the lift moves at three times its speed limit; without times
     nobody knows."""
     limit = study.task.joint_limits[2][0]
-    speeds = (
-        np.where(np.arange(40) == 30, 3.0, 0.5)
-        * np.where(np.arange(40) % 2, -1, 1)
-        * limit
-    )
-    rows = np.c_[
-        np.arange(41) / 20, 0.1 * np.arange(41), 0.3 + np.r_[0, np.cumsum(0.1 * speeds)]
-    ]
+    speeds = np.where(np.arange(40) == 30, 3.0, 0.5) * np.where(np.arange(40) % 2, -1, 1) * limit
+    rows = np.c_[np.arange(41) / 20, 0.1 * np.arange(41), 0.3 + np.r_[0, np.cumsum(0.1 * speeds)]]
     for header, timed in (("cycle,time,d1", True), ("cycle,d1", False)):
         cells = rows if timed else rows[:, [0, 2]]
         lines = "\n".join(",".join(map(repr, map(float, row))) for row in cells)
@@ -159,8 +145,7 @@ def test_a_files_times_say_how_fast_its_joints_are(
         assert (arm["broken"] is not None) == timed
         if timed:
             assert (
-                arm["broken"]["words"] == "d1 past its speed limit"
-                and arm["broken"]["cycle"] == 2
+                arm["broken"]["words"] == "d1 past its speed limit" and arm["broken"]["cycle"] == 2
             )
             assert arm["broken"]["at"] == pytest.approx(1.5, abs=0.06)
 
@@ -210,10 +195,7 @@ def test_the_command_from_a_csv_a_design_and_options(
     for arguments, labels in (
         (["ppr", *csv], ["nearest repeatable", "J⁺ + posture"]),
         (["design.json", *few, "--path", "eight:0.1"], ["J⁺", "nearest repeatable"]),
-        (
-            ["ppr", *few, "--degree", "1", "--seconds", "2"],
-            ["J⁺", "nearest repeatable"],
-        ),
+        (["ppr", *few, "--degree", "1", "--seconds", "2"], ["J⁺", "nearest repeatable"]),
     ):
         assert main(["animate", *arguments, "--json"]) == 0
         told = json.loads(capsys.readouterr().out)
@@ -230,9 +212,7 @@ def test_the_command_refuses(folder: Path, tmp_path: Path, monkeypatch, capsys) 
     monkeypatch.chdir(tmp_path)
     motion = str(folder / "motion.csv")
     there = "no strategy 'mine'; it has pseudoinverse, posture, posture_off, repeatable"
-    assert there in refused(
-        capsys, "animate", "ppr", "--motion", motion, "--only", "mine"
-    )
+    assert there in refused(capsys, "animate", "ppr", "--motion", motion, "--only", "mine")
     unknown = refused(capsys, "animate", "panda", "--motion", motion)
     assert "no joint 'd1'" in unknown and "panda_joint1" in unknown
     for arguments in (

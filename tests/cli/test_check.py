@@ -17,15 +17,7 @@ START = "0,-0.78539816,0,-2.35619449,0,1.57079633,0.78539816"
 def test_check_says_what_the_functions_say(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "panda", "--start", START]) == 0
     text = capsys.readouterr().out
-    for word in (
-        "panda_hand_tcp, pose",
-        "J⁺",
-        "not repeatable",
-        "x–y",
-        "6.99",
-        "7e-4",
-        "0.0699",
-    ):
+    for word in ("panda_hand_tcp, pose", "J⁺", "not repeatable", "x–y", "6.99", "7e-4", "0.0699"):
         assert word in text
     assert "stable surface" not in text  # seven joints
 
@@ -36,15 +28,12 @@ def test_check_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     data = json.loads(capsys.readouterr().out)
     task = rp.Robot.load("panda").task(None, "pose")
     drift = rp.drift_per_area(
-        rp.WeightedInverse(task, "inertia"),
-        np.array([float(v) for v in START.split(",")]),
+        rp.WeightedInverse(task, "inertia"), np.array([float(v) for v in START.split(",")])
     )
     assert data["repeatable"] is False and data["defect"] > 100 * data["tolerance"]
     assert np.isclose(data["drift_per_m2"]["yz"], drift[1, 2], rtol=1e-6)
     assert main([*arguments, "--weight", "1,1,1,1,1,1,1"]) == 0
-    assert np.isclose(
-        json.loads(capsys.readouterr().out)["drift_per_m2"]["xy"], 6.986, atol=5e-4
-    )
+    assert np.isclose(json.loads(capsys.readouterr().out)["drift_per_m2"]["xy"], 6.986, atol=5e-4)
 
 
 def test_check_finds_the_stable_surface_in_absolute_angles_only(
@@ -59,10 +48,7 @@ def test_check_finds_the_stable_surface_in_absolute_angles_only(
 
 SLIDE = (
     planar_urdf([1, 0.8, 0.6])
-    .replace(
-        '<joint name="theta2" type="revolute">',
-        '<joint name="theta2" type="prismatic">',
-    )
+    .replace('<joint name="theta2" type="revolute">', '<joint name="theta2" type="prismatic">')
     .replace(
         '<limit lower="-7.0" upper="7.0" effort="1" velocity="1"/></joint><joint name="theta3"',
         '<limit lower="0" upper="0.04" effort="1" velocity="1"/></joint><joint name="theta3"',
@@ -88,9 +74,7 @@ def test_check_stays_inside_the_joint_limits_and_says_so(
         assert main(["check", arm, *more, "--samples", "16", "--json"]) == 0
         data = json.loads(capsys.readouterr().out)
         task = rp.Robot.load(arm).task(data["frame"], data["task"])
-        middle, half = (
-            np.array(data["region"][key]) for key in ("center", "half_width")
-        )
+        middle, half = (np.array(data["region"][key]) for key in ("center", "half_width"))
         assert (middle - half >= task.lower - 1e-12).all() and (
             middle + half <= task.upper + 1e-12
         ).all()
@@ -102,9 +86,7 @@ def test_check_stays_inside_the_joint_limits_and_says_so(
             max(task.lower[i], data["start"][i] - asked),
             min(task.upper[i], data["start"][i] + asked),
         )
-        np.testing.assert_allclose(
-            [middle[i] - half[i], middle[i] + half[i]], [low, high]
-        )
+        np.testing.assert_allclose([middle[i] - half[i], middle[i] + half[i]], [low, high])
         assert data["notes"] == [f"Ω was cut at the limits of {joint}"]
     assert main(["check", "panda", "--samples", "16", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
@@ -129,16 +111,7 @@ def test_a_saved_design_is_checked_over_its_own_region(
     tmp_path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, saved = str(tmp_path), str(tmp_path / "design.json")
-    options = [
-        "--degree",
-        "2",
-        "--region",
-        "0.3",
-        "--start",
-        "1,-1.5,1.2",
-        "--samples",
-        "512",
-    ]
+    options = ["--degree", "2", "--region", "0.3", "--start", "1,-1.5,1.2", "--samples", "512"]
     assert main(["design", "planar3r", *options, "--out", out, "--quiet"]) == 0
     assert main(["check", saved, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)

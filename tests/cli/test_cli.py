@@ -72,16 +72,12 @@ def test_json_and_quiet(tmp_path, monkeypatch) -> None:
         "--path",
         "square:0.1",
     )
-    done = repctl(
-        "study", "planar3r", *options, "--json", "--out", "here", cwd=tmp_path
-    )
+    done = repctl("study", "planar3r", *options, "--json", "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     data = json.loads(done.stdout)
     assert data["start"][0] == -0.1 and data["path"].startswith("square of side 0.1")
     assert (tmp_path / "here" / "animation.html").is_file()
-    done = repctl(
-        "study", "planar3r", *options, "--quiet", "--out", "there", cwd=tmp_path
-    )
+    done = repctl("study", "planar3r", *options, "--quiet", "--out", "there", cwd=tmp_path)
     assert done.returncode == 0 and done.stdout == done.stderr == ""
 
 
@@ -91,16 +87,13 @@ def test_robots_and_inspect(tmp_path, monkeypatch) -> None:
     load, small = rp.Robot.load, rp.Robot.load("planar3r")
     with monkeypatch.context() as patch:
         patch.setattr(
-            rp.Robot,
-            "load",
-            lambda name: load(name) if name in ("panda", "baxter") else small,
+            rp.Robot, "load", lambda name: load(name) if name in ("panda", "baxter") else small
         )
         done = repctl("robots", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = {row["frame"]: row for row in json.loads(done.stdout)}
     assert (
-        rows["panda_hand_tcp"]["chain"] == 7
-        and rows["panda_hand_tcp"]["redundancy"]["pose"] == 1
+        rows["panda_hand_tcp"]["chain"] == 7 and rows["panda_hand_tcp"]["redundancy"]["pose"] == 1
     )
     assert rows["right_gripper"]["redundancy"]["position"] == 4
     done = repctl("inspect", "panda", cwd=tmp_path)
@@ -116,32 +109,17 @@ BAD_ARGUMENTS = {
         ["follow", "panda", "--csv", "x", "--yaml", "x"],
         ["--csv", "--yaml", "another name"],
     ),
-    "unknown robot": (
-        ["study", "pandda"],
-        ["no robot 'pandda'", "did you mean 'panda'"],
-    ),
+    "unknown robot": (["study", "pandda"], ["no robot 'pandda'", "did you mean 'panda'"]),
     "missing file": (["study", "my/arm.urdf"], ["my/arm.urdf"]),
     "unknown frame": (
         ["study", "panda", "--frame", "panda_hand_tpc"],
         ["did you mean 'panda_hand_tcp'"],
     ),
-    "unknown joint": (
-        ["study", "panda", "--lock", "panda_joint77"],
-        ["no joint", "did you mean"],
-    ),
+    "unknown joint": (["study", "panda", "--lock", "panda_joint77"], ["no joint", "did you mean"]),
     "unknown base": (["study", "panda", "--base", "panda_link99"], ["did you mean"]),
-    "unknown kind": (
-        ["study", "panda", "--task", "poses"],
-        ["no task kind 'poses'", "position"],
-    ),
-    "start too short": (
-        ["study", "panda", "--start", "0,0,0"],
-        ["3 numbers", "7 joints"],
-    ),
-    "start not numbers": (
-        ["study", "panda", "--start", "zero"],
-        ["not a list of numbers"],
-    ),
+    "unknown kind": (["study", "panda", "--task", "poses"], ["no task kind 'poses'", "position"]),
+    "start too short": (["study", "panda", "--start", "0,0,0"], ["3 numbers", "7 joints"]),
+    "start not numbers": (["study", "panda", "--start", "zero"], ["not a list of numbers"]),
     "start nan": (
         ["study", "panda", "--start", "nan" + PANDA_START[1:]],
         ["panda_joint1", "finite"],
@@ -161,14 +139,8 @@ BAD_ARGUMENTS = {
     "degree word": (["study", "panda", "--degree", "two"], ["whole number"]),
     "degree huge": (["study", "panda", "--degree", "30"], ["lower the degree"]),
     "region negative": (["study", "panda", "--region", "-1"], ["above 0"]),
-    "region singular": (
-        ["study", "planar3r", "--region", "3"],
-        ["loses rank", "--region"],
-    ),
-    "no redundancy": (
-        ["study", "ur5", "--task", "pose"],
-        ["r = 0", "position (r = 3)"],
-    ),
+    "region singular": (["study", "planar3r", "--region", "3"], ["loses rank", "--region"]),
+    "no redundancy": (["study", "ur5", "--task", "pose"], ["r = 0", "position (r = 3)"]),
     "unknown command": (["stduy", "panda"], ["stduy"]),
 }
 
@@ -188,18 +160,14 @@ def test_an_output_folder_that_cannot_be_written(tmp_path) -> None:
 
 
 def test_a_broken_urdf_reaches_the_command_line_as_one_line(tmp_path) -> None:
-    (tmp_path / "arm.urdf").write_text(
-        "<robot name='a'><link name='x'/><link name='y'/></robot>"
-    )
+    (tmp_path / "arm.urdf").write_text("<robot name='a'><link name='x'/><link name='y'/></robot>")
     refused(repctl("inspect", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")
     refused(repctl("study", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")
 
 
 def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
     text = rp.Robot.load("xarm7").description.path.read_text(encoding="utf-8")
-    (tmp_path / "mine.urdf").write_text(
-        text.replace("package://", "package://not_here/")
-    )
+    (tmp_path / "mine.urdf").write_text(text.replace("package://", "package://not_here/"))
     small = ["--cycles", "1", "--steps", "60", "--degree", "1"]
     done = repctl("study", "mine.urdf", *small, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -233,18 +201,12 @@ def test_interrupt_ends_with_a_word(tmp_path) -> None:
     assert process.stderr is not None and process.stderr.readline() == "loaded\n"
     process.send_signal(signal.SIGINT)  # some 100 s before the study would end
     _, errors = process.communicate(timeout=60)
-    assert (
-        process.returncode == 130
-        and "interrupted" in errors
-        and "Traceback" not in errors
-    )
+    assert process.returncode == 130 and "interrupted" in errors and "Traceback" not in errors
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("asked", [None, 2])
-def test_one_blas_thread_unless_a_person_says_otherwise(
-    asked: int | None, tmp_path: Path
-) -> None:
+def test_one_blas_thread_unless_a_person_says_otherwise(asked: int | None, tmp_path: Path) -> None:
     code = """
 import sys
 sys.argv = ["repctl", "check", "ppr", "--json"]
@@ -255,23 +217,15 @@ blas = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
 print({pool["num_threads"] for pool in blas}, file=sys.stderr)
 """
     environment = {
-        name: value
-        for name, value in os.environ.items()
-        if not name.endswith("_NUM_THREADS")
+        name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")
     }
     if asked is not None:
         environment["OPENBLAS_NUM_THREADS"] = str(asked)
     done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
     )
     assert json.loads(done.stdout)["robot"] == "ppr"
-    assert done.stderr.strip().splitlines()[-1] == str(
-        {min(asked or 1, os.cpu_count() or 1)}
-    )
+    assert done.stderr.strip().splitlines()[-1] == str({min(asked or 1, os.cpu_count() or 1)})
 
 
 def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
@@ -280,7 +234,6 @@ def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
     small = ["ppr", "--cycles", "1", "--steps", "40", "--degree", "1", "--out", "out"]
     done = repctl("study", *small, cwd=tmp_path)
     assert (
-        "note: report.html is from an earlier study; use --report to write a new one"
-        in done.stdout
+        "note: report.html is from an earlier study; use --report to write a new one" in done.stdout
     )
     assert (tmp_path / "out" / "report.html").read_text() == "an earlier one"

@@ -54,9 +54,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_files_and_a_path_inside(
-    made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_files_and_a_path_inside(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(file.name for file in (made / "out").iterdir()) == [
         "cell.html",
         "cell.json",
@@ -140,9 +138,7 @@ def test_a_cell_round_a_path_and_round_poses(
     poses = made / "poses.csv"
     poses.write_text(
         "x,y,z\n"
-        + "".join(
-            f"{x + a},{y + b},0\n" for a, b in ((0, 0), (0.1, 0), (0, 0.06), (0, 0))
-        )
+        + "".join(f"{x + a},{y + b},0\n" for a, b in ((0, 0), (0.1, 0), (0, 0.06), (0, 0)))
     )
     assert main([*arm, *words, "--path", str(poses)]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -176,9 +172,7 @@ def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) ->
     assert main([*arm, "--half-width", "-1", *small]) == 2
     assert "--half-width" in capsys.readouterr().err
     assert main([*arm, "--half-width", "2", "--shrink", *small]) == 0
-    assert (
-        "note: --shrink: no single function covers ±(2, 2) m" in capsys.readouterr().out
-    )
+    assert "note: --shrink: no single function covers ±(2, 2) m" in capsys.readouterr().out
     assert main([*arm, "--half-width", "0.1", *small, "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
 
@@ -186,17 +180,7 @@ def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_other_commands_say_that_it_is_a_cell(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert (
-        main(
-            [
-                "check",
-                str(made / "out" / "cell.json"),
-                "--robot",
-                str(made / "arm.urdf"),
-            ]
-        )
-        == 2
-    )
+    assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
     assert "does not take the function of a cell" in capsys.readouterr().err
 
 
@@ -205,28 +189,13 @@ def test_other_commands_say_that_it_is_a_cell(
     [
         (["--half-width", "wide"], "--half-width 'wide' must be one or more numbers"),
         (["--half-width", "0.1", "--at", "1,2"], "--at '1,2' must be 3 numbers"),
-        (
-            ["--half-width", "0.1", "--held-out", "20000000"],
-            "--held-out can be at most 1,048,576",
-        ),
-        (
-            ["--half-width", "0.1", "--degree", "0"],
-            "neither auto nor a whole number from 1 up",
-        ),
-        (
-            ["--half-width", "1e-300"],
-            "--half-width must be 0, which holds the coordinate",
-        ),
+        (["--half-width", "0.1", "--held-out", "20000000"], "--held-out can be at most 1,048,576"),
+        (["--half-width", "0.1", "--degree", "0"], "neither auto nor a whole number from 1 up"),
+        (["--half-width", "1e-300"], "--half-width must be 0, which holds the coordinate"),
         (["--half-width", "0.1", "--shrink", "--keep"], "mutually exclusive"),
-        (
-            ["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"],
-            "mutually exclusive",
-        ),
+        (["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"], "mutually exclusive"),
         (["--half-width", "0.1", "--half-angle", "0.2"], "leaves the rotation free"),
-        (
-            ["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"],
-            "cannot reach",
-        ),
+        (["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"], "cannot reach"),
     ],
 )
 def test_what_cannot_be(
@@ -261,15 +230,10 @@ def test_what_cannot_be(
         (["--sector", "--radius", "0.1", "--height", "a"], "--height"),
         (["--half-width", "0.1", "--axis", "0,0,0,0,0,1"], "--axis requires --sector"),
         (["--sector", "--radius", "0.1", "--axis", "0,0,1"], "must be 6 numbers"),
-        (
-            ["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"],
-            "a joint that turns the",
-        ),
+        (["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"], "a joint that turns the"),
     ],
 )
-def test_options_of_a_sector_that_make_no_sense(
-    words: list[str], says: str, capsys
-) -> None:
+def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, capsys) -> None:
     assert main(["cell", "panda", *words]) != 0
     said = capsys.readouterr().err
     assert says in said and len(said.strip().splitlines()) == 1
@@ -277,32 +241,15 @@ def test_options_of_a_sector_that_make_no_sense(
 
 def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "planar.urdf").write_text(
-        planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8"
-    )
-    options = [
-        "--start",
-        "0.2,0.8,0.8",
-        "--degree",
-        "2",
-        "--held-out",
-        "64",
-        "--out",
-        "out",
-    ]
+    (tmp_path / "planar.urdf").write_text(planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8")
+    options = ["--start", "0.2,0.8,0.8", "--degree", "2", "--held-out", "64", "--out", "out"]
     sector = ["--sector", "--radius", "0.1", "--json"]
-    axis = [
-        "--axis",
-        "0,0,0.3,0,0,2",
-    ]  # the base's own axis: another point, another length
+    axis = ["--axis", "0,0,0.3,0,0,2"]  # the base's own axis: another point, another length
     assert main(["cell", "planar.urdf", "--task", "xy", *sector, *axis, *options]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["turns"][0]["reach"] == pytest.approx(2 * np.pi)
     assert said["sector"] == pytest.approx({"radius": 0.1, "angle": np.pi})
-    assert (
-        main(["follow", "out/cell.json", "--robot", "planar.urdf", "--cycles", "1"])
-        == 0
-    )
+    assert main(["follow", "out/cell.json", "--robot", "planar.urdf", "--cycles", "1"]) == 0
     assert "tour 0 of the cell" in capsys.readouterr().out
 
 
@@ -346,9 +293,7 @@ def test_a_start_from_which_the_cell_fits_is_preferred(tmp_path: Path, capsys) -
     first, *others = rp.Problem(str(file), path=False).alternatives()
     task, middle = first.task, np.array(said["middle"])
     (chosen,) = (
-        one
-        for one in others
-        if np.allclose(task.placement(one.start).homogeneous, middle)
+        one for one in others if np.allclose(task.placement(one.start).homogeneous, middle)
     )
 
     def straight(q0: np.ndarray) -> int:

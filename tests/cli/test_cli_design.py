@@ -23,9 +23,7 @@ PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
 def refused(capsys: pytest.CaptureFixture, *words: str) -> None:
     captured = capsys.readouterr()
     lines = captured.err.strip().splitlines()
-    assert captured.out == "" and len(lines) == 1 and lines[0].startswith("repctl: "), (
-        captured.err
-    )
+    assert captured.out == "" and len(lines) == 1 and lines[0].startswith("repctl: "), captured.err
     for word in words:
         assert word in lines[0]
 
@@ -65,35 +63,18 @@ def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
         assert word in captured.out
     width, height = size_of(tmp_path / "here" / "design.png")
     assert width > 1200 and height > 400
-    assert {p.name for p in (tmp_path / "here").iterdir()} == {
-        "design.png",
-        "design.json",
-    }
+    assert {p.name for p in (tmp_path / "here").iterdir()} == {"design.png", "design.json"}
 
 
-def test_json_says_what_the_design_is_worth(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
-    arguments = [
-        "design",
-        "ppr",
-        "--start",
-        "0,0,0",
-        "--region",
-        "1",
-        "--degree",
-        "auto",
-    ]
+def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    arguments = ["design", "ppr", "--start", "0,0,0", "--region", "1", "--degree", "auto"]
     assert main([*arguments, *SMALL, "--json", "--out", str(tmp_path)]) == 0
     data = json.loads(capsys.readouterr().out)
     costs = [step["cost"] for step in data["degrees"]]
     assert data["cost"] == min(costs) < 0.0187 and costs[0] > 0.15
     assert data["converged"] and data["leaf_margin"] > 0.5 and data["r"] == 1
     assert set(data["baselines"]) == {"constant rows", "extended Jacobian"}
-    assert data["files"] == [
-        str(tmp_path / "design.png"),
-        str(tmp_path / "design.json"),
-    ]
+    assert data["files"] == [str(tmp_path / "design.png"), str(tmp_path / "design.json")]
     assert data["region"] == {
         "center": [0, 0, 0],
         "half_width": [1, 1, 1],
@@ -123,9 +104,7 @@ def test_regions_and_desires(
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     data = json.loads(capsys.readouterr().out)
     assert (
-        where in data["region"]["is"]
-        and data["converged"]
-        and 0 < data["relative_distance"] < 0.3
+        where in data["region"]["is"] and data["converged"] and 0 < data["relative_distance"] < 0.3
     )
 
 
@@ -188,19 +167,9 @@ def test_processes_give_the_same_figures(
         return ThreadPoolExecutor(count)
 
     monkeypatch.setattr(concurrent.futures, "ProcessPoolExecutor", pool)
-    small = [
-        "--degree",
-        "1",
-        "--samples",
-        "512",
-        "--held-out",
-        "128",
-        "--out",
-        str(tmp_path),
-    ]
+    small = ["--degree", "1", "--samples", "512", "--held-out", "128", "--out", str(tmp_path)]
     one, two = (
-        told(capsys, "design", "planar3r", *small, *more)
-        for more in ([], ["--processes", "2"])
+        told(capsys, "design", "planar3r", *small, *more) for more in ([], ["--processes", "2"])
     )
     assert asked == [2]
     assert abs(one["cost"] - two["cost"]) < 1e-10 * one["cost"]
@@ -221,27 +190,9 @@ sys.exit(main())
 
 def test_interruption(tmp_path: Path) -> None:
     """Ctrl-C ends a long run in two processes with one clear line and code 130."""
-    long = [
-        "planar4r",
-        "--degree",
-        "4",
-        "--samples",
-        "1000000",
-        "--stream",
-        "--processes",
-        "2",
-    ]
+    long = ["planar4r", "--degree", "4", "--samples", "1000000", "--stream", "--processes", "2"]
     running = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            INTERRUPTED,
-            "design",
-            *long,
-            "--out",
-            str(tmp_path),
-            "--json",
-        ],
+        [sys.executable, "-c", INTERRUPTED, "design", *long, "--out", str(tmp_path), "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env=os.environ | {"OMP_NUM_THREADS": "1"},
@@ -251,9 +202,7 @@ def test_interruption(tmp_path: Path) -> None:
     )
     assert running.stderr is not None
     assert any("nodes" in line for line in iter(running.stderr.readline, ""))
-    os.killpg(
-        running.pid, signal.SIGINT
-    )  # what a terminal does: everybody in the group gets it
+    os.killpg(running.pid, signal.SIGINT)  # what a terminal does: everybody in the group gets it
     out, err = running.communicate(timeout=60)
     assert running.returncode == 130 and out == ""
     assert err.splitlines()[-1] == "repctl: interrupted; nothing half-written was left"
@@ -261,9 +210,7 @@ def test_interruption(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_figures(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_cluster_gives_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     distributed = pytest.importorskip("distributed")
     command = [
         "design",
@@ -283,11 +230,7 @@ def test_a_cluster_gives_the_same_figures(
 
     alone = cost()
     with distributed.LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=None,
-        host="127.0.0.1",
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
         assert abs(cost("--dask", cluster.scheduler_address) - alone) < 1e-10 * alone
     assert main([*command, "--dask", "nowhere:x"]) == 2

@@ -18,9 +18,7 @@ yaml = pytest.importorskip("yaml")
 
 
 @pytest.fixture
-def saved(
-    tmp_path: Path, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
-) -> Path:
+def saved(tmp_path: Path, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return rp.save(panda_design, tmp_path / "design.json")
 
@@ -30,17 +28,11 @@ def table(file: Path) -> tuple[list[str], np.ndarray]:
     with file.open(newline="") as lines:
         header, *rows = csv.reader(lines)
     numbers = np.array(rows, float)
-    assert (
-        header[0] == "cycle"
-        and numbers[0, 0] == 0
-        and (np.diff(numbers[:, 0]) > 0).all()
-    )
+    assert header[0] == "cycle" and numbers[0, 0] == 0 and (np.diff(numbers[:, 0]) > 0).all()
     return header[1:], numbers[:, 1:]
 
 
-def test_a_path_around_the_base_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_path_around_the_base_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     turn = np.pi / 18 * np.append(np.arange(36), 0)
     ring = np.c_[2.6 * np.cos(turn), 2.6 * np.sin(turn), 0 * turn]
     np.savetxt(tmp_path / "ring.csv", ring, delimiter=",")
@@ -81,14 +73,10 @@ def test_the_csv_is_the_motion(saved, panda_design, q_panda, capsys) -> None:
     assert rows.shape == (401, 15) and t[0] == 0 and np.isclose(t[-1], 5.0)
     path = rp.circle(panda_design.task, q_panda, 0.1, normal="yz")
     assert np.linalg.norm(Q[-1] - Q[0]) < 1e-9 and np.allclose(Q[0], q_panda)
-    for s, q, qdot in zip(
-        np.linspace(0, 1, 401)[::40], Q[::40], Qdot[::40], strict=True
-    ):
+    for s, q, qdot in zip(np.linspace(0, 1, 401)[::40], Q[::40], Qdot[::40], strict=True):
         assert np.linalg.norm(panda_design.task.error(q, path.placement(s))) < 1e-9
         assert np.allclose(
-            panda_design.task.jacobian(q) @ qdot,
-            path.twist(min(s, 1 - 1e-12)) / 5.0,
-            atol=1e-9,
+            panda_design.task.jacobian(q) @ qdot, path.twist(min(s, 1 - 1e-12)) / 5.0, atol=1e-9
         )
     # The velocities are the positions' own: central differences agree to their order.
     middle = (Q[2:] - Q[:-2]) / (t[2:] - t[:-2])[:, None]
@@ -97,19 +85,7 @@ def test_the_csv_is_the_motion(saved, panda_design, q_panda, capsys) -> None:
 
 def test_the_yaml_is_a_joint_trajectory(saved, panda_design) -> None:
     assert (
-        main(
-            [
-                "follow",
-                "design.json",
-                "--steps",
-                "100",
-                "--csv",
-                "m.csv",
-                "--yaml",
-                "t.yaml",
-            ]
-        )
-        == 0
+        main(["follow", "design.json", "--steps", "100", "--csv", "m.csv", "--yaml", "t.yaml"]) == 0
     )
     _, rows = table(Path("m.csv"))
     data = yaml.safe_load(Path("t.yaml").read_text())
@@ -128,9 +104,7 @@ def test_the_yaml_is_a_joint_trajectory(saved, panda_design) -> None:
         assert np.allclose(point["velocities"], row[8:], atol=1e-11)
 
 
-def test_a_fast_cycle_is_slowed_down_to_the_speed_limits(
-    saved, panda_design, capsys
-) -> None:
+def test_a_fast_cycle_is_slowed_down_to_the_speed_limits(saved, panda_design, capsys) -> None:
     options = [
         "follow",
         "design.json",
@@ -155,9 +129,7 @@ def test_best_leaf_and_start(saved, capsys) -> None:
     options = ["follow", "design.json", "--plane", "yz", "--steps", "100", "--json"]
     assert main(options) == 0
     given = json.loads(capsys.readouterr().out)
-    assert (
-        main(["follow", "--best-leaf", *options[1:]]) == 0
-    )  # a design is no value of it
+    assert main(["follow", "--best-leaf", *options[1:]]) == 0  # a design is no value of it
     best = json.loads(capsys.readouterr().out)
     assert best["limit_margin"] > given["limit_margin"] and best["drift"][-1] < 1e-7
     assert main([*options, "--start", "0.1,-0.7,0,-2.3,0,1.6,0.8"]) == 0
@@ -217,18 +189,9 @@ BAD = {
         ["follow", "design.json", "--strategy", "pseudoinverse"],
         "mutually exclusive and require a robot",
     ),
-    "a frame for a design": (
-        ["follow", "design.json", "--frame", "panda_link8"],
-        "its own frame",
-    ),
-    "out of reach": (
-        ["follow", "design.json", "--path", "circle:2"],
-        "no circle of radius 2 m",
-    ),
-    "no path": (
-        ["follow", "design.json", "--path", "hexagon:1"],
-        "no path 'hexagon:1'",
-    ),
+    "a frame for a design": (["follow", "design.json", "--frame", "panda_link8"], "its own frame"),
+    "out of reach": (["follow", "design.json", "--path", "circle:2"], "no circle of radius 2 m"),
+    "no path": (["follow", "design.json", "--path", "hexagon:1"], "no path 'hexagon:1'"),
     "start": (["follow", "design.json", "--start", "0,0"], "--start"),
     "best leaf of what has none": (
         ["follow", "panda", "--strategy", "pseudoinverse", "--best-leaf"],
@@ -259,19 +222,11 @@ def test_bad_arguments_get_one_clear_line_and_no_file(saved, capsys, case: str) 
 
 
 def test_in_a_process_of_its_own(saved, tmp_path) -> None:
-    done = repctl(
-        "follow", "design.json", "--steps", "50", "--yaml", "t.yaml", cwd=tmp_path
-    )
-    assert (
-        done.returncode == 0 and done.stderr == "" and (tmp_path / "t.yaml").is_file()
-    )
+    done = repctl("follow", "design.json", "--steps", "50", "--yaml", "t.yaml", cwd=tmp_path)
+    assert done.returncode == 0 and done.stderr == "" and (tmp_path / "t.yaml").is_file()
     text = saved.read_text()
     saved.write_text(text[: len(text) // 2])
-    refused(
-        repctl("follow", "design.json", cwd=tmp_path),
-        "design.json",
-        "not a design file",
-    )
+    refused(repctl("follow", "design.json", cwd=tmp_path), "design.json", "not a design file")
 
 
 def test_a_robot_alone_gets_the_nearest_repeatable(capsys) -> None:

@@ -22,11 +22,7 @@ MY_ARM = str(Path(__file__).parents[2] / "examples" / "my_arm.urdf")
 def joints(file: str, strategy: str | None = None) -> np.ndarray:
     """The joint path in a CSV that study or follow wrote."""
     with open(file, newline="", encoding="utf-8") as lines:
-        rows = [
-            row
-            for row in csv.DictReader(lines)
-            if strategy in (None, row.get("strategy"))
-        ]
+        rows = [row for row in csv.DictReader(lines) if strategy in (None, row.get("strategy"))]
     names = [name for name in rows[0] if re.fullmatch(r"(panda_joint|theta)\d", name)]
     return np.array([[float(row[name]) for name in names] for row in rows])
 
@@ -36,9 +32,7 @@ def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -
     first cycle."""
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)
-    studied = told(
-        capsys, "study", "planar4r", *WORDS, *SHORT, "--degree", "1", "--out", "s"
-    )
+    studied = told(capsys, "study", "planar4r", *WORDS, *SHORT, "--degree", "1", "--out", "s")
     again = ["--path", studied["path_spec"], "--plane", studied["plane"]]
     follow = ["follow", "planar4r", "--strategy", "pseudoinverse", *SHORT]
     by_words = told(capsys, *follow, *WORDS, "--csv", "words.csv")
@@ -54,17 +48,10 @@ def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -
     )
     assert Path("words.csv").read_bytes() == Path("answer.csv").read_bytes()
     assert (
-        by_words["drift"]
-        == by_answer["drift"]
-        == studied["strategies"]["pseudoinverse"]["drift"]
+        by_words["drift"] == by_answer["drift"] == studied["strategies"]["pseudoinverse"]["drift"]
     )
-    animated = told(
-        capsys, "animate", "planar4r", *WORDS, *SHORT, "--degree", "1", "--out", "a"
-    )
-    assert (
-        animated["drift"]["pseudoinverse"]
-        == studied["strategies"]["pseudoinverse"]["drift"]
-    )
+    animated = told(capsys, "animate", "planar4r", *WORDS, *SHORT, "--degree", "1", "--out", "a")
+    assert animated["drift"]["pseudoinverse"] == studied["strategies"]["pseudoinverse"]["drift"]
 
 
 def test_without_a_path_all_take_the_same(tmp_path, monkeypatch, capsys) -> None:
@@ -72,27 +59,13 @@ def test_without_a_path_all_take_the_same(tmp_path, monkeypatch, capsys) -> None
     without_pictures(monkeypatch)
     studied = told(capsys, "study", "prr", *SHORT, "--degree", "1")
     followed = told(capsys, "follow", "prr", "--strategy", "pseudoinverse", *SHORT)
-    assert (
-        studied["path_spec"] == followed["path_spec"]
-        and studied["start"] == followed["start"]
-    )
+    assert studied["path_spec"] == followed["path_spec"] and studied["start"] == followed["start"]
     assert studied["strategies"]["pseudoinverse"]["drift"] == followed["drift"]
 
 
-def test_a_design_round_a_path_is_round_the_studied_one(
-    tmp_path, monkeypatch, capsys
-) -> None:
+def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    small = [
-        "--degree",
-        "1",
-        "--samples",
-        "512",
-        "--held-out",
-        "512",
-        "--region",
-        "0.1",
-    ]
+    small = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.1"]
     designed = told(capsys, "design", "panda", *WORDS, *small)
     assert (designed["path_spec"], designed["plane"]) == ("circle:0.1:180", "xy")
     assert "tube" in designed["region"]["is"] and designed["converged"]
@@ -106,9 +79,7 @@ def test_a_design_round_a_path_is_round_the_studied_one(
         and followed["drift"][0] < 1e-6
         and followed["start"] == designed["start"]
     )
-    middle, half = (
-        np.array(designed["region"][key]) for key in ("center", "half_width")
-    )
+    middle, half = (np.array(designed["region"][key]) for key in ("center", "half_width"))
     Q = joints("m.csv")
     np.testing.assert_allclose(2 * half, np.ptp(Q, axis=0) + 0.2, atol=2e-3)
     assert np.abs(middle - Q).max(axis=1).min() < 0.05  # one of its configurations
@@ -119,9 +90,7 @@ def test_an_angle_that_is_given_is_taken(panda_pose, q_panda) -> None:
     for degrees in (0.0, 35.0, -90.0, 180.0):
         path = named_path(panda_pose, q_panda, f"circle:0.1:{degrees:g}", "yz")
         middle = path.points(401)[:-1].mean(axis=0)
-        expected = 0.1 * np.array(
-            [0, np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))]
-        )
+        expected = 0.1 * np.array([0, np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))])
         np.testing.assert_allclose(here - middle, expected, atol=1e-12)
         assert (path.spec, path.plane) == (f"circle:0.1:{degrees:g}", "yz")
     turned = named_path(panda_pose, q_panda, "circle:0.1", "xy")
@@ -137,22 +106,13 @@ def test_an_angle_that_is_given_is_taken(panda_pose, q_panda) -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [
-        "circle:0.05",
-        "circle:0.1:33.3",
-        "square:0.1",
-        "eight:0.05",
-        "rose:0.05",
-        "polygon:5:0.05",
-    ],
+    ["circle:0.05", "circle:0.1:33.3", "square:0.1", "eight:0.05", "rose:0.05", "polygon:5:0.05"],
 )
 def test_the_words_of_a_path_make_it_again(words: str, panda_pose, q_panda) -> None:
     path = named_path(panda_pose, q_panda, words)
     same = named_path(panda_pose, q_panda, path.spec, path.plane)
     np.testing.assert_array_equal(path.points(33), same.points(33))
-    assert path.options == f"--path {path.spec} --plane xy" and path.spec.startswith(
-        words
-    )
+    assert path.options == f"--path {path.spec} --plane xy" and path.spec.startswith(words)
 
 
 def test_a_flat_task_takes_its_own_plane() -> None:
@@ -182,26 +142,13 @@ GOOD = ["0.45,0,0.25", "0.5,0,0.25", "0.5,0.05,0.25", "0.45,0,0.25"]
 
 def loop(lines: list[str], file: str = "loop.csv") -> list[str]:
     Path(file).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return [
-        "follow",
-        MY_ARM,
-        "--strategy",
-        "pseudoinverse",
-        "--steps",
-        "60",
-        "--path",
-        file,
-    ]
+    return ["follow", MY_ARM, "--strategy", "pseudoinverse", "--steps", "60", "--path", file]
 
 
 def test_a_file_is_followed_and_named(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     data = told(capsys, *loop(["x, y, z", *GOOD], "my loop.csv"))
-    assert (data["path"], data["path_spec"], data["plane"]) == (
-        "my loop.csv",
-        "my loop.csv",
-        None,
-    )
+    assert (data["path"], data["path_spec"], data["plane"]) == ("my loop.csv", "my loop.csv", None)
     assert (
         data["tracking_error"] < 1e-6
         and "the start was moved to the first point of the path" in data["notes"]
@@ -247,9 +194,9 @@ def test_what_is_out_of_reach_is_named_by_its_line(
     lines, where, why = UNREACHABLE[case]
     error = refused(capsys, *loop(lines))
     assert where in error and why in error
-    assert ("mm?" in error) == (case == "millimetres") and (
-        "from the start?" in error
-    ) == (case[:7] == "counted")
+    assert ("mm?" in error) == (case == "millimetres") and ("from the start?" in error) == (
+        case[:7] == "counted"
+    )
 
 
 def test_a_way_out_of_reach_between_two_points_is_named_by_both(
@@ -261,13 +208,7 @@ def test_a_way_out_of_reach_between_two_points_is_named_by_both(
     planar_task([1, 0.3, 0.3], tmp_path)
     loop(["1.2,0,0", "1,1,0", "-0.8,-1,0", "1.2,0,0"])
     error = refused(
-        capsys,
-        "follow",
-        "planar3.urdf",
-        "--strategy",
-        "pseudoinverse",
-        "--path",
-        "loop.csv",
+        capsys, "follow", "planar3.urdf", "--strategy", "pseudoinverse", "--path", "loop.csv"
     )
     assert "loop.csv, between line 2 and line 3: 'tool' does not get to [" in error
 
@@ -310,9 +251,7 @@ def test_a_file_has_no_plane(tmp_path, monkeypatch, capsys) -> None:
         ["study", MY_ARM, "--path", "loop.csv", "--plane", "xz"],
     ):
         assert "loop.csv have their own positions; omit it" in refused(capsys, *command)
-    assert "--plane requires --path" in refused(
-        capsys, "design", "panda", "--plane", "xz"
-    )
+    assert "--plane requires --path" in refused(capsys, "design", "panda", "--plane", "xz")
     assert [p.name for p in tmp_path.iterdir()] == ["loop.csv"]
 
 

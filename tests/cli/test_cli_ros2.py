@@ -26,14 +26,10 @@ def test_a_missing_rclpy_is_one_line(
     saved: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    monkeypatch.delitem(
-        sys.modules, "repctl_pin.extensions.integrations.ros2", raising=False
-    )
+    monkeypatch.delitem(sys.modules, "repctl_pin.extensions.integrations.ros2", raising=False)
     assert main(["ros2", str(saved)]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and said.startswith(
-        "repctl: the node requires ROS 2 ("
-    )
+    assert said.count("\n") == 1 and said.startswith("repctl: the node requires ROS 2 (")
     assert "setup.bash" in said and "extra ros2" in said
 
 
@@ -44,13 +40,6 @@ def test_a_robot_is_no_design(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_arguments_of_ros_are_passed_on() -> None:
-    words = [
-        "-p",
-        "acceleration:=5.0",
-        "-r",
-        "target_pose:=/pose",
-        "--log-level",
-        "warn",
-    ]
+    words = ["-p", "acceleration:=5.0", "-r", "target_pose:=/pose", "--log-level", "warn"]
     options = parsers()[""].parse_all(["ros2", "design.json", "--ros-args", *words])
     assert options.what == "design.json" and options.ros_args == words

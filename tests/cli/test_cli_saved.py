@@ -13,17 +13,7 @@ from commands import main, refused, told
 
 import repctl_pin as rp
 
-SMALL = [
-    "--degree",
-    "1",
-    "--samples",
-    "512",
-    "--held-out",
-    "512",
-    "--region",
-    "0.2",
-    "--quiet",
-]
+SMALL = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.2", "--quiet"]
 SHORT = ["--cycles", "1", "--steps", "60"]
 
 
@@ -33,16 +23,7 @@ def designed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     not the first, a slide held."""
     folder = tmp_path_factory.mktemp("rail")
     (folder / "rail.urdf").write_text(spatial_urdf(7, 0), encoding="utf-8")
-    where = [
-        "--frame",
-        "link7",
-        "--task",
-        "position",
-        "--lock",
-        "q3",
-        "--base",
-        "link1",
-    ]
+    where = ["--frame", "link7", "--task", "position", "--lock", "q3", "--base", "link1"]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr("repctl_pin.show.plots.motions.png", lambda *_, **__: b"")
@@ -60,13 +41,7 @@ def rail(designed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
 
 
 def test_the_file_says_what_it_was_made_for(rail: Path, capsys) -> None:
-    joints = [
-        "q2",
-        "q4",
-        "q5",
-        "q6",
-        "q7",
-    ]  # beyond link1, without the slide that is held
+    joints = ["q2", "q4", "q5", "q6", "q7"]  # beyond link1, without the slide that is held
     for more in (
         [],
         ["--lock", "q3"],
@@ -88,14 +63,11 @@ def test_the_file_says_what_it_was_made_for(rail: Path, capsys) -> None:
         "pseudoinverse",
         "repeatable",
     ]
-    assert animated["files"] == [
-        "repctl-out/rail/animation.html"
-    ]  # the robot in the file is called spatial
+    # the robot in the file is called spatial
+    assert animated["files"] == ["repctl-out/rail/animation.html"]
 
 
-def test_a_design_in_joint_coordinates_keeps_them(
-    tmp_path, monkeypatch, capsys
-) -> None:
+def test_a_design_in_joint_coordinates_keeps_them(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     task = rp.Robot.load("planar3r").task("tool", "xy")
     task = task.in_coordinates(rp.absolute_angles(task))
@@ -111,24 +83,16 @@ def test_a_design_in_joint_coordinates_keeps_them(
         ),
         "absolute.json",
     )
-    data = told(
-        capsys, "follow", "absolute.json", "--steps", "60", "--path", "circle:0.1"
-    )
-    assert data["joints"] == list(task.joint_names) and data["start"] == pytest.approx(
-        q0
-    )
-    assert (
-        told(capsys, "check", "absolute.json", "--samples", "16")["repeatable"] is True
-    )
+    data = told(capsys, "follow", "absolute.json", "--steps", "60", "--path", "circle:0.1")
+    assert data["joints"] == list(task.joint_names) and data["start"] == pytest.approx(q0)
+    assert told(capsys, "check", "absolute.json", "--samples", "16")["repeatable"] is True
 
 
 def test_another_elbow_keeps_the_designs_path(tmp_path, monkeypatch, capsys) -> None:
     """Started elsewhere on the self-motion, the hand where it was, the arm follows the path of the
     design."""
     monkeypatch.chdir(tmp_path)
-    told(
-        capsys, "design", "planar3r", "--path", "square:0.2", *SMALL[:-1], "--out", "."
-    )
+    told(capsys, "design", "planar3r", "--path", "square:0.2", *SMALL[:-1], "--out", ".")
     own = told(capsys, "follow", "design.json", "--steps", "60")
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array(own["start"])
     N = np.linalg.svd(task.jacobian(q0))[2][-1]
@@ -156,10 +120,7 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
     for command in ("follow", "check", "animate"):
         here = [command, "design.json", "--robot", "rail.urdf"]
         for arguments, words in (
-            (
-                [command, "design.json"],
-                "not in the catalogue; say where it is: --robot rail.urdf",
-            ),
+            ([command, "design.json"], "not in the catalogue; say where it is: --robot rail.urdf"),
             (
                 [command, "design.json", "--robot", "planar.urdf"],
                 "for the robot 'spatial', not 'other'",
@@ -167,10 +128,7 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
             ([*here, "--frame", "tool"], "has its own frame, link7; omit --frame"),
             ([*here, "--task", "pose"], "has its own task, position; omit --task"),
             ([*here, "--base", "link2"], "has its own base, link1; omit --base"),
-            (
-                [*here, "--lock", "q4"],
-                "was made with 'q4' free to move; omit --lock q4",
-            ),
+            ([*here, "--lock", "q4"], "was made with 'q4' free to move; omit --lock q4"),
             ([*here, "--start", "0,0"], "--start has 2 numbers"),
             (
                 [command, "panda", "--robot", "ur5", "--strategy", "inertia"][
@@ -180,9 +138,7 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
             ),
         ):
             error = refused(capsys, *arguments)
-            assert words in error and "rp." not in error and "load(" not in error, (
-                arguments
-            )
+            assert words in error and "rp." not in error and "load(" not in error, arguments
     text = rail.read_text()
     for damaged in (
         text[: len(text) // 2],
@@ -191,9 +147,7 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
         "[" * 9999,
     ):
         rail.write_text(damaged)
-        assert "design.json" in refused(
-            capsys, "follow", "design.json", "--robot", "rail.urdf"
-        )
+        assert "design.json" in refused(capsys, "follow", "design.json", "--robot", "rail.urdf")
 
 
 @pytest.mark.parametrize("command", ["study", "design", "inspect"])
@@ -201,18 +155,15 @@ def test_where_a_robot_is_wanted_a_design_is_pointed_elsewhere(
     command: str, tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert (
-        "requires a robot, but d/design.json is a saved design; use it with follow"
-        in refused(capsys, command, "d/design.json")
+    assert "requires a robot, but d/design.json is a saved design; use it with follow" in refused(
+        capsys, command, "d/design.json"
     )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_motion_outside_what_was_designed_for_is_said(rail: Path, capsys) -> None:
     outside = [
-        told(capsys, "follow", "design.json", "--robot", "rail.urdf", "--path", path)[
-            "outside"
-        ]
+        told(capsys, "follow", "design.json", "--robot", "rail.urdf", "--path", path)["outside"]
         for path in ("circle:0.001", "circle:0.3")
     ]
     assert outside[0] == 0 < outside[1]

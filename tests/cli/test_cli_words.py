@@ -24,29 +24,15 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, s
 # ---- remedies in the words of those who read them ------------------------------------------------
 
 
-def test_a_singular_region_names_the_option_that_helps(
-    tmp_path, monkeypatch, capsys
-) -> None:
+def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for name, many in (("_STARTS", 16), ("_CORNERS", 256)):  # as shipped
         monkeypatch.setattr(f"repctl_pin.design.singularity_search.{name}", many)
     error = refused(capsys, "design", *SINGULAR, "--region", "0.7", "--degree", "1")
     assert "use --shrink to design there" in error and "=True" not in error
-    study = [
-        "study",
-        *SINGULAR,
-        "--cycles",
-        "1",
-        "--steps",
-        "40",
-        "--degree",
-        "1",
-        "--quiet",
-    ]
+    study = ["study", *SINGULAR, "--cycles", "1", "--steps", "40", "--degree", "1", "--quiet"]
     width, tries = "10", 0
-    while (
-        main([*study, "--region", width]) == 2
-    ):  # the advice is taken, until it is good
+    while main([*study, "--region", width]) == 2:  # the advice is taken, until it is good
         error = capsys.readouterr().err
         assert "with the same centre" in error and "shrink" not in error
         (smaller,) = re.findall(r"; use --region ([\d.]+)$", error.strip())
@@ -57,25 +43,17 @@ def test_a_singular_region_names_the_option_that_helps(
         rp.study(rp.Problem("planar3r", start=[0.3, 0.6, 0.5], region=10.0), degree=1)
     with pytest.raises(rp.SingularRegionError, match=r"; pass that region$"):
         rp.study(
-            rp.Problem(
-                "planar3r", start=[0.3, 0.6, 0.5], region=rp.Box([0.3, 0.6, 0.5], 3.0)
-            ),
+            rp.Problem("planar3r", start=[0.3, 0.6, 0.5], region=rp.Box([0.3, 0.6, 0.5], 3.0)),
             degree=1,
         )
 
 
 @pytest.mark.parametrize("command", [["study", "panda"], ["design", "panda"]])
-def test_too_high_a_degree_is_lowered(
-    command: list[str], tmp_path, monkeypatch, capsys
-) -> None:
+def test_too_high_a_degree_is_lowered(command: list[str], tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     error = refused(capsys, *command, "--degree", "9")
-    assert error.strip().endswith(
-        "degree 9 in 7 joints makes 11439 potentials; lower the degree"
-    )
-    assert "variables" not in refused(
-        capsys, "design", "panda", "--fourier", "30", "--degree", "1"
-    )
+    assert error.strip().endswith("degree 9 in 7 joints makes 11439 potentials; lower the degree")
+    assert "variables" not in refused(capsys, "design", "panda", "--fourier", "30", "--degree", "1")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -131,43 +109,30 @@ GROUPS = ["robot:", "path:", "design:", "output:"]
 def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for command in ("study", "design"):
-        assert "--quiet print only errors, and the JSON of --json" in helped(
-            command, capsys
-        )
+        assert "--quiet print only errors, and the JSON of --json" in helped(command, capsys)
     assert "1 to 4" not in helped("study", capsys)
     few = ["--cycles", "1", "--steps", "40", "--degree", "3", "--quiet", "--json"]
-    assert (
-        json.loads(printed(capsys, "study", "ppr", *few)[0])["design"]["potentials"]
-        == 19
-    )  # (3 + 3)! / 3! / 3! - 1
+    # (3 + 3)! / 3! / 3! - 1
+    assert json.loads(printed(capsys, "study", "ppr", *few)[0])["design"]["potentials"] == 19
     text = helped("follow", capsys)
-    assert (
-        "starts and ends at path speed. With it, the motion goes from rest to rest"
-        in text
-    )
+    assert "starts and ends at path speed. With it, the motion goes from rest to rest" in text
 
 
 def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
     tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    out, _ = printed(
-        capsys, "follow", "ppr", "--strategy", "pseudoinverse", "--csv", "m.csv"
-    )
+    out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", "--csv", "m.csv")
     assert (
         "note: this motion starts and ends at path speed; "
-        "use --acceleration for a rest-to-rest trajectory wrote"
-        in " ".join(out.split())
+        "use --acceleration for a rest-to-rest trajectory wrote" in " ".join(out.split())
     )
     rows = np.genfromtxt("m.csv", delimiter=",", names=True)
     speed = np.linalg.norm(
         [rows[name] for name in rows.dtype.names if name.endswith("_velocity")], axis=0
     )
     assert speed[0] > 0.05 and speed[-1] > 0.05
-    assert (
-        "full speed"
-        not in printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse")[0]
-    )
+    assert "full speed" not in printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse")[0]
 
 
 # ---- follow --------------------------------------------------------------------------------------
@@ -176,20 +141,14 @@ def test_the_motion_that_follow_writes_is_at_full_speed_at_both_ends(
 def test_drift_is_said_once_and_with_its_unit(capsys) -> None:
     follow = ["follow", "planar3r", "--strategy", "pseudoinverse", "--steps", "100"]
     out, _ = printed(capsys, *follow)
-    assert re.search(
-        r"^joint drift +0\.0638 rad after 1 cycle$", out, flags=re.MULTILINE
-    )
+    assert re.search(r"^joint drift +0\.0638 rad after 1 cycle$", out, flags=re.MULTILINE)
     out, _ = printed(capsys, *follow, "--cycles", "10")
     assert re.search(
-        r"^joint drift +0\.0638 rad after 1 cycle, 0\.705 after 10$",
-        out,
-        flags=re.MULTILINE,
+        r"^joint drift +0\.0638 rad after 1 cycle, 0\.705 after 10$", out, flags=re.MULTILINE
     )
     small = ("--path", "circle:0.1:180", "--plane", "xy")
     out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", *small)
-    assert re.search(
-        r"^joint drift +0\.0117 rad and m after 1 cycle$", out, flags=re.MULTILINE
-    )
+    assert re.search(r"^joint drift +0\.0117 rad and m after 1 cycle$", out, flags=re.MULTILINE)
 
 
 def test_leaving_the_limits_is_a_warning(capsys) -> None:
@@ -215,23 +174,9 @@ def test_cycles_are_counted_in_whole_numbers() -> None:
 # ---- animate -------------------------------------------------------------------------------------
 
 
-def test_strategies_are_chosen_by_key_or_by_label(
-    tmp_path, monkeypatch, capsys
-) -> None:
+def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    printed(
-        capsys,
-        "study",
-        "ppr",
-        "--cycles",
-        "1",
-        "--steps",
-        "40",
-        "--degree",
-        "1",
-        "--out",
-        ".",
-    )
+    printed(capsys, "study", "ppr", "--cycles", "1", "--steps", "40", "--degree", "1", "--out", ".")
     for names, keys in (
         ("repeatable,posture", ["repeatable", "posture"]),
         ("J⁺, nearest repeatable", ["pseudoinverse", "repeatable"]),
@@ -241,16 +186,12 @@ def test_strategies_are_chosen_by_key_or_by_label(
         asked = ["--motion", "motion.csv", "--only", names, "--json"]
         out, _ = printed(capsys, "animate", "ppr", *asked)
         assert list(json.loads(out)["drift"]) == keys
-    error = refused(
-        capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope"
-    )
+    error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope")
     assert error.strip().endswith(
         "no strategy 'nope'; it has pseudoinverse, posture, posture_off, repeatable"
     )
     Path("mine.csv").write_text("d1\n0\n0.1\n0\n", encoding="utf-8")
-    out, _ = printed(
-        capsys, "animate", "ppr", "--motion", "mine.csv", "--only", "mine", "--json"
-    )
+    out, _ = printed(capsys, "animate", "ppr", "--motion", "mine.csv", "--only", "mine", "--json")
     assert json.loads(out)["drift"] == {"mine": [0.0]}
 
 
@@ -259,17 +200,11 @@ def test_drift_has_the_keys_of_the_study(tmp_path, monkeypatch, capsys) -> None:
     few = ["--cycles", "2", "--steps", "40", "--degree", "1", "--json"]
     studied = json.loads(printed(capsys, "study", "ppr", *few)[0])["strategies"]
     animated = json.loads(
-        printed(
-            capsys, "animate", "ppr", "--motion", "repctl-out/ppr/motion.csv", "--json"
-        )[0]
+        printed(capsys, "animate", "ppr", "--motion", "repctl-out/ppr/motion.csv", "--json")[0]
     )
     assert list(animated["drift"]) == list(studied)
     for key, drift in animated["drift"].items():
         assert drift == pytest.approx(studied[key]["drift"], abs=1e-8)
-    scene, _, _ = read(
-        Path("repctl-out/ppr/animation.html").read_text(encoding="utf-8")
-    )
-    assert {arm["label"] for arm in scene["arms"]} >= {
-        "J⁺",
-        "nearest repeatable",
-    }  # what is drawn has its own names
+    scene, _, _ = read(Path("repctl-out/ppr/animation.html").read_text(encoding="utf-8"))
+    # what is drawn has its own names
+    assert {arm["label"] for arm in scene["arms"]} >= {"J⁺", "nearest repeatable"}

@@ -33,10 +33,7 @@ def repctl(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProcess
         "stdin": subprocess.DEVNULL,
     } | options
     return subprocess.run(
-        [sys.executable, "-m", "repctl_pin", *arguments],
-        cwd=cwd,
-        timeout=120,
-        **options,
+        [sys.executable, "-m", "repctl_pin", *arguments], cwd=cwd, timeout=120, **options
     )
 
 
@@ -56,9 +53,7 @@ def node(tmp_path: Path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
-@pytest.mark.parametrize(
-    "number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name
-)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name)
 def test_stopped_while_it_writes_no_file_is_left(
     number: signal.Signals,
     tmp_path: Path,
@@ -74,15 +69,7 @@ def test_stopped_while_it_writes_no_file_is_left(
         signal.raise_signal(number)
 
     monkeypatch.setattr(os, "fsync", stopped)
-    small = [
-        "follow",
-        "ppr",
-        "--strategy",
-        "pseudoinverse",
-        "--steps",
-        "40",
-        "--allow-violations",
-    ]
+    small = ["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", "--allow-violations"]
     before = signal.signal(number, signal.SIG_DFL)  # under nohup it would be ignored
     try:
         assert main([*small, "--csv", "m.csv"]) == 128 + number
@@ -145,23 +132,12 @@ def test_what_a_command_prints_controls_no_terminal(
         )
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
-    follow = [
-        "follow",
-        "ppr",
-        "--strategy",
-        "pseudoinverse",
-        "--steps",
-        "20",
-        "--cycles",
-        "1",
-    ]
+    follow = ["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "20", "--cycles", "1"]
     for form in ([], ["--json"]):
         assert main([*follow, "--csv", f"{ESCAPES}.csv", *form]) == 0
         told = capsys.readouterr().out
         assert all(line.isprintable() for line in told.split("\n"))
-        assert (
-            json.loads(told)["files"] == [f"{ESCAPES}.csv"] if form else escaped in told
-        )
+        assert json.loads(told)["files"] == [f"{ESCAPES}.csv"] if form else escaped in told
 
 
 def test_no_control_character_stands_in_a_robots_name(
@@ -170,51 +146,34 @@ def test_no_control_character_stands_in_a_robots_name(
     for escape in ("&#13;", "&#9;", "&#10;forged: a line", "\x9b2J", "\u202e"):
         file = tmp_path / "arm.urdf"
         file.write_text(
-            planar_urdf([1, 0.8, 0.6]).replace('"planar"', f'"arm{escape}"'),
-            encoding="utf-8",
+            planar_urdf([1, 0.8, 0.6]).replace('"planar"', f'"arm{escape}"'), encoding="utf-8"
         )
         assert main(["inspect", str(file)]) == 2
         told = capsys.readouterr()
-        assert (
-            told.out == ""
-            and "the robot's name contains a control character" in told.err
-        )
+        assert told.out == "" and "the robot's name contains a control character" in told.err
 
 
-def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(
-    capsys, monkeypatch
-) -> None:
+def test_a_fault_of_ours_is_one_line_and_says_how_to_report_it(capsys, monkeypatch) -> None:
     monkeypatch.setattr(rp.Robot, "load", Mock(side_effect=ValueError("two\nlines")))
     assert main(["inspect", "pan da"]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(
-        "repctl: internal error (ValueError: two lines); please report it"
-    )
+    assert line.startswith("repctl: internal error (ValueError: two lines); please report it")
     assert line.endswith("repctl --debug inspect 'pan da'")
     with pytest.raises(ValueError):  # the traceback
         main(["--debug", "inspect", "panda"])
 
     monkeypatch.setattr(rp.Robot, "load", Mock(side_effect=MemoryError))
-    assert (
-        main(["inspect", "panda"]) == 2
-        and "not enough memory" in capsys.readouterr().err
-    )
+    assert main(["inspect", "panda"]) == 2 and "not enough memory" in capsys.readouterr().err
 
 
 def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:
     with node("full").open("wb") as out:
         done = repctl("inspect", "ppr", cwd=tmp_path, stdout=out)
-    assert (done.returncode, done.stderr) == (
-        2,
-        b"repctl: No space left on device: the output\n",
-    )
+    assert (done.returncode, done.stderr) == (2, b"repctl: No space left on device: the output\n")
 
 
 def test_an_endless_design_is_refused_at_once(
-    tmp_path: Path,
-    node,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, node, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.json").symlink_to(node("zero"))
@@ -235,11 +194,7 @@ def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
         "from repctl_pin.cli import main; sys.argv[1:] = ['study', 'ppr']; sys.exit(main())"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert (
         done.returncode == 2
@@ -258,9 +213,7 @@ sys.exit(code)
 """The command, which says on stderr what it imported of what a study does not need."""
 
 
-def test_what_a_person_has_set_for_other_programs_does_not_matter(
-    tmp_path: Path,
-) -> None:
+def test_what_a_person_has_set_for_other_programs_does_not_matter(tmp_path: Path) -> None:
     """A study in a process of its own prints its table and writes its files, whatever is set; it
     imports no statistics and no server."""
     small = [
@@ -275,11 +228,7 @@ def test_what_a_person_has_set_for_other_programs_does_not_matter(
         "--degree",
         "1",
     ]
-    nonsense = {
-        "MPLBACKEND": "nonsense",
-        "MPLCONFIGDIR": "/dev/null",
-        "PYTHONWARNINGS": "error",
-    }
+    nonsense = {"MPLBACKEND": "nonsense", "MPLCONFIGDIR": "/dev/null", "PYTHONWARNINGS": "error"}
     done = subprocess.run(
         [sys.executable, "-c", STUDIED, *small],
         cwd=tmp_path,
@@ -288,13 +237,7 @@ def test_what_a_person_has_set_for_other_programs_does_not_matter(
         text=True,
     )
     assert (done.returncode, done.stderr) == (0, "\n")  # progress is for terminals
-    for word in (
-        "tool, xy",
-        "circle of radius ",
-        "usual control",
-        "repeatable",
-        "outside",
-    ):
+    for word in ("tool, xy", "circle of radius ", "usual control", "repeatable", "outside"):
         assert word in done.stdout
     names = {"animation.html", "drift.png", "joints.png", "motion.csv", "control.json"}
     assert {p.name for p in (tmp_path / "repctl-out" / "planar3r").iterdir()} == names
@@ -307,9 +250,7 @@ def test_names_that_are_no_text_and_names_with_dollars(
     """The figures are drawn, though coarsely: between dollars matplotlib reads formulas."""
     name = os.fsdecode(b"arm\xff.urdf")
     urdf = (
-        planar_urdf([1, 0.8, 0.6])
-        .replace('"planar"', '"arm_$a_$b"')
-        .replace("theta", "$th$eta_{")
+        planar_urdf([1, 0.8, 0.6]).replace('"planar"', '"arm_$a_$b"').replace("theta", "$th$eta_{")
     )
     monkeypatch.chdir(tmp_path)
     try:
@@ -318,19 +259,13 @@ def test_names_that_are_no_text_and_names_with_dollars(
         name = "arm.urdf"  # where names must be text
         Path(name).write_text(urdf, encoding="utf-8")
     save = Figure.savefig
-    monkeypatch.setattr(
-        Figure, "savefig", lambda *given, **how: save(*given, **how | {"dpi": 30})
-    )
+    monkeypatch.setattr(Figure, "savefig", lambda *given, **how: save(*given, **how | {"dpi": 30}))
     small = ("--cycles", "1", "--steps", "24", "--region", "0.3", "--degree", "1")
     assert main(["study", name, *small, "--report", "--out", "out"]) == 0
     assert capsys.readouterr().err == ""
-    assert {
-        "animation.html",
-        "drift.png",
-        "joints.png",
-        "motion.csv",
-        "report.html",
-    } <= {p.name for p in (tmp_path / "out").iterdir()}
+    assert {"animation.html", "drift.png", "joints.png", "motion.csv", "report.html"} <= {
+        p.name for p in (tmp_path / "out").iterdir()
+    }
 
 
 @pytest.mark.parametrize("name", ["", ".", "/"])
@@ -338,24 +273,11 @@ def test_files_that_cannot_be(name: str, tmp_path: Path, capsys, monkeypatch) ->
     monkeypatch.chdir(tmp_path)
     for option in ("--csv", "--yaml"):
         assert (
-            main(
-                [
-                    "follow",
-                    "ppr",
-                    "--strategy",
-                    "pseudoinverse",
-                    "--steps",
-                    "40",
-                    option,
-                    name,
-                ]
-            )
+            main(["follow", "ppr", "--strategy", "pseudoinverse", "--steps", "40", option, name])
             == 2
         )
         told = capsys.readouterr()
-        assert (
-            told.out == "" and told.err.count("\n") == 1 and "cannot write" in told.err
-        )
+        assert told.out == "" and told.err.count("\n") == 1 and "cannot write" in told.err
 
 
 def test_names_that_are_too_long(capsys) -> None:

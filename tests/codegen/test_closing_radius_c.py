@@ -64,10 +64,7 @@ def on_the_edge(closes: rp.ClosingRadius, rng: np.random.Generator) -> list[pin.
 @NEEDS_C
 @pytest.mark.parametrize(
     ("kind", "around"),
-    [
-        *((kind, "path") for kind in ("pose", "axis", "position", "xz")),
-        ("pose", "start"),
-    ],
+    [*((kind, "path") for kind in ("pose", "axis", "position", "xz")), ("pose", "start")],
 )
 def test_c_decides_as_python_does(kind: str, around: str, tmp_path: Path) -> None:
     task = rp.Robot.load("panda").task("panda_hand_tcp", kind)
@@ -101,10 +98,7 @@ def test_the_decision_is_that_of_distance_and_angle() -> None:
         for pose in on_the_edge(closes, _rng()):
             away = np.linalg.norm(pose.translation - closes.positions, axis=1)
             if kind == "pose":
-                angle = [
-                    np.linalg.norm(pin.log3(pose.rotation @ R.T))
-                    for R in closes.rotations
-                ]
+                angle = [np.linalg.norm(pin.log3(pose.rotation @ R.T)) for R in closes.rotations]
             else:
                 z = closes.rotations[:, :, 2]
                 across = np.linalg.norm(np.cross(z, pose.rotation[:, 2]), axis=1)

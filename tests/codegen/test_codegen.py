@@ -36,10 +36,7 @@ def answer(question: Callable[[], Any]) -> Answer:
 
 
 def questions(
-    inverse: rp.RepeatableInverse,
-    q0: np.ndarray,
-    q: np.ndarray,
-    rng: np.random.Generator,
+    inverse: rp.RepeatableInverse, q0: np.ndarray, q: np.ndarray, rng: np.random.Generator
 ) -> Iterator:
     """Velocities and steps of every kind at one q: functions of an inverse."""
     task = inverse.task
@@ -55,14 +52,7 @@ def questions(
 
     def bounded(one: rp.RepeatableInverse) -> np.ndarray:
         step = one.damped_step(
-            q,
-            far,
-            0.01,
-            twist,
-            leaf=leaf,
-            gain=60.0,
-            velocity_limit=limit,
-            damping=0.15,
+            q, far, 0.01, twist, leaf=leaf, gain=60.0, velocity_limit=limit, damping=0.15
         )
         return np.append(step.q, [step.damping, step.slowed])
 
@@ -85,19 +75,14 @@ def disagreement(
         J_V = np.vstack([inverse.task.jacobian(q), inverse.potentials.gradient(q).T])
         hard = max(1.0, 1e-4 * float(np.linalg.cond(J_V)))
         for ask in questions(inverse, q0, q, rng):
-            python, c = (
-                answer(lambda ask=ask: ask(plain)),
-                answer(lambda ask=ask: ask(inverse)),
-            )
+            python, c = (answer(lambda ask=ask: ask(plain)), answer(lambda ask=ask: ask(inverse)))
             assert isinstance(python, str) == isinstance(c, str), (k, q, python, c)
             if isinstance(python, str):
                 assert python == c
                 none += 1
             else:
                 worst = max(
-                    worst,
-                    float(np.abs(python - c).max() / max(1.0, np.abs(python).max()))
-                    / hard,
+                    worst, float(np.abs(python - c).max() / max(1.0, np.abs(python).max())) / hard
                 )
     return worst, none
 
@@ -117,10 +102,7 @@ QUICK = (
 
 
 @NEEDS_C
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(QUICK[0], marks=pytest.mark.as_shipped), *QUICK[1:]],
-)
+@pytest.mark.parametrize("name", [pytest.param(QUICK[0], marks=pytest.mark.as_shipped), *QUICK[1:]])
 def test_c_computes_what_python_computes(name: str, tmp_path: Path) -> None:
     inverse, q0 = CONTROLS[name](tmp_path)
     worst, _ = disagreement(inverse, q0, 32)
@@ -148,13 +130,11 @@ def test_singular_configurations_are_refused_alike() -> None:
             lambda one, q=q: one.velocity(q, np.ones(2)),
             lambda one, q=q: one.step(q, target, 0.01),
         ):
-            assert [
-                answer(lambda ask=ask, one=one: ask(one)) for one in (plain, inverse)
-            ] == ["singular"] * 2
+            assert [answer(lambda ask=ask, one=one: ask(one)) for one in (plain, inverse)] == [
+                "singular"
+            ] * 2
             count += 1
-        ours, theirs = (
-            one.damped_step(q, target, 0.01, damping=0.1) for one in (plain, inverse)
-        )
+        ours, theirs = (one.damped_step(q, target, 0.01, damping=0.1) for one in (plain, inverse))
         assert np.abs(ours.q - theirs.q).max() < AGREE
         assert ours.damping == pytest.approx(theirs.damping) != 0
     assert count == 8
@@ -172,19 +152,13 @@ def least_sine(A: np.ndarray) -> float:
     """The least sine of the angle between a row and the span of the others, by projection."""
     A = A / np.linalg.norm(A, axis=1)[:, None]
     bases = [np.linalg.qr(np.delete(A, i, axis=0).T)[0] for i in range(len(A))]
-    return min(
-        float(np.linalg.norm(a - Q @ (Q.T @ a))) for a, Q in zip(A, bases, strict=True)
-    )
+    return min(float(np.linalg.norm(a - Q @ (Q.T @ a))) for a, Q in zip(A, bases, strict=True))
 
 
 @NEEDS_C
 @pytest.mark.parametrize("size", [1.0, 1e-8, 1e8])
-@pytest.mark.parametrize(
-    "arm, kind", [("panda", "pose"), ("tiago", "position"), ("ppr", "xy")]
-)
-def test_near_singular_configurations_are_refused_alike(
-    arm: str, kind: str, size: float
-) -> None:
+@pytest.mark.parametrize("arm, kind", [("panda", "pose"), ("tiago", "position"), ("ppr", "xy")])
+def test_near_singular_configurations_are_refused_alike(arm: str, kind: str, size: float) -> None:
     """Sines from 1e-8 to 1e-3, on both sides of the least, 1e-6: neither units nor the potential's
     size count."""
     task, rng = rp.Robot.load(arm).task(None, kind), np.random.default_rng(4)
@@ -299,10 +273,7 @@ def test_a_hostile_urdf_gets_into_comments_only(tmp_path: Path) -> None:
         files = rp.export_c(inverse, tmp_path / kind)
         assert sorted(file.parent for file in files) == [tmp_path / kind] * 8
         code = "".join(file.read_text(encoding="ascii") for file in files)
-        assert (
-            "??" not in code
-            and max(map(len, re.findall(r"/\*.*?\*/", code, re.DOTALL))) < 4000
-        )
+        assert "??" not in code and max(map(len, re.findall(r"/\*.*?\*/", code, re.DOTALL))) < 4000
         code = re.sub(r"/\*.*?\*/", "", code, flags=re.DOTALL)
         names = re.search(r"joint_names\[\w+\] = \{(.*)\};", code)
         assert names and re.fullmatch(r'("(\w|\\\d{3})*"(, )?)*', names[1], re.ASCII)
@@ -318,15 +289,10 @@ def test_a_hostile_urdf_gets_into_comments_only(tmp_path: Path) -> None:
     ]
 
 
-def test_two_exports_give_the_same_bytes(
-    panda_design: rp.Design, tmp_path: Path
-) -> None:
+def test_two_exports_give_the_same_bytes(panda_design: rp.Design, tmp_path: Path) -> None:
     first, second = (
         rp.export_c(
-            panda_design.inverse,
-            tmp_path / folder,
-            "panda_control",
-            region=panda_design.region,
+            panda_design.inverse, tmp_path / folder, "panda_control", region=panda_design.region
         )
         for folder in "ab"
     )
@@ -346,22 +312,7 @@ def test_two_exports_give_the_same_bytes(
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "",
-        "3d",
-        "a-b",
-        "int",
-        "Math",
-        "check",
-        "a__b",
-        "_a",
-        "ä",
-        "x" * 41,
-        "a/b",
-        "a\n",
-        3,
-    ],
+    "name", ["", "3d", "a-b", "int", "Math", "check", "a__b", "_a", "ä", "x" * 41, "a/b", "a\n", 3]
 )
 def test_names_that_c_cannot_have_are_refused(
     name: Any, panda_design: rp.Design, tmp_path: Path
@@ -385,9 +336,7 @@ def test_what_cannot_be_written_down_is_refused(
                 refuse(inverse)
     with pytest.raises(rp.InputError, match="a region of type Ball cannot be written"):
         rp.export_c(panda_design.inverse, tmp_path, region=Ball(np.zeros(7), 1.0))
-    with pytest.raises(
-        rp.InputError, match="the region has 3 joints, but the task has 7"
-    ):
+    with pytest.raises(rp.InputError, match="the region has 3 joints, but the task has 7"):
         rp.export_c(panda_design.inverse, tmp_path, region=rp.Box(np.zeros(3), 1))
     for own_region in (Ball(np.zeros(7), 1.0), cell_of("pose", 0.3)):
         inverse = rp.RepeatableInverse(
@@ -397,9 +346,7 @@ def test_what_cannot_be_written_down_is_refused(
             rp.export_c(inverse, tmp_path)
 
 
-def test_the_region_of_the_inverse_is_written(
-    panda_design: rp.Design, tmp_path: Path
-) -> None:
+def test_the_region_of_the_inverse_is_written(panda_design: rp.Design, tmp_path: Path) -> None:
     """Issue 37, item 9: the inverse's own Ω was dropped unless region= named it again."""
     control = panda_design.inverse
     free = rp.RepeatableInverse(control.task, control.potentials)
@@ -410,8 +357,7 @@ def test_the_region_of_the_inverse_is_written(
     smaller = rp.Box(panda_design.region.center, 0.1)
     rp.export_c(control, tmp_path / "smaller", region=smaller)
     own, named, none, small = (
-        (tmp_path / name / "arm_control.c").read_text()
-        for name in (*given, "free", "smaller")
+        (tmp_path / name / "arm_control.c").read_text() for name in (*given, "free", "smaller")
     )
     assert own == named and len({own, none, small}) == 3
     assert "tables_region[1]" in own
@@ -427,26 +373,11 @@ def test_the_command_writes_a_saved_design(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("arm.urdf").write_text(planar_urdf([1, 0.8, 0.6]), encoding="utf-8")
-    small = [
-        "--degree",
-        "1",
-        "--samples",
-        "256",
-        "--held-out",
-        "256",
-        "--region",
-        "0.2",
-        "--quiet",
-    ]
-    assert (
-        main(["design", "arm.urdf", "--start", "0.3,0.8,0.8", *small, "--out", "."])
-        == 0
-    )
+    small = ["--degree", "1", "--samples", "256", "--held-out", "256", "--region", "0.2", "--quiet"]
+    assert main(["design", "arm.urdf", "--start", "0.3,0.8,0.8", *small, "--out", "."]) == 0
     capsys.readouterr()
     assert "is not a saved design" in refused(capsys, "export", "arm.urdf")
-    assert "say where it is: --robot arm.urdf" in refused(
-        capsys, "export", "design.json"
-    )
+    assert "say where it is: --robot arm.urdf" in refused(capsys, "export", "design.json")
     given = ["export", "design.json", "--robot", "arm.urdf"]
     assert "is reserved in C" in refused(capsys, *given, "--name", "double")
     said = told(capsys, *given, "--out", "c", "--name", "planar")
@@ -458,9 +389,7 @@ def test_the_command_writes_a_saved_design(
     assert "already contains the inverse 'planar'" in refused(
         capsys, *given, "--out", "c", "--name", "other"
     )
-    assert (
-        told(capsys, *given, "--out", "c", "--name", "planar")["files"] == said["files"]
-    )
+    assert told(capsys, *given, "--out", "c", "--name", "planar")["files"] == said["files"]
     assert main([*given, "--out", "d"]) == 0
     assert capsys.readouterr().out.splitlines()[0] == "wrote d/arm_control.h"
     assert "box +-0.2" in Path("d/arm_control.c").read_text()

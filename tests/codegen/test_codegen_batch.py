@@ -34,9 +34,7 @@ def function_on(name: str, frame: str, kind: str) -> rp.InverseFunction:
     low, high = np.maximum(task.lower, -2), np.minimum(task.upper, 2)
     Q = low + (high - low) * rng.uniform(0.1, 0.9, (256, task.n))
     q = Q[np.argmin(np.linalg.cond(task.jacobians(Q)))]
-    cell = rp.Cell(
-        task, task.placement(q), 0.03, 0.1 if kind in ("pose", "axis") else 0.0
-    )
+    cell = rp.Cell(task, task.placement(q), 0.03, 0.1 if kind in ("pose", "axis") else 0.0)
     found = rp.nearest_inverse_function(
         rp.Pseudoinverse(task),
         cell,

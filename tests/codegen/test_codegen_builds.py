@@ -25,15 +25,9 @@ FUZZ = Path(__file__).with_name("fuzz.c")
 def run(command: Sequence[str | Path], folder: Path) -> str:
     """Run a command that must do what it should; what it says."""
     done = subprocess.run(
-        [str(c) for c in command],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
+        [str(c) for c in command], cwd=folder, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, (
-        f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-    )
+    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
 
 
@@ -44,9 +38,7 @@ def needed(*programs: str) -> None:
             pytest.skip(f"there is no {program} on this machine")
 
 
-def built_and_checked(
-    folder: Path, compiler: str, *flags: str, by: Sequence[str] = ()
-) -> None:
+def built_and_checked(folder: Path, compiler: str, *flags: str, by: Sequence[str] = ()) -> None:
     """Compile strictly, and run check.c."""
     run(
         [
@@ -75,9 +67,7 @@ def region_of(
         return rp.Tube(q0 + 0.2 * np.sin(np.arange(12))[:, None] * np.ones(task.n), 0.2)
     if kind == "workspace":
         axes = [a for a in task.rows if a < 3]
-        return rp.WorkspaceBox(
-            task, task.placement(q0).translation[axes], 0.15, within=box
-        )
+        return rp.WorkspaceBox(task, task.placement(q0).translation[axes], 0.15, within=box)
     return box if kind == "box" else None
 
 
@@ -148,9 +138,7 @@ def test_a_wrong_build_is_told(tmp_path: Path) -> None:
         (folder / "arm.c").write_text(wrong)
         run(["gcc", "-w", "arm.c", "check.c", "-o", "check", "-lm"], folder)
         assert (
-            subprocess.run(
-                ["./check"], cwd=folder, capture_output=True, check=False
-            ).returncode
+            subprocess.run(["./check"], cwd=folder, capture_output=True, check=False).returncode
             == 1
         )
 
@@ -163,21 +151,14 @@ def test_flags_that_lose_nan_are_refused(
     needed("gcc")
     rp.export_c(panda_design.inverse, tmp_path, "arm")
     line = ["gcc", "-O2", flag, "-c", "arm.c"]
-    done = subprocess.run(
-        line, cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode != 0 and "compile without -ffast-math" in done.stderr
     run([*line, "-fno-fast-math", "-fno-finite-math-only"], tmp_path)
 
 
 def test_cmake_builds_and_tests_it(panda_design: rp.Design, tmp_path: Path) -> None:
     needed("cmake", "cc")
-    rp.export_c(
-        panda_design.inverse,
-        tmp_path / "c",
-        "panda_control",
-        region=panda_design.region,
-    )
+    rp.export_c(panda_design.inverse, tmp_path / "c", "panda_control", region=panda_design.region)
     run(["cmake", "-S", "c", "-B", "build", "-DCMAKE_BUILD_TYPE=Debug"], tmp_path)
     run(["cmake", "--build", "build"], tmp_path)
     assert "100% tests passed" in run(["ctest", "--test-dir", "build"], tmp_path)
@@ -214,17 +195,12 @@ int main() {
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 def test_the_cpp_face(compiler: str, panda_design: rp.Design, tmp_path: Path) -> None:
     needed(compiler, "cc")
-    rp.export_c(
-        panda_design.inverse, tmp_path, "panda_control", region=panda_design.region
-    )
+    rp.export_c(panda_design.inverse, tmp_path, "panda_control", region=panda_design.region)
     (tmp_path / "use.cpp").write_text(
         CPP.replace("@q", "{" + ", ".join(map(repr, Q_PANDA.tolist())) + "}")
     )
     run(["cc", "-std=c99", *STRICT, "-c", "panda_control.c"], tmp_path)
-    run(
-        [compiler, "-std=c++17", *STRICT, "use.cpp", "panda_control.o", "-o", "use"],
-        tmp_path,
-    )
+    run([compiler, "-std=c++17", *STRICT, "use.cpp", "panda_control.o", "-o", "use"], tmp_path)
     said = np.array(run(["./use"], tmp_path).split(), float).reshape(2, 7)
     qdot = panda_design.inverse.velocity(Q_PANDA, np.array([0.1, 0, 0, 0, 0, 0.2]))
     assert np.abs(said[0] - qdot).max() < 1e-13 and np.abs(said[1] - qdot).max() < 1e-11
@@ -233,10 +209,7 @@ def test_the_cpp_face(compiler: str, panda_design: rp.Design, tmp_path: Path) ->
 def fuzzed(folder: Path, count: int) -> None:
     """Hostile numbers, with the compiler's sanitizers."""
     watch = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    run(
-        ["gcc", "-std=c99", *watch, "arm.c", str(FUZZ), "-I.", "-o", "fuzz", "-lm"],
-        folder,
-    )
+    run(["gcc", "-std=c99", *watch, "arm.c", str(FUZZ), "-I.", "-o", "fuzz", "-lm"], folder)
     print(run(["./fuzz", str(count)], folder))
 
 
@@ -255,14 +228,10 @@ def test_100000_hostile_numbers_do_no_harm(name: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("target", ["arm-linux-gnueabihf", "riscv64-linux-gnu"])
-def test_other_processors_compute_the_same(
-    target: str, name: str, tmp_path: Path
-) -> None:
+def test_other_processors_compute_the_same(target: str, name: str, tmp_path: Path) -> None:
     emulator = f"qemu-{target.partition('-')[0]}"
     needed(f"{target}-gcc", emulator)
-    built_and_checked(
-        exported(name, tmp_path), f"{target}-gcc", "-static", by=[emulator]
-    )
+    built_and_checked(exported(name, tmp_path), f"{target}-gcc", "-static", by=[emulator])
 
 
 CYCLES = """
@@ -300,12 +269,8 @@ def test_10000_cycles_have_no_trend_and_end_where_python_does(
     inverse, task, cycles = panda_design.inverse, panda_design.task, 10_000
     rp.export_c(inverse, tmp_path, "arm", region=panda_design.region)
     start = "{" + ", ".join(map(repr, Q_PANDA.tolist())) + "}"
-    (tmp_path / "cycles.c").write_text(
-        CYCLES.replace("@q", start).replace("@cycles", str(cycles))
-    )
-    run(
-        ["gcc", "-std=c99", "-O2", "arm.c", "cycles.c", "-o", "cycles", "-lm"], tmp_path
-    )
+    (tmp_path / "cycles.c").write_text(CYCLES.replace("@q", start).replace("@cycles", str(cycles)))
+    run(["gcc", "-std=c99", "-O2", "arm.c", "cycles.c", "-o", "cycles", "-lm"], tmp_path)
     ends = np.array(run(["./cycles"], tmp_path).split(), float).reshape(10, 7)
     assert np.abs(ends - ends[0]).max() < 1e-12  # the same after 1,000, 2,000, … cycles
 
@@ -316,9 +281,7 @@ def test_10000_cycles_have_no_trend_and_end_where_python_does(
         target.translation = centre.translation + 0.1 * np.array(
             [np.cos(angle) - 1, np.sin(angle), 0]
         )
-        twist = (
-            0.1 * 2 * np.pi / 5 * np.array([-np.sin(angle), np.cos(angle), 0, 0, 0, 0])
-        )
+        twist = 0.1 * 2 * np.pi / 5 * np.array([-np.sin(angle), np.cos(angle), 0, 0, 0, 0])
         ways.append((target, twist))
     for _ in range(cycles):
         for target, twist in ways:

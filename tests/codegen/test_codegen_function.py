@@ -34,23 +34,12 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     needed("gcc")
     function = function_of(name)
     rp.export_c(function, tmp_path, "arm")
-    vectors = (
-        (tmp_path / "test_vectors.h").read_text().partition("arm_function_vectors[")[2]
-    )
+    vectors = (tmp_path / "test_vectors.h").read_text().partition("arm_function_vectors[")[2]
     assert vectors.count("ARM_OK") >= 12 and vectors.count("ARM_OUTSIDE") >= 2
     for compiler in BUILDS if name == "poses" else ["gcc"]:
         needed(compiler)
         run(
-            [
-                compiler,
-                *BUILDS[compiler],
-                *STRICT,
-                "arm.c",
-                "check.c",
-                "-o",
-                "check",
-                "-lm",
-            ],
+            [compiler, *BUILDS[compiler], *STRICT, "arm.c", "check.c", "-o", "check", "-lm"],
             tmp_path,
         )
         assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
@@ -83,9 +72,7 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", CELLS)
 def test_its_control_steps_as_pythons(name: str) -> None:
     function = function_of(name)
-    worst, _ = disagreement(
-        function.inverse, function(function.cell.placement), 24, spread=0.1
-    )
+    worst, _ = disagreement(function.inverse, function(function.cell.placement), 24, spread=0.1)
     assert worst < AGREE
 
 
@@ -126,9 +113,7 @@ def compare_f(function: rp.InverseFunction, count: int) -> tuple[float, int]:
             q = slow(target, leaf=leaf)
         except rp.InputError as error:
             none += 1
-            assert words(
-                lambda target=target, leaf=leaf: function(target, leaf=leaf)
-            ) == str(error)
+            assert words(lambda target=target, leaf=leaf: function(target, leaf=leaf)) == str(error)
         else:
             worst = max(worst, float(np.abs(function(target, leaf=leaf) - q).max()))
     return worst, none
@@ -143,9 +128,7 @@ def test_f_in_the_library_is_numpys(name: str, monkeypatch: pytest.MonkeyPatch) 
     slow, U = f_in_numpy(function), 0.8 * function.cell.sample(64)
     c = np.full(function.task.r, 0.03)
     poses = [function.cell.at(u) for u in U]
-    expected, moved = (
-        np.array([slow(x, leaf=leaf) for x in poses]) for leaf in (None, c)
-    )
+    expected, moved = (np.array([slow(x, leaf=leaf) for x in poses]) for leaf in (None, c))
     assert np.abs(slow.batch(U) - expected).max() < AGREE
     with monkeypatch.context() as patch:  # neither F nor its batch asks NumPy
         patch.setattr(rp.InverseFunction, "_law", None)
@@ -194,9 +177,7 @@ def test_a_bad_number_is_named_by_the_control_of_a_cell(name: str, bad: float) -
     function = function_of(name)
     inverse, task, middle = function.inverse, function.task, function.cell.placement
     q = np.append(bad, np.zeros(task.n - 1))
-    assert "q must be 7 finite numbers" in words(
-        lambda: inverse.velocity(q, np.ones(task.m))
-    )
+    assert "q must be 7 finite numbers" in words(lambda: inverse.velocity(q, np.ones(task.m)))
     for options in ({}, {"damping": 0.1}):
         assert "q must be 7 finite numbers" in words(
             lambda options=options: inverse.step(q, middle, 0.01, **options)
@@ -212,9 +193,7 @@ def test_f_and_its_control_agree_at_10000(name: str) -> None:
     steps, refused = disagreement(
         function.inverse, function(function.cell.placement), 10_000, spread=0.1
     )
-    print(
-        f"{name}: F {worst:.1e}, {none} refused; its control {steps:.1e}, {refused} refused"
-    )
+    print(f"{name}: F {worst:.1e}, {none} refused; its control {steps:.1e}, {refused} refused")
     assert max(worst, steps) < AGREE
 
 
@@ -234,9 +213,7 @@ int main(void)
 """
 
 
-def test_exported_f_checks_limits_on_every_leaf_but_the_evaluated_one(
-    tmp_path: Path,
-) -> None:
+def test_exported_f_checks_limits_on_every_leaf_but_the_evaluated_one(tmp_path: Path) -> None:
     """Issue 37, item 1: limits that c = 0 needs no check of were written as infinite for all."""
     needed("gcc")
     function = function_of("poses of one orientation")
@@ -310,20 +287,12 @@ def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> N
     (tmp_path / "F" / "knows.c").write_text(
         re.sub("@([a-z]+)", lambda found: parts[found[1]], KNOWS)
     )
-    run(
-        ["gcc", "-std=c99", *STRICT, "arm.c", "knows.c", "-o", "knows", "-lm"],
-        tmp_path / "F",
-    )
+    run(["gcc", "-std=c99", *STRICT, "arm.c", "knows.c", "-o", "knows", "-lm"], tmp_path / "F")
     assert run(["./knows"], tmp_path / "F") == "1 0 3 0 3 3 3 0 0 2 2"
-    run(
-        ["gcc", "-std=c99", *STRICT, "arm.c", "check.c", "-o", "check", "-lm"], tmp_path
-    )
+    run(["gcc", "-std=c99", *STRICT, "arm.c", "check.c", "-o", "check", "-lm"], tmp_path)
     assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
     assert (tmp_path / "arm.h").read_text().count("stay_inside = 1") == 1
-    for one in (
-        function.inverse,
-        in_numpy(function.inverse),
-    ):
+    for one in (function.inverse, in_numpy(function.inverse)):
         one.step(q, middle, 0.01, outside="raise")
         for start, target, c in ((outside, middle, None), (edge, onward, leaf)):
             one.step(start, target, 0.01, leaf=c)

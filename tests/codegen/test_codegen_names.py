@@ -26,9 +26,7 @@ iterator limits list locale map memory mutex new numeric optional queue random r
 set shared_mutex sstream stack stdexcept string string_view system_error thread tuple
 type_traits unordered_map utility valarray variant vector"""
 HEADERS = [*(f"{name}.h" for name in C.split()), *CPP.split()]
-INCLUDED = "".join(
-    f"#if __has_include(<{name}>)\n#include <{name}>\n#endif\n" for name in HEADERS
-)
+INCLUDED = "".join(f"#if __has_include(<{name}>)\n#include <{name}>\n#endif\n" for name in HEADERS)
 NAME = re.compile("[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 
 
@@ -72,18 +70,14 @@ def test_every_name_of_real_headers_is_refused_or_compiles(
     """Issue 37, item 9: every identifier that the headers of C, POSIX and C++ contain becomes a
     name; so does what is left of one that ends like an identifier of the export."""
     needed("g++")
-    text = compiled(INCLUDED, tmp_path, "-E") + compiled(
-        INCLUDED, tmp_path, "-dM", "-E"
-    )
+    text = compiled(INCLUDED, tmp_path, "-E") + compiled(INCLUDED, tmp_path, "-dM", "-E")
     found = set(re.findall(r"[A-Za-z]\w*", text))
     assert {"sin", "index", "y1", "gamma", "mkdir", "F_OK", "PRIu64"} <= found
     rp.export_c(planar, tmp_path, "zz")
     header = (tmp_path / "zz.h").read_text() + (tmp_path / "zz.hpp").read_text()
     ends = set(re.findall(r"\b(?:zz|ZZ)(_\w+)", header))
     outside = compiled(INCLUDED, tmp_path, "-E", "-dM") + (
-        compiled(
-            "".join(f"#include <{x}.h>\n" for x in ("math", "unistd")), tmp_path, "-E"
-        )
+        compiled("".join(f"#include <{x}.h>\n" for x in ("math", "unistd")), tmp_path, "-E")
     )
     begun = {
         name.removesuffix(end).lower()
@@ -94,9 +88,7 @@ def test_every_name_of_real_headers_is_refused_or_compiles(
     names = sorted(n for n in found | begun if NAME.fullmatch(n) and len(n) <= 40)
     taken = [name for name in names if not refused(name, tmp_path)]
     assert len(taken) > 1000 and not set(taken) & {"f", "r", "w", "x"}
-    space = "".join(
-        f"namespace {n} {{ inline constexpr int joints = 1; }}\n" for n in taken
-    )
+    space = "".join(f"namespace {n} {{ inline constexpr int joints = 1; }}\n" for n in taken)
     assert "error" not in compiled(INCLUDED + space, tmp_path, "-fsyntax-only")
     use = '#include "zz.hpp"\nint main() { return (int)zz::joints - 3; }\n'
     assert "error" not in compiled(INCLUDED + use, tmp_path, "-fsyntax-only")

@@ -27,9 +27,7 @@ def test_sectors_in_c(name: str, tmp_path: Path) -> None:
         radii = re.search(r"radii\[2\] = \{(.*), (.*)\}, dt", code)
         assert radii is not None and float(radii[1]) > 1e-3
         run(["gcc", "-std=c99", *STRICT, "-c", "arm.c"], folder)
-        run(
-            ["gcc", "-std=c99", *STRICT, "arm.o", "loop.c", "-o", "loop", "-lm"], folder
-        )
+        run(["gcc", "-std=c99", *STRICT, "arm.o", "loop.c", "-o", "loop", "-lm"], folder)
         drift = re.search(r"drift .*: (\S+) rad", run(["./loop"], folder))
         assert drift is not None and float(drift[1]) < 1e-4
     folder = tmp_path / "0"
@@ -46,7 +44,5 @@ def test_sectors_in_c(name: str, tmp_path: Path) -> None:
 def test_its_control_steps_as_pythons(name: str) -> None:
     design = found(name)
     function = design.function
-    worst, _ = disagreement(
-        function.inverse, function(function.cell.placement), 16, spread=0.1
-    )
+    worst, _ = disagreement(function.inverse, function(function.cell.placement), 16, spread=0.1)
     assert worst < AGREE

@@ -39,10 +39,7 @@ def design(robot: str = "planar3r", half_width: float = 0.15) -> rp.Design:
     task, q0 = task_of(robot)
     few, degree = rp.FitOptions(samples=64, held_out=64), 2 if task.n == 3 else 1
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        rp.Polynomial(q0, degree, 0.5),
-        rp.Box(q0, half_width),
-        options=few,
+        rp.Pseudoinverse(task), rp.Polynomial(q0, degree, 0.5), rp.Box(q0, half_width), options=few
     )
 
 
@@ -66,9 +63,7 @@ class Arm:
         self, target: pin.SE3 | None, twist: np.ndarray | None
     ) -> tuple[np.ndarray | None, rp.Status]:
         if target is not None:
-            self.servo.pose(
-                target.translation, pin.Quaternion(target.rotation).coeffs()
-            )
+            self.servo.pose(target.translation, pin.Quaternion(target.rotation).coeffs())
         elif twist is not None:
             self.servo.twist(twist, self.now)
         return self.tick(), self.servo.status
@@ -172,9 +167,7 @@ class Exported:
 
 
 @NEEDS_C
-def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints(
-    tmp_path: Path,
-) -> None:
+def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints(tmp_path: Path) -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
     governor = Exported(inverse, tmp_path, DT, LIMITS, 0.01)
@@ -196,9 +189,7 @@ def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints(
 
 CELLS: dict[str, Callable[[rp.Task, pin.SE3], rp.Cell]] = {
     "yaw": lambda task, middle: rp.Cell(task, middle, 0.05, (0, 0, 2.2)),
-    "curved": lambda task, middle: rp.Cell(
-        task, middle, (0.04, 0, 0.04), (0.2, 0.1, 0)
-    ),
+    "curved": lambda task, middle: rp.Cell(task, middle, (0.04, 0, 0.04), (0.2, 0.1, 0)),
     "sector": lambda task, middle: rp.Sector(
         task, middle, radius=0.05, angle=1.5, half_angle=(0.2, 0), spin=0.5
     ),
@@ -222,9 +213,7 @@ def cell_inverse(name: str) -> tuple[rp.RepeatableInverse, rp.InverseFunction]:
 
 @NEEDS_C
 @pytest.mark.parametrize("name", some(CELLS, "curved"))
-def test_in_a_cell_every_target_is_reached_by_a_straight_line(
-    name: str, tmp_path: Path
-) -> None:
+def test_in_a_cell_every_target_is_reached_by_a_straight_line(name: str, tmp_path: Path) -> None:
     """Issue 37, item 7: with a coordinate of width 0, the governor stopped for good at the edge."""
     inverse, F = cell_inverse(name)
     rng, cell = np.random.default_rng(3), F.cell
@@ -254,9 +243,7 @@ def test_in_a_cell_every_target_is_reached_by_a_straight_line(
 
 
 @NEEDS_C
-def test_a_target_outside_a_cell_leads_to_the_nearest_pose_inside(
-    tmp_path: Path,
-) -> None:
+def test_a_target_outside_a_cell_leads_to_the_nearest_pose_inside(tmp_path: Path) -> None:
     """Issue 37, item 7: at rest next to the edge, both go on to a target inside."""
     inverse, F = cell_inverse("yaw")
     cell, limits = F.cell, rp.Limits(acceleration=10.0, jerk=2000.0)
@@ -270,9 +257,7 @@ def test_a_target_outside_a_cell_leads_to_the_nearest_pose_inside(
     last = []
     for k in range(250):
         target = beyond if k < 150 else cell.placement
-        (q, status), (expected, wanted) = (
-            one.step(target) for one in (exported, governor)
-        )
+        (q, status), (expected, wanted) = (one.step(target) for one in (exported, governor))
         assert status is wanted and np.abs(q - expected).max() < 1e-8
         last.append(status)
         if k == 149:
@@ -282,9 +267,7 @@ def test_a_target_outside_a_cell_leads_to_the_nearest_pose_inside(
     assert last[-1] is rp.Status.OK and rp.Status.OK not in last[:150]
 
 
-def history(
-    rng: np.random.Generator, home: pin.SE3
-) -> tuple[pin.SE3 | None, np.ndarray | None]:
+def history(rng: np.random.Generator, home: pin.SE3) -> tuple[pin.SE3 | None, np.ndarray | None]:
     """A random target or twist, also beyond the reach and more than half a turn away."""
     if rng.integers(2):
         return None, rng.normal(size=6) * rng.choice([0.05, 0.5, 5.0])
@@ -296,9 +279,7 @@ def history(
 @pytest.mark.slow
 @NEEDS_C
 @pytest.mark.parametrize("name", ["panda", "iiwa14", "xarm7", "baxter", "rail"])
-def test_after_any_history_the_same_pose_has_the_same_joints(
-    name: str, tmp_path: Path
-) -> None:
+def test_after_any_history_the_same_pose_has_the_same_joints(name: str, tmp_path: Path) -> None:
     task, q0, acceleration, jerk = ARMS[name](tmp_path)
     inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
     limits = rp.Limits(acceleration=acceleration, jerk=jerk)

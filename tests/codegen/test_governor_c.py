@@ -34,21 +34,13 @@ class Pose(ctypes.Structure):
 
 def in_c(folder: Path) -> ctypes.CDLL:
     """Compile an exported folder as a library."""
-    run(
-        ["cc", "-std=c99", "-O1", "-fPIC", "-shared", "arm.c", "-o", "arm.so", "-lm"],
-        folder,
-    )
+    run(["cc", "-std=c99", "-O1", "-fPIC", "-shared", "arm.c", "-o", "arm.so", "-lm"], folder)
     return ctypes.CDLL(str(folder / "arm.so"))
 
 
 def planar() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    return (
-        control(task, Q_PLANAR, rp.Polynomial(Q_PLANAR, 2, 0.5)),
-        Q_PLANAR,
-        6.0,
-        400.0,
-    )
+    return (control(task, Q_PLANAR, rp.Polynomial(Q_PLANAR, 2, 0.5)), Q_PLANAR, 6.0, 400.0)
 
 
 def panda(kind: str) -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
@@ -155,20 +147,12 @@ def test_wrong_limits_are_refused(tmp_path: Path) -> None:
         limits = (DOUBLE * 10)(*[2.0] * 3, *[5.0] * 3, *[np.inf] * 3, 0.0)
         for key, value in changed.items():
             limits["vaj".index(key) * n if key != "m" else 9] = value
-        return int(
-            library.arm_governor_start(state, (DOUBLE * 3)(*q), DOUBLE(dt), limits)
-        )
+        return int(library.arm_governor_start(state, (DOUBLE * 3)(*q), DOUBLE(dt), limits))
 
     OK, _, BAD_NUMBER, OUTSIDE, _, LIMIT = range(6)
     assert started() == OK
     assert started(dt=0.0) == started(dt=np.nan) == BAD_NUMBER
-    assert (
-        started(v=0.0)
-        == started(v=np.inf)
-        == started(a=0.0)
-        == started(a=np.nan)
-        == BAD_NUMBER
-    )
+    assert started(v=0.0) == started(v=np.inf) == started(a=0.0) == started(a=np.nan) == BAD_NUMBER
     assert started(j=0.0) == started(m=-1.0) == started(q0 * np.nan) == BAD_NUMBER
     assert started(m=10.0) == LIMIT and started(q0 + 0.4) == OUTSIDE
 
@@ -191,10 +175,7 @@ def test_after_a_refused_start_it_holds(tmp_path: Path) -> None:
     for first in (False, True):
         state = ctypes.create_string_buffer(1 << 20)
         assert ticked(state) == (BAD_NUMBER, [7.0, 8.0, 9.0])
-        for q, said in ((q0, OK),) * first + (
-            (q0 * np.nan, BAD_NUMBER),
-            (q0 + 0.4, OUTSIDE),
-        ):
+        for q, said in ((q0, OK),) * first + ((q0 * np.nan, BAD_NUMBER), (q0 + 0.4, OUTSIDE)):
             start = (DOUBLE * 3)(*q)
             found = library.arm_governor_start(state, start, DOUBLE(DT), limits)
             assert found == said
@@ -209,48 +190,31 @@ def test_after_a_refused_start_it_holds(tmp_path: Path) -> None:
 def harness(folder: Path, compiler: str, *flags: str) -> None:
     """Compile the ticks of tests/attack with an exported folder."""
     base = ["-std=c99", "-D_POSIX_C_SOURCE=199309L", "-Wall", "-Wextra", "-Werror"]
-    run(
-        [compiler, *base, *flags, "arm.c", str(HARNESS), "-I.", "-o", "ticks", "-lm"],
-        folder,
-    )
+    run([compiler, *base, *flags, "arm.c", str(HARNESS), "-I.", "-o", "ticks", "-lm"], folder)
 
 
 def ticked(folder: Path, count: int, *by: str) -> list[str]:
     """Run them on planar3r, or on the panda."""
     inverse, q0, acceleration, jerk = planar()
     task = inverse.task
-    rows = [
-        q0,
-        task.velocity_limit,
-        [acceleration] * 3,
-        [jerk] * 3,
-        task.lower,
-        task.upper,
-    ]
-    numbers = " ".join(
-        f"{value!r}" for part in rows for value in np.asarray(part, float).tolist()
-    )
+    rows = [q0, task.velocity_limit, [acceleration] * 3, [jerk] * 3, task.lower, task.upper]
+    numbers = " ".join(f"{value!r}" for part in rows for value in np.asarray(part, float).tolist())
     (folder / "numbers").write_text(f"{numbers} {MARGIN}")
     command = f"{' '.join(by)} ./ticks {count} 1 {DT} 1 < numbers"
     return run(["sh", "-c", command], folder).split()
 
 
 @NEEDS_C
-def test_random_ticks_keep_all_limits_and_the_sanitizers_are_silent(
-    tmp_path: Path,
-) -> None:
+def test_random_ticks_keep_all_limits_and_the_sanitizers_are_silent(tmp_path: Path) -> None:
     needed("gcc")
     rp.export_c(planar()[0], tmp_path, "arm")
     watch = ["-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
     harness(tmp_path, "gcc", *watch)
     said = [float(word) for word in ticked(tmp_path, 2500)[:-1]]
     assert max(said[:3]) <= 1 + 1e-9 and max(said[:2]) > 0.9  # v, a, jerk
-    assert (
-        said[3] >= MARGIN - 1e-9 and said[4] < 1e-9 and said[5] < 1e-6
-    )  # margin, leaf, apart
-    assert (
-        said[6] >= 1 and min(said[12], said[14], said[16]) > 0
-    )  # arrived; OK, garbage, on the way
+    assert said[3] >= MARGIN - 1e-9 and said[4] < 1e-9 and said[5] < 1e-6  # margin, leaf, apart
+    # arrived; OK, garbage, on the way
+    assert said[6] >= 1 and min(said[12], said[14], said[16]) > 0
 
 
 @NEEDS_C
@@ -259,23 +223,10 @@ def test_it_allocates_nothing(tmp_path: Path) -> None:
     rp.export_c(planar()[0], tmp_path, "arm")
     run(["gcc", "-std=c99", "-O0", "-c", "arm.c"], tmp_path)
     undefined = set(re.findall(r"U (\w+)", run(["nm", "-u", "arm.o"], tmp_path)))
-    known = {
-        "sin",
-        "cos",
-        "sqrt",
-        "cbrt",
-        "atan2",
-        "ceil",
-        "ldexp",
-        "fabs",
-        "memcpy",
-        "memset",
-    }
+    known = {"sin", "cos", "sqrt", "cbrt", "atan2", "ceil", "ldexp", "fabs", "memcpy", "memset"}
     assert undefined <= known | {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail", "sincos"}
     code = (tmp_path / "arm.c").read_text()
-    assert not re.search(
-        r"^static (?!const|.*\()", code, re.MULTILINE
-    )  # no state of its own
+    assert not re.search(r"^static (?!const|.*\()", code, re.MULTILINE)  # no state of its own
 
 
 @pytest.mark.slow
@@ -289,9 +240,7 @@ def test_other_processors_command_the_same_joints(target: str, tmp_path: Path) -
     harness(tmp_path, "gcc", "-O2")
     names = ("FMA", "FMA4", "AVX2", "FMA_Usable", "FMA4_Usable", "AVX2_Usable")
     plain = f"GLIBC_TUNABLES=glibc.cpu.hwcaps={','.join(f'-{name}' for name in names)}"
-    host = ticked(
-        tmp_path, 20_000, *(["env", plain] if target.startswith("arm") else [])
-    )
+    host = ticked(tmp_path, 20_000, *(["env", plain] if target.startswith("arm") else []))
     harness(tmp_path, f"{target}-gcc", "-O2", "-static", "-ffp-contract=off")
     said = ticked(tmp_path, 20_000, emulator)
     assert said[-1] == host[-1]  # checksum of all joints

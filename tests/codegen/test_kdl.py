@@ -19,12 +19,8 @@ CHECKED = {"pose": 6, "axis": 3, "position": 3}
 
 
 def run(command: list[str], folder: Path) -> str:
-    done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, (
-        f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-    )
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
 
 
@@ -36,27 +32,15 @@ def solve(
     *flags: str,
 ) -> tuple[list[str], np.ndarray]:
     """Build the program in kdl_use.cpp and run it: its lines, and the joints (K, n)."""
-    if not Path("/usr/include/kdl/chainiksolver.hpp").exists() or not shutil.which(
-        "g++"
-    ):
-        pytest.skip(
-            "there is no Orocos KDL (Debian: liborocos-kdl-dev, libkdl-parser-dev) here"
-        )
+    if not Path("/usr/include/kdl/chainiksolver.hpp").exists() or not shutil.which("g++"):
+        pytest.skip("there is no Orocos KDL (Debian: liborocos-kdl-dev, libkdl-parser-dev) here")
     task = control.task
     rp.export_c(control, folder, "arm")
     poses.tofile(folder / "poses.bin")
     system = ["-isystem", "/usr/include/eigen3", "-isystem", "/usr/include/kdl_parser"]
     run(["gcc", "-std=c99", "-O0", *flags, "-c", "arm.c"], folder)
     run(
-        [
-            "g++",
-            *STRICT,
-            "-O0",
-            *flags,
-            f"-DCHECKED={CHECKED[task.kind]}",
-            *system,
-            f"-I{folder}",
-        ]
+        ["g++", *STRICT, "-O0", *flags, f"-DCHECKED={CHECKED[task.kind]}", *system, f"-I{folder}"]
         + [str(USE), "arm.o", "-o", "use", "-lorocos-kdl", "-lkdl_parser"],
         folder,
     )
@@ -75,9 +59,7 @@ def of_cell(function: rp.InverseFunction, count: int) -> np.ndarray:
     ("name", "count", "flags"),
     [
         ("poses", 100, ()),
-        pytest.param(
-            "poses", 10_000, ("-fsanitize=address,undefined",), marks=pytest.mark.slow
-        ),
+        pytest.param("poses", 10_000, ("-fsanitize=address,undefined",), marks=pytest.mark.slow),
         pytest.param("tool axes", 10_000, (), marks=pytest.mark.slow),
         pytest.param("positions", 10_000, (), marks=pytest.mark.slow),
     ],
@@ -94,17 +76,12 @@ def test_the_function_of_a_cell(
     U = function.cell.sample(count, seed=9)
     assert np.abs(joints - function.batch(U)).max() < 1e-9
     assert refused[0] == "this control has 7 joints; the chain has 0"
-    assert (
-        "joint 0 of this control is panda_joint1; the chain's is panda_joint7"
-        in refused
-    )
+    assert "joint 0 of this control is panda_joint1; the chain's is panda_joint7" in refused
     assert refused[2].startswith("the chain's tip is not the frame of this control")
 
 
 @pytest.mark.slow
-def test_a_design_keeps_the_leaf_of_the_guess(
-    panda_design: rp.Design, tmp_path: Path
-) -> None:
+def test_a_design_keeps_the_leaf_of_the_guess(panda_design: rp.Design, tmp_path: Path) -> None:
     inverse = panda_design.inverse
     Q = Q_PANDA + 0.2 * np.random.default_rng(3).uniform(-1, 1, (10_000, 7))
     at = [inverse.task.placement(q) for q in Q]

@@ -33,17 +33,13 @@ def built(function: rp.InverseFunction, folder: Path, *flags: str) -> Path:
     return folder / "use"
 
 
-def answers(
-    program: Path, function: rp.InverseFunction, poses: list[np.ndarray]
-) -> list[str]:
+def answers(program: Path, function: rp.InverseFunction, poses: list[np.ndarray]) -> list[str]:
     """The lines of the program for poses (p, quaternion w x y z)."""
     folder, task = program.parent, function.task
     np.array(poses).tofile(folder / "poses.bin")
     urdf, base = str(task.robot.description.path), task.robot.model.frames[1].name
     links = [base, task.frame, "panda_link5"]
-    return run(["./use", urdf, *links, "poses.bin", *task.joint_names], folder).split(
-        "\n"
-    )
+    return run(["./use", urdf, *links, "poses.bin", *task.joint_names], folder).split("\n")
 
 
 def as_row(place: pin.SE3) -> np.ndarray:

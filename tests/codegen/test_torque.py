@@ -18,11 +18,7 @@ from test_governor_c import in_c as library
 import repctl_pin as rp
 
 AGREE = 1e-10
-QUICK = (
-    "panda, axis, degree 2",
-    "tiago, position, degree 2",
-    "elbow and hand of panda",
-)
+QUICK = ("panda, axis, degree 2", "tiago, position, degree 2", "elbow and hand of panda")
 
 
 class Gains(NamedTuple):
@@ -52,15 +48,7 @@ def in_c(inverse: rp.RepeatableInverse, folder: Path) -> Callable[..., Any]:
         return None if values is None else ctypes.c_void_p(values.ctypes.data)
 
     def torque(
-        q,
-        qdot,
-        M,
-        b,
-        target,
-        twist,
-        leaf,
-        gains: Gains | None,
-        observer: Observer | None,
+        q, qdot, M, b, target, twist, leaf, gains: Gains | None, observer: Observer | None
     ) -> tuple[int, np.ndarray]:
         placed = [target] if isinstance(target, pin.SE3) else target
         poses = [np.r_[x.translation, np.ravel(x.rotation)] for x in placed]
@@ -72,10 +60,7 @@ def in_c(inverse: rp.RepeatableInverse, folder: Path) -> Callable[..., Any]:
         tau = np.full(inverse.task.n, np.nan)
         state = None if observer is None else observer.state
         status = function(
-            *map(
-                pointer,
-                (q, qdot, np.ascontiguousarray(M), b, pose, twist, leaf, packed),
-            ),
+            *map(pointer, (q, qdot, np.ascontiguousarray(M), b, pose, twist, leaf, packed)),
             ctypes.c_double(0.0 if observer is None else observer.dt),
             *map(pointer, (state, tau)),
         )
@@ -85,16 +70,7 @@ def in_c(inverse: rp.RepeatableInverse, folder: Path) -> Callable[..., Any]:
 
 
 def law(
-    inverse: rp.RepeatableInverse,
-    gains: Gains,
-    q,
-    qdot,
-    M,
-    b,
-    target,
-    twist,
-    leaf,
-    observer,
+    inverse: rp.RepeatableInverse, gains: Gains, q, qdot, M, b, target, twist, leaf, observer
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """τ of :class:`rp.LeafImpedance` for any inertia M and bias b, and the observer's next state.
 
@@ -135,18 +111,13 @@ def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
     ours, worst, refused = in_c(inverse, folder), 0.0, 0
     for k in range(count):
         gains = Gains(
-            rng.uniform(50, 3000, task.m),
-            *rng.uniform(0.5, 20, 4),
-            rng.uniform(0.5, 5, task.n),
+            rng.uniform(50, 3000, task.m), *rng.uniform(0.5, 20, 4), rng.uniform(0.5, 5, task.n)
         )
         q = q0 + 0.4 * rng.uniform(-1, 1, task.n)
         if k % 16 == 15:
             q = np.zeros(task.n)  # stretched, for many an arm
         A = rng.normal(size=(task.n, task.n))
-        M, b, qdot = (
-            A @ A.T / task.n + 0.1 * np.eye(task.n),
-            *rng.normal(size=(2, task.n)),
-        )
+        M, b, qdot = (A @ A.T / task.n + 0.1 * np.eye(task.n), *rng.normal(size=(2, task.n)))
         target = target_at(task, q + 0.05 * rng.normal(size=task.n))
         twist = rng.normal(size=task.twist_size) if k % 3 else None
         leaf = inverse.leaf(q0) + 0.05 * rng.normal(size=task.r)
@@ -196,11 +167,7 @@ def test_the_robots_own_inertia_gives_the_torque_of_python(
     inverse, task = panda_design.inverse, panda_design.task
     q, qdot, dynamics = q_panda + 0.1, np.linspace(-1, 1, 7), task.dynamics()
     M, b = task.inertias(q[None])[0], dynamics(q, qdot, np.zeros(7))
-    target, leaf, twist = (
-        task.placement(q_panda),
-        inverse.leaf(q_panda),
-        0.1 * np.ones(6),
-    )
+    target, leaf, twist = (task.placement(q_panda), inverse.leaf(q_panda), 0.1 * np.ones(6))
     control = rp.LeafImpedance(inverse)
     python = control.torque(q, qdot, target, twist, leaf=leaf)
     torque = in_c(inverse, tmp_path)
@@ -211,23 +178,14 @@ def test_the_robots_own_inertia_gives_the_torque_of_python(
 
 @pytest.mark.parametrize("native", ["yes", "no"])
 def test_python_computes_the_torques_of_the_law(
-    native: str,
-    panda_design: rp.Design,
-    q_panda: np.ndarray,
-    monkeypatch: pytest.MonkeyPatch,
+    native: str, panda_design: rp.Design, q_panda: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the robot's own M and b: any gains, with and without an observer at its limits."""
     monkeypatch.setenv("REPCTL_NATIVE", native)
-    inverse, task, rng = (
-        panda_design.inverse,
-        panda_design.task,
-        np.random.default_rng(5),
-    )
+    inverse, task, rng = (panda_design.inverse, panda_design.task, np.random.default_rng(5))
     dynamics = task.dynamics()
     for k in range(24):
-        gains = Gains(
-            rng.uniform(50, 3000, 6), *rng.uniform(0.5, 20, 4), rng.uniform(0.5, 5, 7)
-        )
+        gains = Gains(rng.uniform(50, 3000, 6), *rng.uniform(0.5, 20, 4), rng.uniform(0.5, 5, 7))
         control = rp.LeafImpedance(inverse, **gains._asdict())
         q = q_panda + 0.3 * rng.uniform(-1, 1, 7)
         qdot, state = (k % 9 > 0) * rng.normal(size=7), rng.normal(size=1)
@@ -243,9 +201,7 @@ def test_python_computes_the_torques_of_the_law(
         tau = control.torque(q, qdot, target, twist, leaf=leaf, observer=observer)
         assert np.abs(tau - expected).max() < AGREE * max(1.0, np.abs(expected).max())
         if observer is not None:
-            assert np.abs(observer.state - after).max() < AGREE * max(
-                1.0, np.abs(after).max()
-            )
+            assert np.abs(observer.state - after).max() < AGREE * max(1.0, np.abs(after).max())
 
 
 @NEEDS_C
@@ -324,9 +280,7 @@ def test_torques_are_the_same_bits_on_other_processors(
     run(["gcc", *options, "here"], folder)
     run([f"{target}-gcc", *options, "there"], folder)
     if target.startswith("arm"):
-        monkeypatch.setenv(
-            "GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4,-AVX2_Usable"
-        )
+        monkeypatch.setenv("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4,-AVX2_Usable")
     here, there = run(["./here"], folder), run([emulator, "./there"], folder)
     same = sum(a == b for a, b in zip(here.split(), there.split(), strict=True))
     print(f"{target}, {name}: {same} of {len(here.split())} numbers are the same bits")

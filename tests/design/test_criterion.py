@@ -22,29 +22,16 @@ import repctl_pin as rp
 from repctl_pin import redundancy
 from repctl_pin.design.batches import BarrierCost, Local
 from repctl_pin.design.continuation import Continuation, FitProblem
-from repctl_pin.design.criterion import (
-    Builder,
-    cost,
-    evaluate,
-    gauss_newton,
-    oriented_nullspace,
-)
+from repctl_pin.design.criterion import Builder, cost, evaluate, gauss_newton, oriented_nullspace
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.independence import independent
-from repctl_pin.design.singularity_search import (
-    Dexterity,
-    LeafMargin,
-    largest_free,
-    search,
-)
+from repctl_pin.design.singularity_search import Dexterity, LeafMargin, largest_free, search
 
 KINDS = {"pose": 1, "axis": 2, "position": 4}
 
 
 @pytest.fixture(scope="module", params=KINDS)
-def setting(
-    request: pytest.FixtureRequest, panda: rp.Robot, q_panda_module: np.ndarray
-):
+def setting(request: pytest.FixtureRequest, panda: rp.Robot, q_panda_module: np.ndarray):
     task = panda.task("panda_hand_tcp", request.param)
     box = rp.Box(q_panda_module, 0.4)
     potentials = rp.Polynomial(q_panda_module, 2, 0.4)
@@ -91,9 +78,7 @@ def test_cost_is_the_mean_distance_of_the_inverses(setting) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gradient_agrees_with_finite_differences_at_random_coefficients(
-    setting, seed: int
-) -> None:
+def test_gradient_agrees_with_finite_differences_at_random_coefficients(setting, seed: int) -> None:
     task, potentials, builder, Q, weights = setting
     batch = builder(Q, weights)
     A = some_A(potentials, task.r, seed)
@@ -108,8 +93,7 @@ def test_gradient_agrees_with_finite_differences_at_random_coefficients(
         # is steep
         e = 1e-6
         slopes = [
-            (cost(batch, A + s * D)[0] - cost(batch, A - s * D)[0]) / (2 * s)
-            for s in (e, 2 * e)
+            (cost(batch, A + s * D)[0] - cost(batch, A - s * D)[0]) / (2 * s) for s in (e, 2 * e)
         ]
         assert (
             abs((4 * slopes[0] - slopes[1]) / 3 - np.sum(gradient * D))
@@ -151,17 +135,11 @@ def test_order_and_cut_of_the_nodes_change_nothing(setting) -> None:
         Local(builder, Q, weights, 64, stream=True),
         Local(builder, Q[order], weights[order], 100),
     ):
-        for ours, theirs in zip(
-            whole[:3], other.total(gauss_newton, A)[:3], strict=True
-        ):
-            assert np.allclose(
-                ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(ours).max()
-            )
+        for ours, theirs in zip(whole[:3], other.total(gauss_newton, A)[:3], strict=True):
+            assert np.allclose(ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(ours).max())
 
 
-def test_orientation_makes_det_EA_smooth(
-    panda: rp.Robot, q_panda_module: np.ndarray
-) -> None:
+def test_orientation_makes_det_EA_smooth(panda: rp.Robot, q_panda_module: np.ndarray) -> None:
     """With det [J; Nᵀ] > 0 the sign of det(Nᵀ V) is that of det J_V, whatever the factorisation
     does."""
     for kind in KINDS:
@@ -170,40 +148,26 @@ def test_orientation_makes_det_EA_smooth(
         J = task.jacobians(Q)
         N = oriented_nullspace(J, task, Q)
         assert np.abs(J @ N).max() < 1e-12
-        assert (
-            np.linalg.det(np.concatenate([J, np.swapaxes(N, 1, 2)], axis=1)) > 0
-        ).all()
+        assert (np.linalg.det(np.concatenate([J, np.swapaxes(N, 1, 2)], axis=1)) > 0).all()
         V = np.random.default_rng(0).normal(size=(task.n, task.r))
-        J_V = np.concatenate(
-            [J, np.broadcast_to(V.T, (len(Q), task.r, task.n))], axis=1
-        )
+        J_V = np.concatenate([J, np.broadcast_to(V.T, (len(Q), task.r, task.n))], axis=1)
         assert np.array_equal(
-            np.sign(np.linalg.det(J_V)),
-            np.sign(np.linalg.det(np.swapaxes(N, 1, 2) @ V)),
+            np.sign(np.linalg.det(J_V)), np.sign(np.linalg.det(np.swapaxes(N, 1, 2) @ V))
         )
 
 
-def test_sides_find_a_singularity_of_V(
-    panda_pose: rp.Task, q_panda_module: np.ndarray
-) -> None:
+def test_sides_find_a_singularity_of_V(panda_pose: rp.Task, q_panda_module: np.ndarray) -> None:
     box, potentials = rp.Box(q_panda_module, 0.4), rp.Polynomial(q_panda_module, 1, 0.4)
-    N = oriented_nullspace(
-        panda_pose.jacobian(box.center)[None], panda_pose, box.center[None]
-    )[0]
-    batch = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N)(
-        *box.nodes(512, 0)
-    )
+    N = oriented_nullspace(panda_pose.jacobian(box.center)[None], panda_pose, box.center[None])[0]
+    batch = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N)(*box.nodes(512, 0))
     assert cost(batch, N)[1].uniform  # V = N(center)
-    row = redundancy.pseudoinverse(panda_pose.jacobian(box.center))[
-        :, :1
-    ]  # in the row space at the center
+    # in the row space at the center
+    row = redundancy.pseudoinverse(panda_pose.jacobian(box.center))[:, :1]
     sides = cost(batch, row)[1]
     assert not sides.uniform and sides.positive + sides.negative == 512
 
 
-def test_signed_leaf_margin_is_the_leaf_margin(
-    panda: rp.Robot, q_panda_module: np.ndarray
-) -> None:
+def test_signed_leaf_margin_is_the_leaf_margin(panda: rp.Robot, q_panda_module: np.ndarray) -> None:
     """For every redundancy, by the inverse of J_V, against N; and at a singular J_V."""
     Q = rp.Box(q_panda_module, 0.6).random(64, 0)
     for kind in KINDS:
@@ -212,15 +176,11 @@ def test_signed_leaf_margin_is_the_leaf_margin(
         potentials = rp.Polynomial(q_panda_module, 1, 0.6).weighted(A)
         found = LeafMargin(task, potentials, q_panda_module)(Q)
         N, V = redundancy.nullspace(task.jacobians(Q)), potentials.gradients(Q)
-        np.testing.assert_allclose(
-            np.abs(found), redundancy.leaf_margin(N, V), atol=1e-12
-        )
+        np.testing.assert_allclose(np.abs(found), redundancy.leaf_margin(N, V), atol=1e-12)
     J = task.jacobian(q_panda_module)
     row = rp.Polynomial(q_panda_module, 1, 1.0)
     A = np.linalg.lstsq(row.gradients(q_panda_module[None])[0], J.T, rcond=None)[0]
-    flat = row.weighted(
-        np.tile(A[:, :1], task.r)
-    )  # all gradients are the same row of J
+    flat = row.weighted(np.tile(A[:, :1], task.r))  # all gradients are the same row of J
     assert abs(LeafMargin(task, flat, q_panda_module)(q_panda_module[None])[0]) < 1e-12
 
 
@@ -235,9 +195,7 @@ def test_the_leaf_margin_is_0_where_gradients_vanish_and_right_beside_it() -> No
     for center, side in ((Q[2], 1), (Q[0], -1)):
         margin = LeafMargin(task, potentials, center)
         np.testing.assert_allclose(margin(Q), side * due, atol=1e-15)
-    assert (
-        LeafMargin(task, potentials, Q[1])(Q) <= 0
-    ).all()  # no side is the right one
+    assert (LeafMargin(task, potentials, Q[1])(Q) <= 0).all()  # no side is the right one
     task = rp.Robot.load("planar4r").task(None, "xy")
     square = rp.Polynomial(np.zeros(4), 2)
     rows = square.exponents.tolist()
@@ -261,9 +219,7 @@ def test_a_singular_node_is_named_whichever_it_is() -> None:
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1.5, "0.5"), (np.nan, "nan")])
-def test_the_node_at_which_a_strategy_is_no_inverse_is_named(
-    factor: float, words: str
-) -> None:
+def test_the_node_at_which_a_strategy_is_no_inverse_is_named(factor: float, words: str) -> None:
     """The one with the largest residual, and before it one where G_d is not finite."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
     Q = np.array([[0.1, 0.4, 0.5], [0.2, 0.5, 0.4], [0.3, 0.6, 0.7]])
@@ -329,12 +285,8 @@ def test_gradients_of_zero_are_no_error_and_on_no_side(setting) -> None:
 
 def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     box, potentials = rp.Box(Q_PANDA, 0.4), rp.Polynomial(Q_PANDA, 2, 0.4)
-    N = oriented_nullspace(
-        panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None]
-    )[0]
-    builder = Builder(
-        rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N
-    )
+    N = oriented_nullspace(panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None])[0]
+    builder = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N)
     Q, weights = box.nodes(64, 0)
     guarded = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5)
     A = np.random.default_rng(0).normal(size=(potentials.size, 1))
@@ -354,16 +306,12 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     alone = guarded.total(gauss_newton, A[:7])
     padded = guarded.total(gauss_newton, np.concatenate([A[:7], np.zeros((28, 1))]))
     assert alone[0] == pytest.approx(padded[0])
-    assert np.allclose(alone[1], padded[1][:7]) and np.allclose(
-        alone[2], padded[2][:, :7, :, :7]
-    )
+    assert np.allclose(alone[1], padded[1][:7]) and np.allclose(alone[2], padded[2][:, :7, :, :7])
 
 
 @pytest.mark.parametrize("wall", [0.03, 0.5, 0.83])
 @pytest.mark.parametrize("bad", [[0.9, 0.0], [0.02, -0.9]])
-def test_the_largest_free_box_ends_just_before_a_wall(
-    wall: float, bad: list[float]
-) -> None:
+def test_the_largest_free_box_ends_just_before_a_wall(wall: float, bad: list[float]) -> None:
     """Whether the wall stands on the line to the configuration that is known, or beside it, and
     whether the measure is negative behind it or 0, as that of a singularity of the arm."""
     box = rp.Box([2.0, -1.0], 1.0)
@@ -490,9 +438,7 @@ def test_the_search_looks_into_the_corners_of_wide_boxes_and_narrow_ones() -> No
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_dexterity_does_not_depend_on_the_unit_of_length(
-    size: float, tmp_path: Path
-) -> None:
+def test_dexterity_does_not_depend_on_the_unit_of_length(size: float, tmp_path: Path) -> None:
     """Just above 1e-5 of the largest singular value, and just below, where it is 0."""
     task = planar_task([size, 0.9 * size, 0.8 * size], tmp_path)
     Q = np.outer([1.0, 0.5, 0.25, 0.125, 0.0625], [0.0, 1e-4, 1e-4]) + [0.3, 0, 0]
@@ -504,10 +450,7 @@ def test_dexterity_does_not_depend_on_the_unit_of_length(
 
 
 def test_newtons_method_ends_at_the_first_singularity() -> None:
-    task, box = (
-        rp.Robot.load("planar7r").task("tool", "xy"),
-        rp.Box(np.full(7, 0.3), 0.4),
-    )
+    task, box = (rp.Robot.load("planar7r").task("tool", "xy"), rp.Box(np.full(7, 0.3), 0.4))
     begun: list[np.ndarray] = []
 
     class Watched(Dexterity):
@@ -523,9 +466,7 @@ def test_newtons_method_ends_at_the_first_singularity() -> None:
 
 
 @pytest.mark.parametrize(("length", "taken"), [(4.0, 0.5), (0.6, 0.5), (0.4, 0.4)])
-def test_newtons_steps_are_at_most_half_the_half_widths(
-    length: float, taken: float
-) -> None:
+def test_newtons_steps_are_at_most_half_the_half_widths(length: float, taken: float) -> None:
     """Of each search; they end on the faces of Ω."""
     task, way = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.6, 0.0, -0.8])
     box, begun = rp.Box([0.3, 0.4, 0.5], [0.1, 0.2, 0.3]), []
@@ -557,9 +498,7 @@ def test_the_search_does_not_depend_on_the_units() -> None:
 
     def found(units: np.ndarray, size: float):
         box = rp.Box(center * units, half * units)
-        return search(
-            lambda Q: size * rough((Q / units - center) / half), box, box.random(64, 0)
-        )
+        return search(lambda Q: size * rough((Q / units - center) / half), box, box.random(64, 0))
 
     one = found(np.ones(4), 1.0)
     assert 0.01 <= one.value < 0.0105
@@ -617,10 +556,7 @@ class Open(rp.Box):
 def test_the_search_for_singularities_stays_in_the_region() -> None:
     task = rp.Robot.load("planar7r").task("tool", "xy")
     for box in (Open(np.full(7, 0.3), 0.25), Open(np.full(7, 0.5), 0.4)):
-        for measure in (
-            Dexterity(task),
-            lambda Q: 2 + Q.sum(axis=1),
-        ):
+        for measure in (Dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
             found = search(measure, box, box.random(256, 0))
             assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9
 
@@ -896,9 +832,7 @@ def test_a_fit_whose_last_descent_fails_keeps_the_optimum_before(
     monkeypatch.setattr(Continuation, "descend", once)
     task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.3)
     options = rp.FitOptions(samples=64, held_out=64)
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=2, options=options
-    )
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, options=options)
     coarse, fine = found
     assert coarse.converged and fine is None and not design.converged
     assert design.steps == coarse.steps > 0
@@ -911,9 +845,7 @@ def test_converged_tells_the_truth(fitted: Callable[..., rp.Design]) -> None:
         design = fitted(kind, 0.4, 2, samples=1024)
         assert design.converged
         task, potentials, box = design.task, design.potentials, design.region
-        N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[
-            0
-        ]
+        N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
         batch = Builder(design.desired, potentials, np.arange(potentials.size), N)(
             *box.nodes(1024, 0)
         )
@@ -930,12 +862,7 @@ def test_converged_tells_the_truth(fitted: Callable[..., rp.Design]) -> None:
         )
         assert found.fun > (1 - 2e-3) * design.fit_cost
         # and from a poor start it does find more: the check has teeth
-        poor = (
-            start
-            + 0.2
-            * np.random.default_rng(0).normal(size=start.size)
-            * np.abs(start).max()
-        )
+        poor = start + 0.2 * np.random.default_rng(0).normal(size=start.size) * np.abs(start).max()
         assert flat(poor)[0] > 1.02 * design.fit_cost
 
 
@@ -946,10 +873,7 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
     design = fitted("pose", 0.8, 1)
     extended = design.evaluate_baselines()[1]
     assert extended.evaluation is None
-    assert (
-        "algorithmic singularity" in extended.refused
-        and "panda_joint4 = " in extended.refused
-    )
+    assert "algorithmic singularity" in extended.refused and "panda_joint4 = " in extended.refused
     # the point it names lies in the box, and det J_V has another sign there than at the center
     inverse = rp.ExtendedJacobian(design.task, Q_PANDA)
     margin = LeafMargin(design.task, inverse.potentials, Q_PANDA)
@@ -958,9 +882,7 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
     assert design.region.contains(at[None])[0]
     sides = [
         np.sign(
-            np.linalg.det(
-                np.vstack([design.task.jacobian(q), inverse.potentials.gradient(q).T])
-            )
+            np.linalg.det(np.vstack([design.task.jacobian(q), inverse.potentials.gradient(q).T]))
         )
         for q in (Q_PANDA, at)
     ]
@@ -1018,16 +940,12 @@ def test_the_choice_of_potentials_does_not_depend_on_their_units(unit: float) ->
     np.testing.assert_allclose(gram, np.eye(3), atol=1e-9)
 
 
-def test_the_worst_margin_of_a_design_fitted_to_few_nodes_is_found(
-    panda_pose: rp.Task,
-) -> None:
+def test_the_worst_margin_of_a_design_fitted_to_few_nodes_is_found(panda_pose: rp.Task) -> None:
     """Of degree 3 on 256 nodes, margins in corners of Ω are far below those at the nodes."""
     box = rp.Box(panda_pose.reference, 0.05)
     options = rp.FitOptions(samples=256, held_out=256)
     potentials = rp.Polynomial(panda_pose.reference, 3, 0.05)
-    found = rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose), potentials, box, options=options
-    )
+    found = rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), potentials, box, options=options)
     side = np.sign(np.random.default_rng(0).standard_normal((1000, 7)))
     Q = np.concatenate([box.random(4096, 5), box.center + box.half_width * side])
     margins = LeafMargin(panda_pose, found.inverse.potentials, box.center)(Q)
@@ -1045,9 +963,7 @@ def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
     q = Q_PANDA.copy()
     q[i], q[j] = potentials.x[2], potentials.y[7]
     G_d = panda_design.desired(q)
-    assert np.isclose(
-        potentials.distance[7, 2], np.linalg.norm(panda_design.inverse(q) - G_d)
-    )
+    assert np.isclose(potentials.distance[7, 2], np.linalg.norm(panda_design.inverse(q) - G_d))
     assert np.isclose(potentials.reference[7, 2], np.linalg.norm(G_d))
     N = redundancy.nullspace(panda_design.task.jacobian(q))
     assert np.isclose(
@@ -1096,10 +1012,7 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
         A = np.zeros((potentials.size, 1))
         A[[rows.index([0, 0, 1]), rows.index((2 * np.eye(3)[slide]).tolist())]] = 1
         bent = with_potentials(flat, potentials, A)
-        assert design_map(bent, points=3).joints == (
-            slide,
-            2,
-        )
+        assert design_map(bent, points=3).joints == (slide, 2)
 
 
 @pytest.mark.parametrize("joint", range(3))
@@ -1110,9 +1023,7 @@ def test_maps_see_changes_on_either_side_of_the_centre(joint: int, side: int) ->
     task = rp.Robot.load("planar3r").task(None, "xy")
     few = rp.FitOptions(samples=64, held_out=64)
     box = rp.Box([0.3, 1.0, 0.8], 0.2)
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=1, options=few
-    )
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, options=few)
     others = [j for j in range(3) if j != joint]
 
     def desired(q: np.ndarray) -> np.ndarray:
@@ -1132,9 +1043,7 @@ def test_the_curve_holds_the_costs(fitted: Callable[..., rp.Design]) -> None:
     design = fitted("pose", 0.4, 2, samples=512, held_out=256)
     told: list[tuple[str, float]] = []
     degrees = degree_curve(design, lambda *step: told.append(step))
-    assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][
-        1
-    ] == design.cost < degrees[0][1]
+    assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][1] == design.cost < degrees[0][1]
     assert told == [("degree 1, for comparison", 0.0)]
 
 

@@ -24,9 +24,7 @@ from repctl_pin import redundancy
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
 
-def panda_design_of(
-    panda: rp.Robot, kind: str, width: float, degree: int, **options
-) -> rp.Design:
+def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **options) -> rp.Design:
     task = panda.task("panda_hand_tcp", kind)
     return rp.nearest_repeatable(
         rp.Pseudoinverse(task),
@@ -51,20 +49,14 @@ def panda_design_of(
     ],
 )
 def test_cost_on_held_out_nodes(
-    panda: rp.Robot,
-    panda_design: rp.Design,
-    kind: str,
-    width: float,
-    degree: int,
-    most: float,
+    panda: rp.Robot, panda_design: rp.Design, kind: str, width: float, degree: int, most: float
 ) -> None:
     usual = (kind, width, degree) == ("pose", 0.4, 2)
     design = panda_design if usual else panda_design_of(panda, kind, width, degree)
     assert design.converged
     assert design.cost <= most
-    assert (
-        design.cost < most + design.cost_error < 1.02 * most
-    )  # and the margin is no luck of a wide scatter
+    # and the margin is no luck of a wide scatter
+    assert design.cost < most + design.cost_error < 1.02 * most
     assert design.leaf_margin > 0.05
     # what the inverse does is what the figures say: once more with plain matrices, on nodes of our
     # own
@@ -106,14 +98,10 @@ def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> 
     assert abs(extended.evaluation.cost - 0.376) < 1e-3
     assert panda_design.cost < extended.evaluation.cost < rows.evaluation.cost
     text = panda_design.summary(baselines)
-    assert (
-        "constant rows" in text and "extended Jacobian" in text and "converged" in text
-    )
+    assert "constant rows" in text and "extended Jacobian" in text and "converged" in text
     costs = [f"{baseline.evaluation.cost:.6g} ± " for baseline in baselines]
     places = {line.index(c) for c in costs for line in text.split("\n") if c in line}
-    assert len(places) == 1 and all(
-        cost in text for cost in costs
-    )  # one below the other
+    assert len(places) == 1 and all(cost in text for cost in costs)  # one below the other
     refused = replace(rows, evaluation=None, refused="singular near joint1 = 1.2")
     assert "constant rows  singular near" in panda_design.summary([refused])
 
@@ -127,12 +115,8 @@ def test_a_summary_computes_nothing_and_baselines_report_progress(
     assert "leaf margin" in text and "constant rows" not in text
     steps: list[str] = []
     small = replace(panda_design, held_out=64)
-    baselines = small.evaluate_baselines(
-        progress=lambda step, share: steps.append(step)
-    )
-    assert [
-        baseline.name in step for baseline, step in zip(baselines, steps, strict=True)
-    ] == [
+    baselines = small.evaluate_baselines(progress=lambda step, share: steps.append(step))
+    assert [baseline.name in step for baseline, step in zip(baselines, steps, strict=True)] == [
         True,
         True,
     ]
@@ -143,17 +127,11 @@ def test_a_summary_computes_nothing_and_baselines_report_progress(
 @pytest.fixture(scope="module")
 def ppr_design() -> rp.Design:
     task = rp.Robot.load("ppr").task(None, "xy")
-    return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(np.zeros(3), 1.0), degree=6
-    )
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(np.zeros(3), 1.0), degree=6)
 
 
-def test_a_potential_of_all_joints_beats_the_papers_family(
-    ppr_design: rp.Design,
-) -> None:
-    assert (
-        ppr_design.converged and ppr_design.cost <= 0.0175
-    )  # the paper's k = 0: 0.13634
+def test_a_potential_of_all_joints_beats_the_papers_family(ppr_design: rp.Design) -> None:
+    assert ppr_design.converged and ppr_design.cost <= 0.0175  # the paper's k = 0: 0.13634
     assert ppr_design.cost_error < 1e-4
 
 
@@ -170,9 +148,7 @@ def small_design() -> rp.Design:
     )
 
 
-def test_baselines_are_evaluated_on_the_nodes_of_the_design(
-    small_design: rp.Design,
-) -> None:
+def test_baselines_are_evaluated_on_the_nodes_of_the_design(small_design: rp.Design) -> None:
     """As the same inverse in place of the design's: V = N(center), constant."""
     assert small_design.shrunk == 1  # nothing was asked
     shares: list[float] = []
@@ -197,9 +173,7 @@ def test_a_baseline_is_refused_where_it_is_singular_or_beyond(
     task, center = small_design.task, small_design.region.center
     wide = rp.Box(center, half_width)
     refused = over(small_design, wide).evaluate_baselines()
-    rows = rp.Polynomial(center, 1).weighted(
-        redundancy.nullspace(task.jacobian(center))
-    )
+    rows = rp.Polynomial(center, 1).weighted(redundancy.nullspace(task.jacobian(center)))
     for one, potentials in zip(
         refused, (rows, rp.ExtendedJacobian(task, center).potentials), strict=True
     ):
@@ -302,19 +276,12 @@ def test_degree_auto_compares_degrees_over_one_region_that_is_shrunk() -> None:
     desired = rp.Pseudoinverse(task)
     options = rp.FitOptions(samples=125, held_out=64)
     design = rp.nearest_repeatable(
-        desired,
-        None,
-        rp.Box([0.3, 0.6, 0.5], asked),
-        degree="auto",
-        options=options,
-        shrink=True,
+        desired, None, rp.Box([0.3, 0.6, 0.5], asked), degree="auto", options=options, shrink=True
     )
     assert 0.3 < design.shrunk < 1 and design.leaf_margin >= 0.1
     np.testing.assert_allclose(design.region.half_width, asked * design.shrunk)
     assert len(design.degrees) > 1 and design.potentials.degree > 1
-    linear = rp.nearest_repeatable(
-        desired, None, design.region, degree=1, options=options
-    )
+    linear = rp.nearest_repeatable(desired, None, design.region, degree=1, options=options)
     assert design.degrees[0][0] == 1
     due = linear.cost, linear.cost_error
     assert design.degrees[0][1:] == pytest.approx(due, rel=1e-6)
@@ -444,10 +411,7 @@ def test_a_design_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
         )
         assert design.converged
         found.append([design.cost * size**2, design.relative_distance])
-        found[-1] += [
-            design.leaf_margin,
-            *(size * design.inverse([0.4, 0.9, 0.7])).flat,
-        ]
+        found[-1] += [design.leaf_margin, *(size * design.inverse([0.4, 0.9, 0.7])).flat]
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-3)
 
 
@@ -484,9 +448,7 @@ def test_degree_auto_goes_to_six_and_to_eight_for_three_joints(
         pytest.param("talos", "position", 6, 0.1, 2, marks=pytest.mark.slow),
     ],
 )
-def test_higher_redundancy(
-    robot: str, kind: str, r: int, width: float, degree: int
-) -> None:
+def test_higher_redundancy(robot: str, kind: str, r: int, width: float, degree: int) -> None:
     task = rp.Robot.load(robot).task(None, kind)
     q0 = np.array(task.reference)
     if robot == "panda":
@@ -510,15 +472,9 @@ def test_higher_redundancy(
         defects = []
         for g_of in (G, design.desired):
             g = g_of(q)
-            along = [
-                (g_of(q + e * c) - g_of(q - e * c)) / (2 * e) for c in g.T
-            ]  # (∂G/∂q) g_a
+            along = [(g_of(q + e * c) - g_of(q - e * c)) / (2 * e) for c in g.T]  # (∂G/∂q) g_a
             brackets = np.array(
-                [
-                    along[a][:, b] - along[b][:, a]
-                    for a in range(task.m)
-                    for b in range(a)
-                ]
+                [along[a][:, b] - along[b][:, a] for a in range(task.m) for b in range(a)]
             )
             defects.append(np.abs(brackets - brackets @ task.jacobian(q).T @ g.T).max())
         assert defects[0] < 1e-5 * defects[1]
@@ -549,9 +505,7 @@ def test_the_standard_error_is_true() -> None:
             options=rp.FitOptions(samples=512, held_out=1024, seed=seed),
         )
         Q = box.random(2**15, 10_000 + seed)
-        truth = np.mean(
-            np.sum((design.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2))
-        )
+        truth = np.mean(np.sum((design.inverse.batch(Q) - desired.batch(Q)) ** 2, axis=(1, 2)))
         inside += abs(design.cost - truth) <= 2 * design.cost_error
     assert 26 <= inside <= 30  # 95 % is what two standard errors should hold
 
@@ -560,21 +514,15 @@ def test_leaf_margin_is_searched_between_the_nodes(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.8, 1, samples=1024, held_out=256)
     Q = design.region.random(2**14, 99)
     sigma = redundancy.leaf_margin(
-        redundancy.nullspace(design.task.jacobians(Q)),
-        design.inverse.potentials.gradients(Q),
+        redundancy.nullspace(design.task.jacobians(Q)), design.inverse.potentials.gradients(Q)
     )
-    assert (
-        design.leaf_margin < sigma.min() + 1e-6
-    )  # 16384 points see nothing below what the search found
+    # 16384 points see nothing below what the search found
+    assert design.leaf_margin < sigma.min() + 1e-6
     at = design.leaf_margin_at
     here = redundancy.leaf_margin(
-        redundancy.nullspace(design.task.jacobian(at)),
-        design.inverse.potentials.gradient(at),
+        redundancy.nullspace(design.task.jacobian(at)), design.inverse.potentials.gradient(at)
     )
-    assert (
-        np.isclose(here, design.leaf_margin, rtol=1e-9)
-        and design.region.contains(at[None])[0]
-    )
+    assert np.isclose(here, design.leaf_margin, rtol=1e-9) and design.region.contains(at[None])[0]
 
 
 def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
@@ -626,9 +574,7 @@ class Mixed(rp.Joined):
 CHANGES = ({"batch": 97}, {"stream": True})
 
 
-@pytest.mark.parametrize(
-    "kind", ["pose", "axis", pytest.param("position", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("kind", ["pose", "axis", pytest.param("position", marks=pytest.mark.slow)])
 def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
     panda: rp.Robot, kind: str
 ) -> None:
@@ -667,9 +613,7 @@ def test_potentials_that_depend_on_others_change_nothing() -> None:
     assert len(joined.dropped) == 3 and not plain.dropped
     assert joined.fit_cost == pytest.approx(plain.fit_cost, rel=1e-8)
     Q = box.random(16, 5)
-    np.testing.assert_allclose(
-        joined.inverse.batch(Q), plain.inverse.batch(Q), atol=1e-5
-    )
+    np.testing.assert_allclose(joined.inverse.batch(Q), plain.inverse.batch(Q), atol=1e-5)
 
 
 def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
@@ -677,10 +621,7 @@ def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
         panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=256, seed=seed)
         for seed in (3, 3, 4)
     )
-    assert (
-        np.array_equal(first.coefficients, again.coefficients)
-        and first.cost == again.cost
-    )
+    assert np.array_equal(first.coefficients, again.coefficients) and first.cost == again.cost
     assert not np.array_equal(first.coefficients, other.coefficients)
 
 
@@ -689,9 +630,7 @@ def test_restarts_can_find_a_better_design() -> None:
     desired, box = rp.Pseudoinverse(task), rp.Box(np.zeros(3), 1.5)
     options = rp.FitOptions(samples=128, held_out=64)
     plain, more = (
-        rp.nearest_repeatable(
-            desired, None, box, degree=3, options=replace(options, restarts=k)
-        )
+        rp.nearest_repeatable(desired, None, box, degree=3, options=replace(options, restarts=k))
         for k in (0, 4)
     )
     assert more.converged and more.fit_cost < plain.fit_cost * (1 - 1e-6)
@@ -715,9 +654,7 @@ def test_the_cost_is_the_mean_over_32_sets_of_nodes_and_its_error_is_students(
     assert found.cost_error == pytest.approx(error)
 
 
-def test_a_design_that_is_singular_in_the_region_is_refused(
-    panda_design: rp.Design,
-) -> None:
+def test_a_design_that_is_singular_in_the_region_is_refused(panda_design: rp.Design) -> None:
     """V spans a row of J at the centre: the margin there is 0, and no figure is given."""
     task, few = panda_design.task, replace(panda_design, held_out=64)
     flat = with_potentials(few, rp.Polynomial(Q0, 1), task.jacobian(Q0)[:1].T)
@@ -736,9 +673,7 @@ def near_plain(panda_pose: rp.Task) -> rp.Design:
     return rp.nearest_repeatable(desired, None, rp.Box(Q0, 0.2), degree=2, options=few)
 
 
-@pytest.mark.parametrize(
-    "weight", ["fixed", "inertia", "limits", "function", "extended", "custom"]
-)
+@pytest.mark.parametrize("weight", ["fixed", "inertia", "limits", "function", "extended", "custom"])
 def test_any_inverse_can_be_desired(
     panda_pose: rp.Task, near_plain: rp.Design, weight: str
 ) -> None:
@@ -750,18 +685,12 @@ def test_any_inverse_can_be_desired(
         "limits": lambda: rp.WeightedInverse(task, rp.LimitWeight(task, onset=0.5)),
         "function": lambda: rp.WeightedInverse(task, lambda q: 1 + q**2),
         "extended": lambda: rp.ExtendedJacobian(task, Q0),
-        "custom": lambda: rp.CustomInverse(
-            task, lambda q: np.linalg.pinv(task.jacobian(q))
-        ),
+        "custom": lambda: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
     }[weight]()
     design = rp.nearest_repeatable(
         desired, None, box, degree=2, options=rp.FitOptions(samples=512, held_out=256)
     )
-    assert (
-        design.converged
-        and design.leaf_margin > 0.3
-        and design.relative_distance < 0.15
-    )
+    assert design.converged and design.leaf_margin > 0.3 and design.relative_distance < 0.15
     Q = box.random(256, 3)
     G_d = desired.batch(Q)
 
@@ -769,14 +698,10 @@ def test_any_inverse_can_be_desired(
         return float(np.mean(np.sum((d.inverse.batch(Q) - G_d) ** 2, axis=(1, 2))))
 
     # it is nearer to what was desired than the design for J⁺ is (which is the same for "custom")
-    assert distance(design) <= distance(near_plain) * (
-        1.001 if weight == "custom" else 0.999
-    )
+    assert distance(design) <= distance(near_plain) * (1.001 if weight == "custom" else 0.999)
 
 
-def test_limit_weight_is_smooth_one_in_the_middle_and_grows(
-    panda_pose: rp.Task,
-) -> None:
+def test_limit_weight_is_smooth_one_in_the_middle_and_grows(panda_pose: rp.Task) -> None:
     weight = rp.LimitWeight(panda_pose, 30.0)
     middle, half = (
         (panda_pose.lower + panda_pose.upper) / 2,
@@ -786,29 +711,20 @@ def test_limit_weight_is_smooth_one_in_the_middle_and_grows(
     assert np.allclose(weight(middle + 0.3), weight(middle - 0.3))
     shares = np.linspace(-1.2, 1.2, 4001)
     w = np.array([weight(middle + share * half) for share in shares])
-    assert (np.diff(w[2000:3667], axis=0) > 0).all() and np.allclose(
-        w[3667:], 31, atol=0.01
-    )  # as much beyond
+    # as much beyond
+    assert (np.diff(w[2000:3667], axis=0) > 0).all() and np.allclose(w[3667:], 31, atol=0.01)
     slope = np.gradient(w, shares, axis=0)
+    # no jump, not at the limit either
+    assert np.abs(np.diff(slope, axis=0)).max() < 0.03 * np.abs(slope).max()
     assert (
-        np.abs(np.diff(slope, axis=0)).max() < 0.03 * np.abs(slope).max()
-    )  # no jump, not at the limit either
-    assert (
-        rp.LimitWeight(panda_pose, 30.0, 0.3)(middle + 0.8 * half)
-        > weight(middle + 0.8 * half)
+        rp.LimitWeight(panda_pose, 30.0, 0.3)(middle + 0.8 * half) > weight(middle + 0.8 * half)
     ).all()
-    for wrong, why in (
-        ((-1,), "0 or more"),
-        ((1, 0), "the onset"),
-        ((1, np.nan), "the onset"),
-    ):
+    for wrong, why in (((-1,), "0 or more"), ((1, 0), "the onset"), ((1, np.nan), "the onset")):
         with pytest.raises(rp.InputError, match=why):
             rp.LimitWeight(panda_pose, *wrong)
 
 
-def test_a_weighted_inverse_is_what_a_penalty_on_the_rates_asks_for(
-    panda: rp.Robot,
-) -> None:
+def test_a_weighted_inverse_is_what_a_penalty_on_the_rates_asks_for(panda: rp.Robot) -> None:
     """``‖G − J⁺‖² + Σ (w − 1) ‖e_iᵀ G‖² = ‖G − J⁺_M‖²_M + constant`` for every G with J G = I."""
     task, rng = panda.task("panda_hand_tcp", "position"), np.random.default_rng(2)
     q = np.array(task.reference)
@@ -841,11 +757,7 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
     margins, designs = [], []
     for desired in (plain, spared):
         design = rp.nearest_repeatable(
-            desired,
-            None,
-            box,
-            degree=2,
-            options=rp.FitOptions(samples=1024, held_out=256),
+            desired, None, box, degree=2, options=rp.FitOptions(samples=1024, held_out=256)
         )
         designs.append(design)
         loops = [
@@ -862,9 +774,7 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
         margins.append([loop.limit_margin.min() for loop in loops])
     least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
     assert least[1] > least[0] + 0.03 and broken[1] < 0.75 * broken[0]
-    usual, other = (
-        judged(replace(design, desired=rp.Pseudoinverse(task))) for design in designs
-    )
+    usual, other = (judged(replace(design, desired=rp.Pseudoinverse(task))) for design in designs)
     assert other.relative_distance < usual.relative_distance + 0.05
 
 
@@ -877,23 +787,14 @@ def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_take
     desired, box = rp.Pseudoinverse(panda_pose), rp.Box(Q0, 1.4)
     with pytest.raises(rp.SingularRegionError, match="shrink=True") as error:
         rp.nearest_repeatable(
-            desired,
-            None,
-            box,
-            degree=1,
-            options=rp.FitOptions(samples=512, held_out=256),
+            desired, None, box, degree=1, options=rp.FitOptions(samples=512, held_out=256)
         )
     found = error.value
     assert "\n" not in str(found) and "panda_joint1 = " in str(found)
     assert box.contains(found.at[None])[0]
     assert isinstance(found.free, rp.Box) and 0 < found.free.half_width[0] < 1.4
     design = rp.nearest_repeatable(
-        desired,
-        None,
-        box,
-        degree=1,
-        options=rp.FitOptions(samples=512, held_out=256),
-        shrink=True,
+        desired, None, box, degree=1, options=rp.FitOptions(samples=512, held_out=256), shrink=True
     )
     assert design.leaf_margin > 0 and 0.1 < design.shrunk < 1
     assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
@@ -924,9 +825,7 @@ def test_a_desired_inverse_that_is_singular_in_the_region_is_said_to_be() -> Non
 
 
 @pytest.mark.parametrize("most", [0.5, 0.0])
-def test_a_region_is_shrunk_in_steps_if_errors_name_one_that_is_hardly_smaller(
-    most: float,
-) -> None:
+def test_a_region_is_shrunk_in_steps_if_errors_name_one_that_is_hardly_smaller(most: float) -> None:
     """G_d is refused beyond the given share of the first region, or everywhere."""
     task, fits = rp.Robot.load("planar3r").task(None, "xy"), []
     box = rp.Box([0.3, 1.0, 0.8], 0.2)
@@ -959,9 +858,7 @@ def test_a_region_is_shrunk_in_steps_if_errors_name_one_that_is_hardly_smaller(
 
 
 @pytest.mark.parametrize("half_width", [0.65, 0.9])
-def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(
-    half_width: float, tmp_path
-) -> None:
+def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(half_width: float, tmp_path) -> None:
     """Not to the edge of a singularity, found by the first fit or only nearly so."""
     task = spatial_task(4, tmp_path, seed=5)
     box = rp.Box(0.4 * np.ones(4), half_width)
@@ -987,22 +884,14 @@ def test_a_singularity_of_the_arm_is_refused_by_place() -> None:
     at, free = error.value.at, error.value.free
     assert np.abs(at[1:]).max() < 1e-2
     # the nearest point of the line: |0 − 0.5| / 0.8 and |0 − 0.4| / 0.8, the larger
-    assert (
-        isinstance(free, rp.Box) and 0.6 < free.half_width[1] / 0.8 < 0.5 / 0.8 + 1e-9
-    )
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=2, shrink=True
-    )
+    assert isinstance(free, rp.Box) and 0.6 < free.half_width[1] / 0.8 < 0.5 / 0.8 + 1e-9
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, shrink=True)
     assert design.shrunk < 0.5 / 0.8 and design.leaf_margin > 0
     # and of a box that just reaches the line, hardly less is taken
     few = rp.FitOptions(samples=512, held_out=64)
     wide = rp.Box([0.3, 0.5, 0.5], [0.1, 0.52, 0.52])
-    with pytest.raises(
-        rp.SingularRegionError, match="loses rank"
-    ):  # not shrunk unasked
-        rp.nearest_repeatable(
-            rp.Pseudoinverse(task), None, wide, degree="auto", options=few
-        )
+    with pytest.raises(rp.SingularRegionError, match="loses rank"):  # not shrunk unasked
+        rp.nearest_repeatable(rp.Pseudoinverse(task), None, wide, degree="auto", options=few)
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), None, wide, degree=1, shrink=True, options=few
     )
@@ -1030,11 +919,7 @@ def test_a_region_around_a_singularity_has_no_part_that_is_free(shrink: bool) ->
 def quadratic(task: rp.Task, **options: int) -> rp.Design:
     """The design of degree 2 for panda, with some options of its fit."""
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        None,
-        rp.Box(Q0, 0.4),
-        degree=2,
-        options=rp.FitOptions(**options),
+        rp.Pseudoinverse(task), None, rp.Box(Q0, 0.4), degree=2, options=rp.FitOptions(**options)
     )
 
 
@@ -1066,10 +951,7 @@ def nan_beyond(q: np.ndarray) -> float:
         (lambda t: quadratic(t, samples=5), "too few"),
         (lambda t: quadratic(t, samples=0), "samples"),
         (lambda t: quadratic(t, samples=10**9), "samples"),
-        (
-            lambda t: quadratic(t, held_out=63),
-            "held_out must be a whole number from 64",
-        ),
+        (lambda t: quadratic(t, held_out=63), "held_out must be a whole number from 64"),
         (
             lambda t: rp.nearest_repeatable(
                 rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree="cubic"
@@ -1082,11 +964,7 @@ def nan_beyond(q: np.ndarray) -> float:
         ),
         (
             lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t),
-                None,
-                rp.Box(Q0, 0.4),
-                degree=1,
-                options=rp.FitOptions(batch=0),
+                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, options=rp.FitOptions(batch=0)
             ),
             "batch",
         ),
@@ -1147,16 +1025,12 @@ def test_gradients_that_are_none_are_refused_by_name(panda_pose: rp.Task) -> Non
         with pytest.raises(rp.InputError, match=says) as error:
             rp.nearest_repeatable(desired, potentials, region, options=few)
         assert float(re.search("joint1 = ([-.0-9]+)", str(error.value))[1]) > 0.2
-    with pytest.raises(
-        rp.InputError, match=r"must be \(K, 7, 7\) numbers, not .* 6, 7"
-    ):
+    with pytest.raises(rp.InputError, match=r"must be \(K, 7, 7\) numbers, not .* 6, 7"):
         rp.nearest_repeatable(desired, Broken(0), region, options=few)
 
 
 @pytest.mark.parametrize("robot, degree", [("planar3r", 3), ("planar4r", 3)])
-def test_the_fewest_nodes_that_the_refusal_names_are_enough(
-    robot: str, degree: int
-) -> None:
+def test_the_fewest_nodes_that_the_refusal_names_are_enough(robot: str, degree: int) -> None:
     """Each node gives m equations; one node fewer is refused, and names the same number."""
     task = rp.Robot.load(robot).task(None, "xy")
     box = rp.Box(np.linspace(0.3, 0.9, task.n), 0.1)
@@ -1164,9 +1038,7 @@ def test_the_fewest_nodes_that_the_refusal_names_are_enough(
 
     def fitted(samples: int) -> rp.Design:
         options = rp.FitOptions(samples=samples, held_out=64)
-        return rp.nearest_repeatable(
-            rp.Pseudoinverse(task), potentials, box, options=options
-        )
+        return rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, box, options=options)
 
     least = int(np.ceil(potentials.size / task.m))
     for count in (1, least - 1):
@@ -1298,14 +1170,11 @@ def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
     still, faint = (f"{name}: constant over the region" for name in ("still", "faint"))
     hand = "hand: in the row space of J, a function of the task alone"
     twice, thrice = (
-        f"{name}: depends linearly on the potentials before it"
-        for name in ("twice", "thrice")
+        f"{name}: depends linearly on the potentials before it" for name in ("twice", "thrice")
     )
 
     def fitted(*names: str) -> rp.Design:
-        potentials = rp.CustomPotentials(
-            [functions[name] for name in names], names=names
-        )
+        potentials = rp.CustomPotentials([functions[name] for name in names], names=names)
         return rp.nearest_repeatable(
             rp.Pseudoinverse(task), potentials, rp.Box(center, 0.2), options=few
         )
@@ -1327,10 +1196,7 @@ def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
 
 
 def test_more_held_out_nodes_give_a_smaller_error(panda_design: rp.Design) -> None:
-    few, many = (
-        judged(replace(panda_design, held_out=samples, seed=6))
-        for samples in (64, 4096)
-    )
+    few, many = (judged(replace(panda_design, held_out=samples, seed=6)) for samples in (64, 4096))
     assert many.cost_error < few.cost_error / 4
     assert f"cost={many.cost}" in repr(many) and "leaf_margin_at" not in repr(many)
     assert abs(few.cost - panda_design.cost) < 4 * few.cost_error
@@ -1339,9 +1205,7 @@ def test_more_held_out_nodes_give_a_smaller_error(panda_design: rp.Design) -> No
 def test_a_task_without_redundancy_is_refused() -> None:
     task = rp.Robot.load("ur5").task(None, "pose")
     with pytest.raises(rp.InputError, match="no redundancy"):
-        rp.nearest_repeatable(
-            rp.Pseudoinverse(task), None, rp.Box(task.reference, 0.1), degree=1
-        )
+        rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(task.reference, 0.1), degree=1)
 
 
 class Violation:
@@ -1356,9 +1220,7 @@ class Violation:
     __call__ = velocity = batch
 
 
-def test_an_inverse_that_is_none_is_refused_with_the_residual(
-    panda_pose: rp.Task,
-) -> None:
+def test_an_inverse_that_is_none_is_refused_with_the_residual(panda_pose: rp.Task) -> None:
     with pytest.raises(rp.InputError, match=r"missed by 0\.1"):
         rp.nearest_repeatable(Violation(panda_pose), None, rp.Box(Q0, 0.3), degree=1)
 
@@ -1382,28 +1244,20 @@ def test_the_curve_and_the_figure_hold_the_costs(
     assert main(["design", "planar3r", *box, "--degree", "2", *few]) == 0
     design = rp.load(tmp_path / "design.json")
     lower = rp.nearest_repeatable(
-        design.desired,
-        None,
-        design.region,
-        degree=1,
-        options=rp.FitOptions(held_out=256),
+        design.desired, None, design.region, degree=1, options=rp.FitOptions(held_out=256)
     )
     ax, second, *_ = figures[0].axes
     costs = ax.lines[0].get_ydata()
     assert np.allclose(costs, [lower.cost, design.cost], rtol=1e-6)
     assert np.array_equal(ax.lines[0].get_xdata(), [1, 2])
-    levels = [
-        line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", ":")
-    ]
+    levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", ":")]
     due = [baseline.evaluation.cost for baseline in design.evaluate_baselines()]
     assert np.allclose(levels, due) and len(levels) == 2
     assert ax.get_yscale() == "log" and "rad" in second.get_xlabel()
     box, ways, changes = design.region, np.linspace(-1, 1, 17)[:, None], []
     for width in np.diag(box.half_width):
         Q = box.center + ways * width
-        gap = np.linalg.norm(
-            design.inverse.batch(Q) - design.desired.batch(Q), axis=(1, 2)
-        )
+        gap = np.linalg.norm(design.inverse.batch(Q) - design.desired.batch(Q), axis=(1, 2))
         changes.append(np.ptp(gap))
     i, j = sorted(np.argsort(changes)[-2:])
     names = design.task.joint_names

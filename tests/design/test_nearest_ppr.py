@@ -50,10 +50,7 @@ def test_the_optimal_k_of_56_lacks_a_sign_in_print(a: float, b: float) -> None:
 
     Oracles: (51) by Gauss–Legendre quadrature over a grid of φ = atan k, and the formula (59).
     """
-    C_1, C_2 = (
-        (np.cos(2 * a) - np.cos(2 * b)) / 2,
-        (np.sin(2 * a) - np.sin(2 * b)) / 2,
-    )
+    C_1, C_2 = ((np.cos(2 * a) - np.cos(2 * b)) / 2, (np.sin(2 * a) - np.sin(2 * b)) / 2)
 
     def cost(k: np.ndarray) -> np.ndarray:
         x, weights = np.polynomial.legendre.leggauss(40)
@@ -63,9 +60,7 @@ def test_the_optimal_k_of_56_lacks_a_sign_in_print(a: float, b: float) -> None:
 
     grid = np.tan(np.linspace(-PI / 2, PI / 2, 2001)[1:-1])
     assert np.allclose(  # (52) to (55)
-        cost(grid),
-        (C_1 * grid + C_2) / (2 * (grid**2 + 1)) + (b - a - C_2) / 4,
-        atol=1e-12,
+        cost(grid), (C_1 * grid + C_2) / (2 * (grid**2 + 1)) + (b - a - C_2) / 4, atol=1e-12
     )
     half = (a + b) / 2
     due = -np.tan(half) if b - a < PI else 1 / np.tan(half)  # (59)
@@ -98,11 +93,7 @@ class Family:
     def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
         t = Q[:, 2]
         n = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1) / np.sqrt(2)
-        w = (
-            np.sin(t + self.phi)[:, None]
-            / np.sqrt(2)
-            * [np.cos(self.phi), -np.sin(self.phi)]
-        )
+        w = np.sin(t + self.phi)[:, None] / np.sqrt(2) * [np.cos(self.phi), -np.sin(self.phi)]
         return rp.Pseudoinverse(self.task).batch(Q, J) + n[:, :, None] * w[:, None, :]
 
 
@@ -141,10 +132,7 @@ def engine(task: rp.Task, a: float, b: float, degree: int, **options) -> rp.Desi
         center, degree, half, variables=[2]
     )
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        potentials,
-        rp.Box(center, half),
-        options=rp.FitOptions(**options),
+        rp.Pseudoinverse(task), potentials, rp.Box(center, half), options=rp.FitOptions(**options)
     )
 
 
@@ -154,16 +142,11 @@ def engine(task: rp.Task, a: float, b: float, degree: int, **options) -> rp.Desi
 def test_kinematics_and_null_vector(task: rp.Task, some_q: np.ndarray) -> None:
     for q in some_q:
         s, c = np.sin(q[2]), np.cos(q[2])
-        assert np.allclose(
-            task.placement(q).translation, [q[0] + c, q[1] + s, 0], atol=1e-14
-        )  # (39)
-        assert np.allclose(
-            task.jacobian(q), [[1, 0, -s], [0, 1, c]], atol=1e-14
-        )  # (40)
+        # (39)
+        assert np.allclose(task.placement(q).translation, [q[0] + c, q[1] + s, 0], atol=1e-14)
+        assert np.allclose(task.jacobian(q), [[1, 0, -s], [0, 1, c]], atol=1e-14)  # (40)
         n = redundancy.null_vector(task.jacobian(q))
-        assert np.allclose(
-            n / np.sqrt(2), np.array([s, -c, 1]) / np.sqrt(2), atol=1e-14
-        )  # (41)
+        assert np.allclose(n / np.sqrt(2), np.array([s, -c, 1]) / np.sqrt(2), atol=1e-14)  # (41)
 
 
 def test_curl_of_the_null_vector(task: rp.Task, some_q: np.ndarray) -> None:
@@ -173,9 +156,8 @@ def test_curl_of_the_null_vector(task: rp.Task, some_q: np.ndarray) -> None:
 
     e = 1e-5
     for q in some_q:
-        D = np.array(
-            [(n(q + e * d) - n(q - e * d)) / (2 * e) for d in np.eye(3)]
-        )  # [k, i] = ∂n_i/∂q_k
+        # [k, i] = ∂n_i/∂q_k
+        D = np.array([(n(q + e * d) - n(q - e * d)) / (2 * e) for d in np.eye(3)])
         curl = np.array([D[1, 2] - D[2, 1], D[2, 0] - D[0, 2], D[0, 1] - D[1, 0]])
         assert n(q) @ curl == pytest.approx(-0.5, abs=1e-9)  # (42)
 
@@ -194,37 +176,27 @@ def test_pseudoinverse_is_not_repeatable(task: rp.Task, some_q: np.ndarray) -> N
 
 @pytest.mark.parametrize("k", [0.0, 1.0, -0.7, 25.0, np.inf])
 def test_family_is_repeatable(task: rp.Task, k: float) -> None:
-    verdict = rp.is_repeatable(
-        printed_inverse(task, k), rp.Box(np.zeros(3), [1, 1, PI])
-    )
+    verdict = rp.is_repeatable(printed_inverse(task, k), rp.Box(np.zeros(3), [1, 1, PI]))
     assert verdict and verdict.defect < 1e-7
 
 
 @pytest.mark.parametrize("k", [0.0, 1.0, -0.7, 25.0, np.inf])
-def test_family_is_what_the_paper_prints(
-    task: rp.Task, some_q: np.ndarray, k: float
-) -> None:
+def test_family_is_what_the_paper_prints(task: rp.Task, some_q: np.ndarray, k: float) -> None:
     printed = printed_inverse(task, k).batch(some_q)
     assert np.allclose(Family(task, k).batch(some_q), printed, atol=1e-14)
     t = some_q[:, 2]
-    difference = (
-        np.linalg.norm(printed - rp.Pseudoinverse(task).batch(some_q), 2, axis=(1, 2))
-        ** 2
-    )
+    difference = np.linalg.norm(printed - rp.Pseudoinverse(task).batch(some_q), 2, axis=(1, 2)) ** 2
     closed = (
-        np.cos(t) ** 2 / 2
-        if np.isinf(k)
-        else (np.sin(t) + k * np.cos(t)) ** 2 / (2 * (k * k + 1))
+        np.cos(t) ** 2 / 2 if np.isinf(k) else (np.sin(t) + k * np.cos(t)) ** 2 / (2 * (k * k + 1))
     )
     assert np.allclose(difference, closed, atol=1e-14)  # (50)
     if not np.isinf(k):
-        n_hat = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1)[
-            ..., None
-        ] / np.sqrt(2)
+        n_hat = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1)[..., None] / np.sqrt(2)
         w = redundancy.null_component(printed, n_hat)[..., 0]
+        # (44)
         assert np.allclose(
             w[:, 0], k * w[:, 1] + (np.sin(t) + k * np.cos(t)) / np.sqrt(2), atol=1e-13
-        )  # (44)
+        )
         assert np.allclose(w[:, 1], -k * w[:, 0], atol=1e-13)
 
 
@@ -249,9 +221,9 @@ def test_engine_finds_k_star_and_its_cost(task: rp.Task, a: float, b: float) -> 
 
 def test_theorys_two_numbers(task: rp.Task) -> None:
     assert mean_cost(-0.5, 0.5, 0.0) == pytest.approx(0.0396322538, abs=5e-11)
-    assert true_cost(
-        engine(task, -0.5, 0.5, 3, tolerance=1e-10), -0.5, 0.5
-    ) == pytest.approx(0.0396327, abs=5e-8)
+    assert true_cost(engine(task, -0.5, 0.5, 3, tolerance=1e-10), -0.5, 0.5) == pytest.approx(
+        0.0396327, abs=5e-8
+    )
 
 
 @pytest.mark.parametrize("a, b", [(-2.0, 2.0), (0.0, 2 * PI)])
@@ -271,9 +243,7 @@ def test_engine_is_honest_where_the_best_leaf_is_out_of_its_reach(
         assert abs(design.cost - true_cost(design, a, b)) < max(
             8 * design.cost_error, 1e-4 * design.cost
         )
-        assert design.cost > 1.2 * mean_cost(
-            a, b, 0.0 if b - a == 2 * PI else k_star(a, b)
-        )
+        assert design.cost > 1.2 * mean_cost(a, b, 0.0 if b - a == 2 * PI else k_star(a, b))
     assert len(costs) < 3 or costs[0] > 1.01 * costs[1] > 1.005 * costs[2]
 
 
@@ -282,14 +252,11 @@ def test_products_of_joints_reach_the_leaf(task: rp.Task) -> None:
     in reach."""
     half = [1.0, 1.0, 2.0]
     potentials = rp.Polynomial(np.zeros(3), 6, half, variables=[0, 2])
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, rp.Box(np.zeros(3), half)
-    )
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(np.zeros(3), half))
     C = mean_cost(-2, 2, np.inf)
     assert design.cost == pytest.approx(C, rel=1e-2) and design.cost > C * (1 - 1e-4)
-    assert (
-        np.linalg.norm(design.inverse(np.zeros(3)).T @ [0, 0, 1]) < 1e-2
-    )  # θ₃ = 0 is (nearly) kept
+    # θ₃ = 0 is (nearly) kept
+    assert np.linalg.norm(design.inverse(np.zeros(3)).T @ [0, 0, 1]) < 1e-2
 
 
 def test_all_joints_do_better(task: rp.Task) -> None:
@@ -321,15 +288,11 @@ def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -
         for degree in degrees:
             half = [1.0, 1.0, b]
             potentials = rp.Polynomial(np.zeros(3), 1, half, variables=[0, 1])
-            potentials = potentials + rp.Polynomial(
-                np.zeros(3), degree, half, variables=[2]
-            )
+            potentials = potentials + rp.Polynomial(np.zeros(3), degree, half, variables=[2])
             box = rp.Box(np.zeros(3), half)
             options = rp.FitOptions(samples=1000, held_out=1024)
             desired = rp.Pseudoinverse(task)
-            found.append(
-                rp.nearest_repeatable(desired, potentials, box, options=options)
-            )
+            found.append(rp.nearest_repeatable(desired, potentials, box, options=options))
         return found
 
     def settled(low: rp.Design, high: rp.Design) -> bool:

@@ -22,11 +22,7 @@ def test_the_verdict_does_not_hang_on_the_sample() -> None:
     )
     found = [
         rp.nearest_repeatable(
-            desired,
-            None,
-            box,
-            degree=2,
-            options=rp.FitOptions(samples=k, held_out=1024),
+            desired, None, box, degree=2, options=rp.FitOptions(samples=k, held_out=1024)
         )
         for k in (2048, 4096)
     ]
@@ -56,10 +52,7 @@ def test_panda_and_xarm_at_higher_degrees(panda_pose: rp.Task) -> None:
     refused."""
     box = rp.Box(Q_PANDA, 0.4)
     assert (
-        rp.nearest_repeatable(
-            rp.Pseudoinverse(panda_pose), None, box, degree="auto"
-        ).cost
-        < 0.1525
+        rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, box, degree="auto").cost < 0.1525
     )
     study = rp.study(rp.Problem("xarm7", kind="pose"))
     design = rp.nearest_repeatable(

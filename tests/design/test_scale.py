@@ -7,12 +7,7 @@ import gc
 import multiprocessing
 import weakref
 from collections.abc import Iterator
-from concurrent.futures import (
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-)
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -27,20 +22,12 @@ OPTIONS = {"samples": 1024, "held_out": 256, "batch": 128}
 
 @pytest.fixture(scope="module")
 def processes() -> Iterator[Executor]:
-    with ProcessPoolExecutor(
-        2, mp_context=multiprocessing.get_context("spawn")
-    ) as pool:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
         yield pool
 
 
 def design(
-    panda: rp.Robot,
-    *,
-    degree=2,
-    progress=False,
-    potentials=None,
-    box=None,
-    **options,
+    panda: rp.Robot, *, degree=2, progress=False, potentials=None, box=None, **options
 ) -> rp.Design:
     task = panda.task("panda_hand_tcp", "axis")
     return rp.nearest_repeatable(
@@ -60,8 +47,7 @@ def alone(panda: rp.Robot) -> rp.Design:
 
 def same(a: rp.Design, b: rp.Design) -> bool:
     return bool(
-        np.abs(a.coefficients - b.coefficients).max()
-        <= 1e-10 * np.abs(b.coefficients).max()
+        np.abs(a.coefficients - b.coefficients).max() <= 1e-10 * np.abs(b.coefficients).max()
         and abs(a.cost - b.cost) <= 1e-10 * b.cost
         and a.steps == b.steps
     )
@@ -124,19 +110,14 @@ def test_few_nodes_first_then_all(panda: rp.Robot, few_nodes: None) -> None:
     assert one.fit_cost == pytest.approx(cost, rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    "processes", [False, pytest.param(True, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("processes", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_cluster_gives_the_same_design(
     panda: rp.Robot, alone: rp.Design, processes: bool
 ) -> None:
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=1,
-            threads_per_worker=1,
-            processes=processes,
-            dashboard_address=None,
+            n_workers=1, threads_per_worker=1, processes=processes, dashboard_address=None
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
@@ -169,9 +150,7 @@ class Gradients(rp.Joined):
         return super().gradients(Q)
 
 
-def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(
-    panda: rp.Robot,
-) -> None:
+def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(panda: rp.Robot) -> None:
     """A worker is asked once for all that it holds. What one that ended held is built again."""
     found, tasks, built = [], [], []
     for life, stream in ((np.inf, False), (np.inf, True), (11, False)):
@@ -272,16 +251,12 @@ def test_an_executor_of_another_kind_is_refused(panda: rp.Robot) -> None:
 def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> None:
     class_free = rp.Polynomial(Q0, 1) + rp.CustomPotentials([_nan_in_a_corner])
     task = panda.task("panda_hand_tcp", "pose")
-    with pytest.raises(
-        rp.InputError, match="_nan_in_a_corner must be one finite number"
-    ):
+    with pytest.raises(rp.InputError, match="_nan_in_a_corner must be one finite number"):
         rp.nearest_repeatable(
             rp.Pseudoinverse(task),
             class_free,
             rp.Box(Q0, 0.4),
-            options=rp.FitOptions(
-                samples=4096, held_out=64, batch=128, executor=processes
-            ),
+            options=rp.FitOptions(samples=4096, held_out=64, batch=128, executor=processes),
         )
 
 
@@ -320,9 +295,7 @@ def test_all_steps_of_a_fit_are_counted() -> None:
     assert len(steps) - len(starts) <= found.steps <= len(steps) + 2
 
 
-def test_a_bar_is_drawn_on_stderr(
-    panda: rp.Robot, capsys: pytest.CaptureFixture
-) -> None:
+def test_a_bar_is_drawn_on_stderr(panda: rp.Robot, capsys: pytest.CaptureFixture) -> None:
     task, few = panda.task("panda_hand_tcp", "pose"), rp.FitOptions(samples=64)
     desired, box = rp.Pseudoinverse(task), rp.Box(Q0, 0.2)
     rp.nearest_repeatable(desired, None, box, degree=1, options=few)
@@ -339,6 +312,4 @@ def test_interruption_passes_through(panda: rp.Robot, processes: Executor) -> No
 
     with pytest.raises(KeyboardInterrupt):
         design(panda, executor=processes, progress=stop)
-    assert (
-        processes.submit(abs, -1).result(timeout=30) == 1
-    )  # the pool is not left clogged
+    assert processes.submit(abs, -1).result(timeout=30) == 1  # the pool is not left clogged

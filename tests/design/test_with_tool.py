@@ -29,21 +29,15 @@ def at_flange(panda: rp.Robot) -> rp.Design:
     return designed(panda.task("panda_link8"), Q_PANDA)
 
 
-def test_the_jacobian_and_the_inverse_are_those_of_the_moved_point(
-    at_flange: rp.Design,
-) -> None:
+def test_the_jacobian_and_the_inverse_are_those_of_the_moved_point(at_flange: rp.Design) -> None:
     """Closed form: v' = v − [R t]ₓ ω, so J' = A J and G' = G A⁻¹."""
     moved = at_flange.with_tool(OFFSET)
     for q in Q_PANDA + np.random.default_rng(0).uniform(-0.4, 0.4, (20, 7)):
         x = at_flange.task.placement(q)
         A = np.eye(6)
         A[:3, 3:] = -pin.skew(x.rotation @ OFFSET.translation)
-        assert np.allclose(
-            moved.task.placement(q).homogeneous, (x * OFFSET).homogeneous
-        )
-        assert np.allclose(
-            moved.task.jacobian(q), A @ at_flange.task.jacobian(q), atol=1e-13
-        )
+        assert np.allclose(moved.task.placement(q).homogeneous, (x * OFFSET).homogeneous)
+        assert np.allclose(moved.task.jacobian(q), A @ at_flange.task.jacobian(q), atol=1e-13)
         assert np.allclose(moved.inverse(q) @ A, at_flange.inverse(q), atol=1e-12)
         assert np.allclose(moved.desired(q) @ A, at_flange.desired(q), atol=1e-12)
 
@@ -52,9 +46,7 @@ def test_paths_of_the_tool_close_and_cost_what_a_fresh_design_costs(
     panda: rp.Robot, at_flange: rp.Design
 ) -> None:
     tcp = panda.task("panda_hand_tcp")
-    moved = at_flange.with_tool(
-        at_flange.task.placement(Q_PANDA).actInv(tcp.placement(Q_PANDA))
-    )
+    moved = at_flange.with_tool(at_flange.task.placement(Q_PANDA).actInv(tcp.placement(Q_PANDA)))
     fresh = designed(tcp, Q_PANDA)
     assert abs(moved.cost / fresh.cost - 1) < 0.01
     assert abs(moved.leaf_margin - at_flange.leaf_margin) < 1e-6
@@ -68,9 +60,7 @@ def test_the_inverse_moves_bitwise_as_one_of_a_urdf_with_the_tool(
 ) -> None:
     """The frame panda_hand_tcp of the file itself, with the same potentials."""
     tcp = panda.task("panda_hand_tcp")
-    moved = at_flange.with_tool(
-        at_flange.task.placement(Q_PANDA).actInv(tcp.placement(Q_PANDA))
-    )
+    moved = at_flange.with_tool(at_flange.task.placement(Q_PANDA).actInv(tcp.placement(Q_PANDA)))
     own = rp.RepeatableInverse(tcp, at_flange.inverse.potentials)
     Q = Q_PANDA + np.random.default_rng(1).uniform(-0.4, 0.4, (50, 7))
     assert np.abs(moved.inverse.batch(Q) - own.batch(Q)).max() < 1e-12
@@ -84,15 +74,11 @@ def test_the_inverse_moves_bitwise_as_one_of_a_urdf_with_the_tool(
         lambda task: rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))),
     ],
 )
-def test_other_desired_inverses_move_with_the_tool(
-    panda: rp.Robot, desired: Any
-) -> None:
+def test_other_desired_inverses_move_with_the_tool(panda: rp.Robot, desired: Any) -> None:
     """‖(G_r' − G_d') A‖ is what it was: both move by the same A."""
     task = panda.task("panda_link8")
     few = rp.FitOptions(samples=256, held_out=128)
-    design = rp.nearest_repeatable(
-        desired(task), None, rp.Box(Q_PANDA, 0.2), degree=1, options=few
-    )
+    design = rp.nearest_repeatable(desired(task), None, rp.Box(Q_PANDA, 0.2), degree=1, options=few)
     moved = design.with_tool(OFFSET)
     q = Q_PANDA + 0.1
     A = moved.task.jacobian(q) @ np.linalg.pinv(task.jacobian(q))
@@ -115,9 +101,7 @@ def test_the_certificate_is_converted_and_holds(at_flange: rp.Design) -> None:
     assert 0.8 * one.sigma_min < own.sigma_min <= sigma.min()
     assert fresh.closes is not None
     assert 0.5 * one.closes.metres < own.closes.metres < fresh.closes.metres
-    rng = np.random.default_rng(
-        3
-    )  # poses at the edge of the new ball lie in the old one
+    rng = np.random.default_rng(3)  # poses at the edge of the new ball lie in the old one
     start = moved.task.placement(own.closes.start)
     for _ in range(500):
         way, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))

@@ -44,13 +44,11 @@ def test_ppr_has_the_papers_curl_and_defect_everywhere() -> None:
     plain = rp.Pseudoinverse(task)
     for q in np.random.default_rng(0).uniform(-3, 3, (10, 3)):
         n_J = rp.redundancy.null_vector(task.jacobian(q))
+        # (41)
         assert (
-            np.abs(
-                n_J / np.sqrt(2)
-                - np.array([np.sin(q[2]), -np.cos(q[2]), 1]) / np.sqrt(2)
-            ).max()
+            np.abs(n_J / np.sqrt(2) - np.array([np.sin(q[2]), -np.cos(q[2]), 1]) / np.sqrt(2)).max()
             < 1e-12
-        )  # (41)
+        )
         assert abs(curl(task, q) / (n_J @ n_J) + 0.5) < 1e-12  # (42)
         assert abs(np.linalg.norm(rp.bracket_defect(plain, q)) - 1 / np.sqrt(8)) < 1e-12
         assert abs(rp.drift_per_area(plain, q)[0, 1] - 1 / np.sqrt(8)) < 1e-12
@@ -63,9 +61,7 @@ def test_prr_and_3r_have_the_papers_null_vectors_and_curls() -> None:
     for q in np.random.default_rng(1).uniform(-3, 3, (20, 3)):
         _, b, c = q
         n_J = rp.redundancy.null_vector(absolute.jacobian(q))
-        assert (
-            np.abs(n_J - [np.sin(c - b), -np.cos(c), np.cos(b)]).max() < 1e-12
-        )  # (12)
+        assert np.abs(n_J - [np.sin(c - b), -np.cos(c), np.cos(b)]).max() < 1e-12  # (12)
         assert abs(curl(absolute, q) - (np.cos(c) - np.cos(b))) < 1e-11  # (13)
         n_J = rp.redundancy.null_vector(three.jacobian(q))
         printed = [np.sin(c), -np.sin(c) - np.sin(b + c), np.sin(b) + np.sin(b + c)]
@@ -94,26 +90,17 @@ def test_no_gradient_vanishes_on_the_candidates_of_3r() -> None:
 
 
 @pytest.mark.parametrize(
-    "name, kind",
-    [("panda", "pose"), ("panda", "axis"), ("xarm7", "position"), ("tiago", "pose")],
+    "name, kind", [("panda", "pose"), ("panda", "axis"), ("xarm7", "position"), ("tiago", "pose")]
 )
-def test_the_formula_and_differences_agree_within_their_error(
-    name: str, kind: str
-) -> None:
+def test_the_formula_and_differences_agree_within_their_error(name: str, kind: str) -> None:
     task = rp.Robot.load(name).task(None, kind)
-    Q = (
-        task.reference
-        + 0.1
-        + 0.2 * np.random.default_rng(2).uniform(-1, 1, (3, task.n))
-    )
+    Q = task.reference + 0.1 + 0.2 * np.random.default_rng(2).uniform(-1, 1, (3, task.n))
     plain, differences = rp.Pseudoinverse(task), by_differences(task)
     for q in Q:
         exact, rough = (rp.bracket_defect(one, q) for one in (plain, differences))
         assert np.abs(exact - rough).max() < 1e-7 * np.abs(exact).max()  # accurate
         box = rp.Box(q, 1e-9)
-        verdict, doubtful = (
-            rp.is_repeatable(one, box, samples=1) for one in (plain, differences)
-        )
+        verdict, doubtful = (rp.is_repeatable(one, box, samples=1) for one in (plain, differences))
         assert verdict.exact and not doubtful.exact
         assert doubtful.tolerance < 1e-5 * doubtful.defect
         gap = abs(verdict.defect - doubtful.defect)
@@ -129,15 +116,11 @@ def test_the_transpose_gives_the_same_verdict(tmp_path: Path) -> None:
     of_transpose = brackets(J.T, np.swapaxes(H, 0, 1)) @ onto_null
     delta = np.zeros((3, 3, 6))
     for (a, b), pair in zip(
-        ((0, 1), (0, 2), (1, 2)),
-        rp.bracket_defect(rp.Pseudoinverse(task), q),
-        strict=True,
+        ((0, 1), (0, 2), (1, 2)), rp.bracket_defect(rp.Pseudoinverse(task), q), strict=True
     ):
         delta[a, b], delta[b, a] = pair, -pair
     gram = J @ J.T  # Jᵀ = J⁺ (J Jᵀ)
-    assert np.allclose(
-        of_transpose, np.einsum("pa,qb,pqi->abi", gram, gram, delta), atol=1e-12
-    )
+    assert np.allclose(of_transpose, np.einsum("pa,qb,pqi->abi", gram, gram, delta), atol=1e-12)
     assert np.abs(of_transpose).max() > 1e-2
 
 
@@ -158,36 +141,24 @@ def test_the_bracket_form_is_the_curl_form() -> None:
         assert np.isclose(s, -g_3(q) @ delta, rtol=1e-6, atol=1e-9) and abs(s) > 1e-4
 
 
-def test_a_weighted_inverse_has_the_defect_of_the_pseudoinverse_in_its_own_coordinates() -> (
-    None
-):
+def test_a_weighted_inverse_has_the_defect_of_the_pseudoinverse_in_its_own_coordinates() -> None:
     """Δ_q = T Δ_ψ: differences of J⁺_M against the formula for J⁺ in ψ, M = (T Tᵀ)⁻¹."""
     task = rp.Robot.load("panda").task(None, "pose")
     T = np.eye(7) + 0.3 * np.random.default_rng(5).normal(size=(7, 7))
     q = task.reference + 0.1
     M = np.linalg.inv(T @ T.T)
     of_q = rp.bracket_defect(rp.WeightedInverse(task, (M + M.T) / 2), q)
-    of_psi = rp.bracket_defect(
-        rp.Pseudoinverse(task.in_coordinates(T)), np.linalg.solve(T, q)
-    )
+    of_psi = rp.bracket_defect(rp.Pseudoinverse(task.in_coordinates(T)), np.linalg.solve(T, q))
     assert np.allclose(of_q, of_psi @ T.T, atol=1e-7 * np.abs(of_q).max())
 
 
-def test_the_potentials_second_derivatives(
-    panda_pose: rp.Task, q_panda: np.ndarray
-) -> None:
+def test_the_potentials_second_derivatives(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     for degree in (1, 2, 3, 4):
         potentials = rp.Polynomial(q_panda, degree, 0.5)
-        h = potentials.weighted(
-            np.random.default_rng(degree).normal(size=(potentials.size, 2))
-        )
+        h = potentials.weighted(np.random.default_rng(degree).normal(size=(potentials.size, 2)))
         q, e = q_panda + 0.1, 1e-5
         slope = np.stack(
-            [
-                (h.gradient(q + e * d) - h.gradient(q - e * d)) / (2 * e)
-                for d in np.eye(7)
-            ],
-            axis=1,
+            [(h.gradient(q + e * d) - h.gradient(q - e * d)) / (2 * e) for d in np.eye(7)], axis=1
         )
         assert np.allclose(h.hessian(q), slope, atol=1e-6 * max(1, np.abs(slope).max()))
 
@@ -196,15 +167,11 @@ def test_the_potentials_second_derivatives(
 # ---------------------------------------------------------------------------
 
 
-def test_panda_drifts_as_the_small_loop_law_says(
-    panda_pose: rp.Task, q_panda: np.ndarray
-) -> None:
+def test_panda_drifts_as_the_small_loop_law_says(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     plain = rp.Pseudoinverse(panda_pose)
     delta = rp.bracket_defect(plain, q_panda)[0]
     assert abs(np.linalg.norm(delta) - 6.986) < 5e-4
-    assert np.isclose(
-        rp.drift_per_area(plain, q_panda)[0, 1], np.linalg.norm(delta), rtol=1e-12
-    )
+    assert np.isclose(rp.drift_per_area(plain, q_panda)[0, 1], np.linalg.norm(delta), rtol=1e-12)
     rest = []
     for side in (0.02, 0.01, 0.005):
         corners = [[side, 0, 0], [side, side, 0], [0, side, 0]]  # a → b → −a → −b
@@ -218,12 +185,7 @@ def test_panda_drifts_as_the_small_loop_law_says(
 
 @pytest.mark.parametrize(
     "name, kind, r",
-    [
-        ("panda", "pose", 1),
-        ("xarm7", "pose", 1),
-        ("xarm7", "position", 4),
-        ("tiago", "pose", 2),
-    ],
+    [("panda", "pose", 1), ("xarm7", "pose", 1), ("xarm7", "position", 4), ("tiago", "pose", 2)],
 )
 def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(
     name: str, kind: str, r: int
@@ -231,13 +193,9 @@ def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(
     task = rp.Robot.load(name).task(None, kind)
     assert task.r == r
     center = task.reference + np.where(task.revolute, 0.3, 0.0)
-    plain, box = (
-        rp.Pseudoinverse(task),
-        rp.Box(center, np.where(task.revolute, 0.1, 0.03)),
-    )
-    variables = (
-        [0, 2, 3, 4, 6] if r == 4 else None
-    )  # fewer potentials, so that it does not take long
+    plain, box = (rp.Pseudoinverse(task), rp.Box(center, np.where(task.revolute, 0.1, 0.03)))
+    # fewer potentials, so that it does not take long
+    variables = [0, 2, 3, 4, 6] if r == 4 else None
     potentials = rp.Polynomial(center, 2, box.half_width, variables=variables)
     inverse = rp.nearest_repeatable(
         plain, potentials, box, options=rp.FitOptions(samples=2048)
@@ -256,13 +214,9 @@ def test_the_relative_defect_is_free_of_units_and_axes(
     panda_pose: rp.Task, q_panda: np.ndarray, tmp_path: Path
 ) -> None:
     plain = rp.Pseudoinverse(panda_pose)
-    turned = q_panda + np.array(
-        [0.7, 0, 0, 0, 0, 0, 0]
-    )  # turns the world axes under the arm
+    turned = q_panda + np.array([0.7, 0, 0, 0, 0, 0, 0])  # turns the world axes under the arm
     here, there = (rp.bracket_defect(plain, q)[:3] for q in (q_panda, turned))
-    assert np.isclose(
-        relative_defect(plain, q_panda), relative_defect(plain, turned), rtol=1e-10
-    )
+    assert np.isclose(relative_defect(plain, q_panda), relative_defect(plain, turned), rtol=1e-10)
     a, b = (np.linalg.norm(pairs, axis=-1) for pairs in (here, there))
     assert np.abs(a - b).max() > 0.1
     q = np.array([0.3, 0.8, -1.1])
@@ -289,11 +243,8 @@ def test_the_papers_family_is_repeatable_for_every_k(k: float) -> None:
 
     def G(q: np.ndarray) -> np.ndarray:
         s, c = np.sin(q[2]), np.cos(q[2])
-        w = (
-            np.array([0, -c])
-            if np.isinf(k)
-            else np.array([1, -k]) * (k * c + s) / (k**2 + 1)
-        )  # √2 (48), (49)
+        # √2 (48), (49)
+        w = np.array([0, -c]) if np.isinf(k) else np.array([1, -k]) * (k * c + s) / (k**2 + 1)
         return np.linalg.pinv(task.jacobian(q)) + np.outer([s, -c, 1], w) / 2
 
     box = rp.Box([0, 0, 0.2], [0.5, 0.5, 1.0])
@@ -331,8 +282,7 @@ def test_the_error_of_a_difference_is_not_understated(noise: float) -> None:
 
     def function(Q: np.ndarray) -> np.ndarray:
         smooth = np.stack(
-            [np.sin(3 * Q[:, 0]) * np.exp(Q[:, 1]), 1 / (1.2 + Q[:, 0] * Q[:, 1])],
-            axis=-1,
+            [np.sin(3 * Q[:, 0]) * np.exp(Q[:, 1]), 1 / (1.2 + Q[:, 0] * Q[:, 1])], axis=-1
         )
         return smooth + noise * rng.uniform(-1, 1, smooth.shape)
 
@@ -372,13 +322,9 @@ def test_a_difference_keeps_clear_of_a_singularity_nearby() -> None:
         differentiate(function, np.array([[1e-9]]), np.ones(1))
 
 
-def test_what_cannot_be_judged_is_refused(
-    panda_pose: rp.Task, q_panda: np.ndarray
-) -> None:
+def test_what_cannot_be_judged_is_refused(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     posture = rp.PostureControl(panda_pose, q_panda)
-    with pytest.raises(
-        rp.InputError, match="strategy must be an inverse .*PostureControl"
-    ):
+    with pytest.raises(rp.InputError, match="strategy must be an inverse .*PostureControl"):
         rp.is_repeatable(posture, rp.Box(q_panda, 0.1))
     with pytest.raises(rp.InputError, match="3 joints, but the task has 7"):
         rp.is_repeatable(rp.Pseudoinverse(panda_pose), rp.Box(np.zeros(3), 0.1))
@@ -387,9 +333,7 @@ def test_what_cannot_be_judged_is_refused(
 
 
 def test_a_custom_inverse_is_checked(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
-    good = rp.CustomInverse(
-        panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q))
-    )
+    good = rp.CustomInverse(panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q)))
     xdot = np.arange(6.0)
     assert np.allclose(
         good.velocity(q_panda, xdot),
@@ -402,11 +346,7 @@ def test_a_custom_inverse_is_checked(panda_pose: rp.Task, q_panda: np.ndarray) -
     missed = np.abs(J @ J.T - np.eye(6)).max()
     with pytest.raises(rp.InputError, match=f"does not hold, by {missed:.2g}"):
         bad(q_panda)
-    for wrong in (
-        lambda q: np.eye(7),
-        lambda q: np.full((7, 6), np.nan),
-        lambda q: "no",
-    ):
+    for wrong in (lambda q: np.eye(7), lambda q: np.full((7, 6), np.nan), lambda q: "no"):
         with pytest.raises(rp.InputError, match="7 × 6"):
             rp.CustomInverse(panda_pose, wrong)(q_panda)
     with pytest.raises(rp.InputError, match="function"):
@@ -421,33 +361,25 @@ def test_an_extended_jacobian_is_repeatable(
 ) -> None:
     """Its potentials know no second derivatives, so differences are taken of G itself."""
     task = panda.task(None, kind)
-    verdict = rp.is_repeatable(
-        rp.ExtendedJacobian(task, q_panda), rp.Box(q_panda, 0.1), samples=8
-    )
+    verdict = rp.is_repeatable(rp.ExtendedJacobian(task, q_panda), rp.Box(q_panda, 0.1), samples=8)
     assert verdict and not verdict.exact and verdict.tolerance < 1e-5
 
 
 @pytest.mark.parametrize("robot, kind", [("ur5", "pose"), ("planar3r", "position")])
-def test_an_arm_without_redundancy_repeats_by_itself(
-    robot: str, kind: str, tmp_path: Path
-) -> None:
+def test_an_arm_without_redundancy_repeats_by_itself(robot: str, kind: str, tmp_path: Path) -> None:
     task = (
         rp.Robot.load("ur5").task(None, "pose")
         if robot == "ur5"
         else planar_task((1, 0.7), tmp_path)
     )
-    q = np.array([0.1, -1.2, 1.3, -0.9, -1.1, 0.2])[: task.n] + (
-        0.0 if robot == "ur5" else 1.6
-    )
+    q = np.array([0.1, -1.2, 1.3, -0.9, -1.1, 0.2])[: task.n] + (0.0 if robot == "ur5" else 1.6)
     assert task.r == 0
     found = rp.is_repeatable(rp.Pseudoinverse(task), rp.Box(q, 0.1), samples=16)
     assert found and found.defect == 0 and "r = 0" in found.summary()
     assert not rp.bracket_defect(rp.Pseudoinverse(task), q).any()
 
 
-def test_near_a_limit_the_differences_stay_inside(
-    panda_pose: rp.Task, q_panda: np.ndarray
-) -> None:
+def test_near_a_limit_the_differences_stay_inside(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     desired = rp.WeightedInverse(panda_pose, rp.LimitWeight(panda_pose))
     for room in (0.03, 1e-3):
         q = q_panda.copy()
@@ -477,7 +409,5 @@ def test_near_a_singularity_it_is_the_singularity_that_is_blamed() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     with pytest.raises(rp.SingularityError, match="σ_min.*too close to a singularity"):
         rp.is_repeatable(
-            rp.WeightedInverse(task, [1, 1, 1]),
-            rp.Box([0.3, 1e-5, 1e-5], 5e-6),
-            samples=4,
+            rp.WeightedInverse(task, [1, 1, 1]), rp.Box([0.3, 1e-5, 1e-5], 5e-6), samples=4
         )

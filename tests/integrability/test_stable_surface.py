@@ -26,9 +26,7 @@ def slide_task(length: float, folder: Path) -> rp.Task:
     turning = '<axis xyz="0 0 1"/>'
     limit = '<limit lower="{}" upper="{}" effort="1" velocity="1"/></joint>'
     text = "".join(f'<link name="{name}a"/>' for name in ("d", "t", "u", "tip", "tool"))
-    text += joint.format("d", "prismatic", "t", 0) + limit.format(
-        -5 * length, 5 * length
-    )
+    text += joint.format("d", "prismatic", "t", 0) + limit.format(-5 * length, 5 * length)
     text += joint.format("t", "revolute", "u", 0) + turning + limit.format(-7, 7)
     text += joint.format("u", "revolute", "tip", length) + turning + limit.format(-7, 7)
     text += joint.format("tip", "fixed", "tool", length) + "</joint>"
@@ -45,15 +43,12 @@ def test_prr_has_one_stable_surface_and_one_that_is_candidate_only() -> None:
     found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [1, 3, 3]))
     assert len(found.stable) > 5 and len(found.candidate) > 5
     assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-8  # (14)
-    assert (
-        np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-8
-    )  # (15)
+    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-8  # (15)
     # the two kinds are far apart: on (14) the rate is rounding, on (15) ∇s lies across the
     # surface's normal
     ratio = found.rate / found.tolerance
     assert (
-        ratio[found.kind == "stable"].max() < 1e-2
-        and ratio[found.kind == "candidate"].min() > 1e2
+        ratio[found.kind == "stable"].max() < 1e-2 and ratio[found.kind == "candidate"].min() > 1e2
     )
 
 
@@ -63,10 +58,8 @@ def test_3r_in_relative_angles_has_candidates_and_none_is_stable() -> None:
     found = rp.stable_surface(plain, box)
     assert len(found.stable) == 0 and len(found.candidate) > 50
     b, c = found.candidate[:, 1:].T
-    assert (
-        np.abs(-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c)).max()
-        < 1e-9
-    )  # (17)
+    # (17)
+    assert np.abs(-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c)).max() < 1e-9
     assert "no stable surface" in found.summary()
     assert (box.ratio(found.candidate) <= 1 + 1e-8).all()
 
@@ -101,9 +94,9 @@ def test_n_link_arms_need_at_most_two_link_lengths(
     found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box(np.zeros(len(lengths)), 3))
     assert len(found.candidate) + len(found.stable) > 20
     assert (len(found.stable) > 0) == stable
-    for psi in (
-        found.stable
-    ):  # two distinct joint values; links of different lengths have different ones
+    for (
+        psi
+    ) in found.stable:  # two distinct joint values; links of different lengths have different ones
         direction = np.exp(1j * psi)
         groups = np.abs(direction[:, None] - direction) < 1e-5
         assert len(np.unique(groups, axis=0)) == 2
@@ -124,9 +117,7 @@ def test_every_point_of_a_repeatable_inverse_is_on_a_stable_surface() -> None:
     A = np.zeros((potentials.size, 1))
     A[[0, 1, 2, 4], 0] = 1, -1, 0.5, 0.2
     found = rp.stable_surface(
-        rp.RepeatableInverse(task, potentials.weighted(A)),
-        rp.Box([0.5, 0.8, 0.8], 0.3),
-        samples=16,
+        rp.RepeatableInverse(task, potentials.weighted(A)), rp.Box([0.5, 0.8, 0.8], 0.3), samples=16
     )
     assert len(found.stable) == len(found.points) == 16
 
@@ -145,9 +136,7 @@ def test_a_surface_on_which_the_gradient_of_s_vanishes(stable: bool) -> None:
 
     strategy = Normal(task, lambda q: Normal.batch(strategy, q[None])[0])
     found = rp.stable_surface(strategy, rp.Box([0, 0.1, 0.1], 0.3), samples=8)
-    kind, other = (
-        (found.stable, found.candidate) if stable else (found.candidate, found.stable)
-    )
+    kind, other = (found.stable, found.candidate) if stable else (found.candidate, found.stable)
     assert len(kind) >= 4 and len(other) == 0
     assert np.abs(kind[:, 2 if stable else 1]).max() < 1e-4
     assert found.rate.max() < 1e-3  # (9) alone could not tell them apart
@@ -159,23 +148,16 @@ def test_the_walk_alone_tells_stable_from_candidate(
 ) -> None:
     """Were ∇s along G to look like 0 everywhere, a walk along G would still leave (15), and stay on
     (14)."""
-    module = import_module(
-        "repctl_pin.integrability.stable_surface"
-    )  # the name at the door is the function's
+    # the name at the door is the function's
+    module = import_module("repctl_pin.integrability.stable_surface")
     monkeypatch.setattr(
-        module,
-        "_rates",
-        lambda strategy, function, Q: (np.zeros(len(Q)), np.ones(len(Q))),
+        module, "_rates", lambda strategy, function, Q: (np.zeros(len(Q)), np.ones(len(Q)))
     )
     task = absolute(slide_task(length, tmp_path))
-    found = rp.stable_surface(
-        rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32
-    )
+    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
     assert len(found.stable) > 2 and len(found.candidate) > 2
     assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-7  # (14)
-    assert (
-        np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-7
-    )  # (15)
+    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-7  # (15)
 
 
 @pytest.mark.parametrize("length", [1e-3, 10.0])
@@ -185,9 +167,7 @@ def test_the_surfaces_of_an_arm_in_millimetres_and_of_a_crane_are_found(
     """The s of (13) is length³ times a function of the angles alone: (14) and (15) hold at any
     size."""
     task = absolute(slide_task(length, tmp_path))
-    found = rp.stable_surface(
-        rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32
-    )
+    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
     assert len(found.stable) > 5 and len(found.candidate) > 10
     assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-7
     assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-7
@@ -195,9 +175,7 @@ def test_the_surfaces_of_an_arm_in_millimetres_and_of_a_crane_are_found(
 
 def test_a_search_that_ends_at_a_singularity_says_so(tmp_path: Path) -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    found = rp.stable_surface(
-        rp.Pseudoinverse(task), rp.Box([0, 0, 0], 2e-4), samples=8
-    )
+    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], 2e-4), samples=8)
     assert len(found.stable) == len(found.candidate) == 0
     assert len(found.singular) == 8 and np.isnan(found.rate).all()
     with pytest.raises(rp.InputError, match="2 joints, but the task has 3"):

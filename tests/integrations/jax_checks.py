@@ -43,9 +43,7 @@ def many(name: str) -> Any:
     return jax.jit(jax.vmap(inverse_function(function_of(name))))
 
 
-def targets(
-    function: rp.InverseFunction, count: int = COUNT, share: float = 0.9
-) -> np.ndarray:
+def targets(function: rp.InverseFunction, count: int = COUNT, share: float = 0.9) -> np.ndarray:
     p, R = function.cell.placements(share * function.cell.sample(count, seed=5))
     X = np.tile(np.eye(4), (count, 1, 1))
     X[:, :3, :3], X[:, :3, 3] = R, p
@@ -90,17 +88,13 @@ def test_the_numbers_are_pythons_and_the_way_back_is_its_inverse(name: str) -> N
     assert np.abs(poses - np.array(at)).max() < 1e-12
 
 
-def test_its_derivatives_are_those_of_finite_differences(
-    poses: rp.InverseFunction,
-) -> None:
+def test_its_derivatives_are_those_of_finite_differences(poses: rp.InverseFunction) -> None:
     x, step = targets(poses)[0], 1e-5
     moved = [turned(x, sign * step * twist) for twist in np.eye(6) for sign in (1, -1)]
     X, C = np.array([*moved, x, x, x, x]), np.zeros((COUNT, 1))
     C[12:14, 0] = [step, -step]
     Q = many("poses")(X, C)
-    by_x, by_c = jax.jit(jax.jacrev(inverse_function(poses), argnums=(0, 1)))(
-        x, np.zeros(1)
-    )
+    by_x, by_c = jax.jit(jax.jacrev(inverse_function(poses), argnums=(0, 1)))(x, np.zeros(1))
     for i in range(6):
         dx = (X[2 * i] - X[2 * i + 1]) / (2 * step)
         column = np.einsum("nab,ab->n", by_x, dx)
@@ -129,10 +123,7 @@ def test_it_refuses_the_leaves_and_the_matrices_that_python_refuses(
 ) -> None:
     """Issue 37, items 1 and 10: it returned joints beyond their limits on leaves other than c = 0,
     and joints for matrices that are no rotations or have a wrong last row."""
-    F, rng = (
-        rp.InverseFunction(poses.chart, keep_limits=False),
-        np.random.default_rng(37),
-    )
+    F, rng = (rp.InverseFunction(poses.chart, keep_limits=False), np.random.default_rng(37))
     count = 256
     X, C = targets(poses, count), rng.uniform(-6, 6, (count, 1))
     C[::4] = 0.0
@@ -236,10 +227,7 @@ def test_far_leaves_of_a_sector_are_refused_where_python_refuses() -> None:
     )
     F, rng = found.function, np.random.default_rng(5)
     U = rng.uniform(-1, 1, (1500, F.cell.k))
-    X, C = (
-        np.array([F.cell.at(u).homogeneous for u in U]),
-        rng.uniform(-6, 6, (1500, 1)),
-    )
+    X, C = (np.array([F.cell.at(u).homogeneous for u in U]), rng.uniform(-6, 6, (1500, 1)))
     wanted = F.batch(X, leaf=C, missing="nan")
     Q = jax.vmap(inverse_function(F))(X, C)
     assert np.array_equal(np.isnan(Q), np.isnan(wanted))

@@ -16,23 +16,10 @@ CHECKS = Path(__file__).with_name("jax_checks.py")
 def run(*options: str) -> None:
     if find_spec("jax") is None:
         pytest.skip("there is no JAX on this machine")
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-n",
-        "0",
-        "-p",
-        "no:cacheprovider",
-        *options,
-    ]
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", *options]
     quick = {"XLA_FLAGS": "--xla_backend_optimization_level=0"}  # compiling is dear
     done = subprocess.run(
-        [*command, str(CHECKS)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | quick,
+        [*command, str(CHECKS)], capture_output=True, text=True, check=False, env=os.environ | quick
     )
     assert done.returncode == 0, done.stdout[-4000:]
 

@@ -33,9 +33,7 @@ def drive(
     path = rp.circle(task, start, 0.1, normal="yz", start_angle=np.pi)
     targets = [path.placement(s) for s in np.linspace(0, 1, STEPS + 1)[1:]]
     configuration = pink.Configuration(
-        robot.model,
-        robot.model.createData(),
-        robot.coupling.joints(task.to_robot(start)),
+        robot.model, robot.model.createData(), robot.coupling.joints(task.to_robot(start))
     )
     leaders = [robot.model.getJointId(name) - 1 for name in robot.joint_names]
     frame = pink.tasks.FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
@@ -45,9 +43,7 @@ def drive(
     for _ in range(cycles):
         for target in targets:
             frame.set_target(target)
-            velocity = pink.solve_ik(
-                configuration, [frame, *extra], 0.01, solver="daqp"
-            )
+            velocity = pink.solve_ik(configuration, [frame, *extra], 0.01, solver="daqp")
             configuration.integrate_inplace(velocity, 0.01)
             speeds.append(np.linalg.norm(velocity))
         ends.append(task.from_robot(configuration.q[leaders]))
@@ -69,17 +65,14 @@ def away(panda_pose: rp.Task) -> np.ndarray:
 
 
 def test_with_our_task_pink_closes_its_cycles(panda_design, away) -> None:
-    repeatable, speed = drive(
-        panda_design, away, 10, RepeatableTask(panda_design.inverse)
-    )
+    repeatable, speed = drive(panda_design, away, 10, RepeatableTask(panda_design.inverse))
     assert np.linalg.norm(repeatable - away, axis=1).max() < 1e-5
     plain, plain_speed = drive(panda_design, away, 10)
     assert np.linalg.norm(plain[-1] - away) > 0.1
     # No jump: neither at the start nor anywhere else does it move faster than pink alone, give or
     # take.
     assert (
-        speed.max() < 1.3 * plain_speed.max()
-        and np.abs(np.diff(speed)).max() < 0.05 * speed.max()
+        speed.max() < 1.3 * plain_speed.max() and np.abs(np.diff(speed)).max() < 0.05 * speed.max()
     )
 
 
@@ -94,9 +87,7 @@ def test_a_posture_task_from_there_jumps(panda_design, away, q_panda) -> None:
     assert speed.max() > 5 * ours.max()
 
 
-def test_error_and_jacobian_are_h_and_its_derivative(
-    panda_design, panda, q_panda
-) -> None:
+def test_error_and_jacobian_are_h_and_its_derivative(panda_design, panda, q_panda) -> None:
     """Central differences of the error in pink's whole model, its fingers included."""
     model, task = panda.model, RepeatableTask(panda_design.inverse)
     rng = np.random.default_rng(0)
@@ -139,9 +130,7 @@ def test_continuous_joints_are_one_number_each() -> None:
         )
     ours.set_target(np.zeros(task.r))
     configuration = pink.Configuration(model, model.createData(), pinned)
-    assert np.allclose(
-        ours.compute_error(configuration), inverse.potentials.value(q), atol=1e-12
-    )
+    assert np.allclose(ours.compute_error(configuration), inverse.potentials.value(q), atol=1e-12)
     columns = [model.joints[model.getJointId(name)].idx_v for name in task.joint_names]
     assert np.allclose(
         ours.compute_jacobian(configuration)[:, columns],

@@ -36,18 +36,15 @@ def F() -> rp.InverseFunction:
 def asked(F: rp.InverseFunction, x: pin.SE3, leaf: Any = None, **changes: Any) -> Any:
     p, r = x.translation, pin.Quaternion(x.rotation)
     pose = Message(
-        position=Message(x=p[0], y=p[1], z=p[2]),
-        orientation=Message(x=r.x, y=r.y, z=r.z, w=r.w),
+        position=Message(x=p[0], y=p[1], z=p[2]), orientation=Message(x=r.x, y=r.y, z=r.z, w=r.w)
     )
     frame = changes.pop("frame_id", "base")
     stamped = Message(header=Message(frame_id=frame), pose=pose)
     request = Message(
-        pose_stamped=stamped,
-        **{"ik_link_name": "", "avoid_collisions": False} | changes,
+        pose_stamped=stamped, **{"ik_link_name": "", "avoid_collisions": False} | changes
     )
     response = Message(
-        solution=Message(joint_state=Message(name=[], position=[])),
-        error_code=Message(val=0),
+        solution=Message(joint_state=Message(name=[], position=[])), error_code=Message(val=0)
     )
     return answer(F, request, response, names=NAMES, base="base", leaf=leaf)
 
@@ -65,13 +62,8 @@ def test_what_cannot_be_answered_has_an_error_code(F: rp.InverseFunction) -> Non
     x, far = F.cell.at([0.3, -0.4]), F.cell.at([1.0, 1.0])
     far.translation[:] += 0.01
     assert asked(F, far).error_code.val == NO_SOLUTION
-    assert (
-        asked(F, pin.SE3(np.eye(3), np.full(3, np.nan))).error_code.val == NO_SOLUTION
-    )
+    assert asked(F, pin.SE3(np.eye(3), np.full(3, np.nan))).error_code.val == NO_SOLUTION
     assert asked(F, x, np.array([50.0])).error_code.val == NO_SOLUTION
     assert asked(F, x, ik_link_name="elbow").error_code.val == WRONG_LINK
     response = asked(F, x, frame_id="table")
-    assert (
-        response.error_code.val == WRONG_FRAME
-        and not response.solution.joint_state.name
-    )
+    assert response.error_code.val == WRONG_FRAME and not response.solution.joint_state.name

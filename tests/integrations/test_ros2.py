@@ -101,9 +101,7 @@ def test_a_pose_a_refused_one_and_a_clean_end(
 
 
 @pytest.mark.slow
-def test_sixty_seconds_round_a_closed_tour(
-    found: tuple[rp.CellDesign, Path], stage: Stage
-) -> None:
+def test_sixty_seconds_round_a_closed_tour(found: tuple[rp.CellDesign, Path], stage: Stage) -> None:
     """Poses at 100 Hz, twice round: the joints at every stop are the same the second time."""
     F = found[0].function
     node = stage.node(*LIMITS)
@@ -127,9 +125,7 @@ def test_sixty_seconds_round_a_closed_tour(
     lasted, busy = time.monotonic() - begin, seconds_of(node.pid) - busy
     Q, stops = np.array([q for _, q in stage.commands]), np.array(rest)
     apart = np.abs(stops[12:] - stops[:12]).max()
-    reached = max(
-        np.abs(F(F.cell.at(U[k % 12])) - q).max() for k, q in enumerate(stops)
-    )
+    reached = max(np.abs(F(F.cell.at(U[k % 12])) - q).max() for k, q in enumerate(stops))
     off, share = off_the_leaf(F, Q[::10]), used(Q, F.task)
     gaps = 1e3 * np.diff([t for t, _ in stage.commands])
     print(
@@ -160,17 +156,13 @@ def latency(F: rp.InverseFunction, stage: Stage, count: int = 100) -> str:
         before = len(stage.commands)
         sent = stage.pose(F.cell.at(np.full(F.cell.k, 0.02 * ((k + 1) % 2))))
         time.sleep(0.12)
-        found.append(
-            next(t for t, q in stage.commands[before - 1 :] if (q != rest).any()) - sent
-        )
+        found.append(next(t for t, q in stage.commands[before - 1 :] if (q != rest).any()) - sent)
     middle, late = 1e3 * np.quantile(found, [0.5, 0.99])
     return f"latency from pose to command at {RATE:g} Hz: median {middle:.1f} ms, p99 {late:.1f} ms"
 
 
 @pytest.mark.slow
-def test_faults_in_the_middle_of_a_motion(
-    found: tuple[rp.CellDesign, Path], stage: Stage
-) -> None:
+def test_faults_in_the_middle_of_a_motion(found: tuple[rp.CellDesign, Path], stage: Stage) -> None:
     """NaN, a pose outside, an arm that stops answering, a killed node: nothing unsafe is sent."""
     F = found[0].function
     node = stage.node(*LIMITS)
@@ -183,9 +175,7 @@ def test_faults_in_the_middle_of_a_motion(
     def checked(what: str) -> np.ndarray:
         """All commands since the last check keep limits and leaf; return the last."""
         Q = np.array([q for _, q in stage.commands])
-        print(
-            f"{what}: {len(Q)} commands, share {used(Q, F.task):.3f}; {stage.said[-1]}"
-        )
+        print(f"{what}: {len(Q)} commands, share {used(Q, F.task):.3f}; {stage.said[-1]}")
         assert used(Q, F.task) <= 1 + 1e-6 and off_the_leaf(F, Q) < 1e-6, what
         del stage.commands[:]
         return Q[-1]
@@ -326,9 +316,7 @@ def test_other_joint_names_and_a_position_controller(
     q = F(F.cell.placement)
     names = tuple(f"left_{name}" for name in F.task.joint_names)
     with Stage(tmp_path, found[1], q, names) as stage:
-        stage.subscribe(
-            Float64MultiArray, "commands", lambda m: sent.append(list(m.data))
-        )
+        stage.subscribe(Float64MultiArray, "commands", lambda m: sent.append(list(m.data)))
         stage.node(*LIMITS, "output:=positions", f"joints:=[{','.join(names)}]")
         time.sleep(0.5)
         assert not stage.commands and np.abs(np.array(sent) - q).max() == 0

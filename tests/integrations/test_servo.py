@@ -30,9 +30,7 @@ WALL = """<robot name="w"><link name="room"/><link name="wall"><collision><geome
 def design() -> rp.Design:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     potentials = rp.Polynomial(Q0, 2, 0.5)
-    return rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, rp.Box(Q0, 0.6), options=FEW
-    )
+    return rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(Q0, 0.6), options=FEW)
 
 
 class Bench:
@@ -86,9 +84,7 @@ def test_nothing_is_sent_before_the_joints_are_known_and_rest() -> None:
     bench.answers = False
     assert bench.run(0.5) is None and bench.servo.reason == "no joint states yet"
     bench.servo.joints({bench.task.joint_names[0]: 0.3, "finger": 1.0}, bench.now)
-    assert bench.run(0.1) is None and bench.servo.reason.startswith(
-        "no joint state of "
-    )
+    assert bench.run(0.1) is None and bench.servo.reason.startswith("no joint state of ")
     bench.answers = True
     for k in range(100):  # pushed by hand
         bench.q = Q0 + 0.002 * k
@@ -132,9 +128,7 @@ def test_a_bad_target_stops_the_arm(
     assert said.replace("'base'", repr(base)) in bench.servo.reason
     bench.run(1.0)
     assert bench.servo.at_rest and bench.servo.state is State.RUNNING
-    assert (
-        np.abs(bench.sent[-1] - bench.sent[0]).max() > 1e-3 and bench.used() <= 1 + 1e-6
-    )
+    assert np.abs(bench.sent[-1] - bench.sent[0]).max() > 1e-3 and bench.used() <= 1 + 1e-6
     bench.at(0.0, 0.0)
     bench.run(2.0)
     assert bench.servo.reason == "" and np.abs(bench.q - Q0).max() < 1e-9
@@ -143,9 +137,7 @@ def test_a_bad_target_stops_the_arm(
 def test_a_twist_holds_for_the_timeout_only(bench: Bench) -> None:
     bench.servo.twist((0.1, 0, 0, 0, 0, 0), bench.now)
     bench.run(1.0)
-    moved = (
-        bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
-    )
+    moved = bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
     assert 0 < moved[0] < 0.03 and abs(moved[1]) < 1e-6 and bench.servo.at_rest
     assert bench.servo.reason == "the last twist is more than 0.1 s old"
     bench.servo.twist((np.inf, 0, 0, 0, 0, 0), bench.now)
@@ -172,17 +164,13 @@ def test_a_twist_ends_whatever_the_clock_does(bench: Bench, clock) -> None:
         q = bench.servo.tick(now)
         bench.q = bench.q if q is None else q
         bench.sent.append(bench.q)
-    moved = (
-        bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
-    )
+    moved = bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
     assert moved[0] < 0.1 * (0.1 + 0.1) and bench.servo.at_rest
     assert bench.used() <= 1 + 1e-6
 
 
 @pytest.mark.parametrize("clock", [lambda t: t - 600, lambda t: 0.2, lambda t: -t])
-def test_joints_that_stop_are_noticed_whatever_the_clock_does(
-    bench: Bench, clock
-) -> None:
+def test_joints_that_stop_are_noticed_whatever_the_clock_does(bench: Bench, clock) -> None:
     """Issue 37, item 8: the twin, measured joints that are no longer measured."""
     bench.at(0.2, 0.0)
     begin = bench.now
@@ -266,9 +254,7 @@ def test_stale_joints_brake_then_nothing_is_sent(bench: Bench) -> None:
     assert (last == bench.sent[-3]).all()
     bench.answers = True
     q = bench.run(0.5)
-    assert (
-        q is not None and (q == last).all()
-    )  # on the same leaf, without the old target
+    assert q is not None and (q == last).all()  # on the same leaf, without the old target
 
 
 def test_hold_outlasts_stale_joints(bench: Bench) -> None:
@@ -282,9 +268,7 @@ def test_hold_outlasts_stale_joints(bench: Bench) -> None:
     assert bench.servo.reason == "held on request"
 
 
-def test_an_arm_that_does_not_follow_gets_no_commands_until_resumed(
-    bench: Bench,
-) -> None:
+def test_an_arm_that_does_not_follow_gets_no_commands_until_resumed(bench: Bench) -> None:
     pushed = Q0 + [0.0, 0.3, 0.0]
     for _ in range(100):
         bench.q = pushed
@@ -353,10 +337,7 @@ def test_a_leaf_is_reached_before_the_next_target(bench: Bench) -> None:
     assert np.abs(bench.task.placement(bench.q).translation - goal).max() < 1e-9
     assert bench.used() <= 1 + 1e-6
     way = [bench.task.placement(q).translation for q in bench.sent]
-    there = (
-        np.abs(np.array([inverse.leaf(q) for q in bench.sent]) - wanted).max(axis=1)
-        < 1e-9
-    )
+    there = np.abs(np.array([inverse.leaf(q) for q in bench.sent]) - wanted).max(axis=1) < 1e-9
     first = int(np.argmax(there))
     assert np.abs(way[first] - bench.task.placement(Q0).translation).max() < 1e-9
 
@@ -365,9 +346,7 @@ def test_a_leaf_out_of_reach_holds(bench: Bench) -> None:
     bench.servo.leaf(design().inverse.leaf(Q0) + 50.0)
     bench.at(0.05, 0.0)
     bench.run(8.0)
-    assert bench.servo.state is State.HOLDING and bench.servo.reason.startswith(
-        "leaf refused: "
-    )
+    assert bench.servo.state is State.HOLDING and bench.servo.reason.startswith("leaf refused: ")
     assert bench.used() <= 1 + 1e-6
 
 
@@ -392,9 +371,7 @@ def test_random_messages_never_exceed_a_limit_or_leave_the_leaf() -> None:
             )
             bench.servo.pose(p, rng.normal(size=4))
         elif kind == 4:
-            bench.servo.twist(
-                rng.normal(size=6) * rng.choice([0.1, 10, 1e9]), bench.now
-            )
+            bench.servo.twist(rng.normal(size=6) * rng.choice([0.1, 10, 1e9]), bench.now)
         elif kind == 5:
             bench.servo.pose(rng.choice([np.nan, np.inf, 0.0], 3), (0, 0, 0, 0))
         elif kind == 6:
@@ -409,11 +386,7 @@ def test_random_messages_never_exceed_a_limit_or_leave_the_leaf() -> None:
     Q = np.array(bench.sent)
     assert bench.used() <= 1 + 1e-6 and np.isfinite(Q).all() and len(Q) > 1000
     assert max(np.abs(inverse.leaf(q) - inverse.leaf(Q0)).max() for q in Q[::5]) < 1e-8
-    assert (
-        set(State) <= said
-        and (Q > bench.task.lower).all()
-        and (Q < bench.task.upper).all()
-    )
+    assert set(State) <= said and (Q > bench.task.lower).all() and (Q < bench.task.upper).all()
 
 
 def test_the_status_says_when_the_command_is_beyond_the_proved_radius() -> None:
@@ -422,9 +395,7 @@ def test_the_status_says_when_the_command_is_beyond_the_proved_radius() -> None:
     closes = replace(proof.closes, metres=0.05)
     proof = replace(proof, closes=closes, seal="").sealed(made.subject)
     bench = Bench()
-    bench.servo = Servo(
-        replace(made, proof=proof), RATE, rp.Limits(acceleration=A, jerk=J)
-    )
+    bench.servo = Servo(replace(made, proof=proof), RATE, rp.Limits(acceleration=A, jerk=J))
     bench.run(0.2)
     bench.at(0.2 * proof.closes.metres, 0.0)
     bench.run(2.0)
@@ -448,9 +419,7 @@ def test_a_clutch_moves_the_arm_with_the_hand_and_stops_it(bench: Bench) -> None
         q = bench.run(1 / RATE)
         if k == 0:
             assert (q == Q0).all()
-    moved = (
-        bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
-    )
+    moved = bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
     assert 0.05 < moved[0] <= 0.1 and abs(moved[1]) < 1e-3
     bench.run(0.5)
     assert servo.at_rest and servo.reason == "the last hand pose is more than 0.1 s old"

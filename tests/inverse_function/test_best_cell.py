@@ -20,10 +20,7 @@ def reaches_all(place: rp.BestCell, count: int = 40) -> bool:
     task, cell = place.cell.task, place.cell
     for u in [*cell.sample(count, 3), *product((-1.0, 1.0), repeat=cell.k)]:
         q = rp.solve_ik(task, place.posture, cell.at(u))
-        if (
-            task.limit_margin(q).min() < 0
-            or np.abs(task.error(q, cell.at(u))).max() > 1e-8
-        ):
+        if task.limit_margin(q).min() < 0 or np.abs(task.error(q, cell.at(u))).max() > 1e-8:
             return False
     return True
 

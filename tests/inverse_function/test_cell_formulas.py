@@ -20,21 +20,14 @@ from repctl_pin.extensions.cells.cell_evaluation import evaluate_cell
 from repctl_pin.extensions.cells.cell_fit import CellFit
 from repctl_pin.extensions.cells.cost import Cost, Penalty, descend, predicted_gain
 from repctl_pin.extensions.cells.penalty import ActiveConstraint, PenaltyMethod
-from repctl_pin.extensions.cells.posture_search import (
-    Candidate,
-    chosen,
-    judged,
-    searched,
-)
+from repctl_pin.extensions.cells.posture_search import Candidate, chosen, judged, searched
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis", "position"])
 def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
     """With the joint limits, the bodies and σ_min in it, each below what is asked for somewhere."""
     cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
-    chart = chart_of(
-        cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64
-    )
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
     terms, edge = chart.monomials, 0.9 * cell.sample(8, 5)
     rng = np.random.default_rng(0)
     asked_for = [
@@ -43,12 +36,8 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
         (margins.singular_values_of(cell.task), 1.0),
     ]
     for parts, exact in [(asked_for[:1], 1e-5), (asked_for, 1e-3)]:
-        kept = [
-            Penalty(margin, edge, np.full(len(edge), asked)) for margin, asked in parts
-        ]
-        cost = Cost(
-            rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0
-        )
+        kept = [Penalty(margin, edge, np.full(len(edge), asked)) for margin, asked in parts]
+        cost = Cost(rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0)
         a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
         value = cost.value(a)
         gradient, H = cost.model(value)
@@ -66,17 +55,13 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
         )
         for _ in range(3):
             v = rng.normal(size=a.shape)
-            slope = (
-                cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost
-            ) / 2e-5
+            slope = (cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost) / 2e-5
             assert gradient @ v.ravel() == pytest.approx(slope, rel=exact)
         assert np.linalg.eigvalsh(H).min() > -1e-9 * np.linalg.eigvalsh(H).max()
 
 
 @pytest.mark.parametrize(("kind", "count"), [("pose", 40), ("position", 80)])
-def test_the_matrix_of_the_cost_is_exact_where_the_cost_vanishes(
-    kind: str, count: int
-) -> None:
+def test_the_matrix_of_the_cost_is_exact_where_the_cost_vanishes(kind: str, count: int) -> None:
     """If G_d is the derivative of the function itself, then the cost is ½ aᵀ H a near it, and a
     step of Gauss and Newton lowers it to 0."""
     cell = cell_of(kind, half_width=0.08)
@@ -93,9 +78,7 @@ def test_the_matrix_of_the_cost_is_exact_where_the_cost_vanishes(
     ends = {i: sum(cost.value(s * (v + i * w)).cost for s in (1, -1)) for i in (1, -1)}
     sum_, difference = ((v + i * w).ravel() for i in (1, -1))
     assert ends[1] == pytest.approx(sum_ @ H @ sum_, rel=1e-4)
-    mixed = (
-        ends[1] - ends[-1]
-    ) / 4  # vᵀ H w, in which the blocks of different labels meet
+    mixed = (ends[1] - ends[-1]) / 4  # vᵀ H w, in which the blocks of different labels meet
     assert mixed == pytest.approx(v.ravel() @ H @ w.ravel(), rel=1e-2)
     assert difference @ H @ difference == pytest.approx(ends[-1], rel=1e-4)
     assert predicted_gain(cost, v) == pytest.approx(1, rel=1e-2)
@@ -117,10 +100,7 @@ def test_a_penalty_counts_where_its_margin_is_missed() -> None:
         return value, *cost.model(value)
 
     missed = Penalty(limits, edge, np.linspace(0.5, 2.0, 5))
-    met, nowhere = (
-        Penalty(limits, edge, np.full(5, -9.0)),
-        Penalty(limits, edge[:0], []),
-    )
+    met, nowhere = (Penalty(limits, edge, np.full(5, -9.0)), Penalty(limits, edge[:0], []))
     free, gradient, H = of()
     for other in (of(met, nowhere, weight=3.0), of(missed, weight=0.0), of(missed)):
         assert other[0].cost == other[0].nearness == pytest.approx(free.cost, rel=1e-12)
@@ -135,9 +115,7 @@ def test_a_penalty_counts_where_its_margin_is_missed() -> None:
     assert with_three.nearness == pytest.approx(free.cost, rel=1e-12)
 
 
-def test_a_cost_is_infinite_where_the_function_is_missing_at_one_node(
-    tmp_path: Path,
-) -> None:
+def test_a_cost_is_infinite_where_the_function_is_missing_at_one_node(tmp_path: Path) -> None:
     """Labels that grow along the cell until no configuration has them; at 0 again, the cost is
     what it was, although the search for the nodes began at the other configurations."""
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
@@ -185,9 +163,7 @@ def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
     assert costs[-1].value.cost < 0.8 * costs[0].value.cost
     rng = np.random.default_rng(1)
     for _ in range(3):  # a random start elsewhere comes to the same
-        again = descend(
-            Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1))
-        )
+        again = descend(Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1)))
         assert again.value.cost == pytest.approx(costs[-1].value.cost, rel=0.02)
 
 
@@ -216,9 +192,7 @@ def straight(
 
 
 @pytest.mark.parametrize(("half_width", "whole"), [(0.1, True), (0.35, False)])
-def test_a_posture_is_judged_by_the_way_to_the_corners(
-    half_width: float, whole: bool
-) -> None:
+def test_a_posture_is_judged_by_the_way_to_the_corners(half_width: float, whole: bool) -> None:
     """The share of the corners that are reached, the margin met there and the mean of G_d's own
     speed; all corners of an easy cell are reached."""
     cell, G_d = cell_of(half_width=half_width), rp.Pseudoinverse(panda())
@@ -253,9 +227,7 @@ def test_a_posture_is_judged_by_the_way_to_the_corners(
         ((1, 0.1, 0.09, 1.1), (1, 0.1, 0.10, 1.0), 0),  # as quick: the nearer
     ],
 )
-def test_the_best_posture_is_chosen_in_this_order(
-    first: tuple, second: tuple, best: int
-) -> None:
+def test_the_best_posture_is_chosen_in_this_order(first: tuple, second: tuple, best: int) -> None:
     """Share of the corners, collisions, limit margin, joint speed, distance from the reference."""
     reference = np.full(7, 2.0)
     near, far = reference + 0.1, reference - 0.5
@@ -329,9 +301,7 @@ def test_extra_speeds_are_relative_to_the_desired_inverse(tmp_path: Path) -> Non
     squares, due = ((X**2).sum(axis=(1, 2)) for X in (own, wanted))
     assert j.cost == pytest.approx(((own - wanted) ** 2).sum(axis=(1, 2)).mean())
     extra = np.sqrt(squares / due) - 1
-    assert j.extra_speed == pytest.approx(
-        np.sqrt(squares.mean() / due.mean()) - 1, rel=1e-6
-    )
+    assert j.extra_speed == pytest.approx(np.sqrt(squares.mean() / due.mean()) - 1, rel=1e-6)
     assert extra.max() - 1e-9 <= j.extra_speed_worst < 0
     assert j.limit_margin_worst < 0 and not j.everywhere
     assert j.limit_margin == pytest.approx(bound - third[:64].max(), abs=1e-9)
@@ -348,9 +318,7 @@ def test_the_smallest_singular_value_is_searched_for_on_its_own(tmp_path: Path) 
     chart = chart_of(cell, q, 4, 64)
     j = evaluate_cell(rp.Pseudoinverse(task), chart, 64, 1, quick=True)
     along = np.linspace(-1, 1, 201)
-    ends = [
-        np.stack(x, axis=1) for x in ((along, 1 + 0 * along), (1 + 0 * along, along))
-    ]
+    ends = [np.stack(x, axis=1) for x in ((along, 1 + 0 * along), (1 + 0 * along, along))]
     U = np.concatenate([w * end for end in ends for w in (1, -1)])
     Q = rp.InverseFunction(chart).batch(U)
     least = np.linalg.svd(task.jacobians(Q), compute_uv=False).min(axis=1)
@@ -365,22 +333,16 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
     chart = chart_of(cell, q, count=64)
     low, terms = (chart_of(cell, q, degree).monomials for degree in (2, 3))
     desired, U = rp.Pseudoinverse(cell.task), cell.sample(64, 1)
-    free = [
-        descend(Cost(desired, chart, t, U), np.zeros((t.size, 1))) for t in (low, terms)
-    ]
+    free = [descend(Cost(desired, chart, t, U), np.zeros((t.size, 1))) for t in (low, terms)]
     functions = [
         margins.CandidateFunction(chart, t, descent.a)
         for t, descent in zip((low, terms), free, strict=True)
     ]
     bound = np.quantile(functions[1].at(U).Q[:, 2], 0.7)
-    margin = margins.Margin(
-        "joint 3", lambda Q: bound + 0.1 - Q[:, 2:3], 0.1, 0.4, 128, 16, 24
-    )
+    margin = margins.Margin("joint 3", lambda Q: bound + 0.1 - Q[:, 2:3], 0.1, 0.4, 128, 16, 24)
 
     def constraint() -> ActiveConstraint:
-        return ActiveConstraint(
-            margin, np.concatenate([cell.sample(128, 3), cell.corners()])
-        )
+        return ActiveConstraint(margin, np.concatenate([cell.sample(128, 3), cell.corners()]))
 
     due = constraint()
     assert [due.short(one) for one in reversed(functions)] == [True, True]
@@ -410,9 +372,7 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
         assert guess is not None or weights[-1] < 1e5  # no margin was short any more
         assert weights[1] == 10 * weights[0]  # ten times in each round, up to 1e5
         assert {*map(tuple, due.edge)} <= {*map(tuple, kept.edge)}
-        assert (
-            margin.least(margins.CandidateFunction(chart, terms, found.a).at(U)) > 0.08
-        ).all()
+        assert (margin.least(margins.CandidateFunction(chart, terms, found.a).at(U)) > 0.08).all()
         guess = low.fit(U, terms.values(U) @ found.a)
         costs.append(found.value.cost)
     fit = PenaltyMethod(desired, chart, U, [constraint()], 20)
@@ -421,22 +381,17 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
 
 
 def test_postures_at_singularities_and_in_collision_are_left_out() -> None:
-    xarm = rp.Robot.load("xarm7").task(
-        "link_eef", "pose"
-    )  # of its postures some are singular, in others links touch
+    # of its postures some are singular, in others links touch
+    xarm = rp.Robot.load("xarm7").task("link_eef", "pose")
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
     offered = searched(rp.Pseudoinverse(xarm), cell)
     q = offered[0].q
     assert 1 < len(offered) <= 4  # and no two of them are the same within the tolerance
-    order = [
-        (-c.share, c.body_distance < 0, -min(c.margin, 0.1), c.speed) for c in offered
-    ]
+    order = [(-c.share, c.body_distance < 0, -min(c.margin, 0.1), c.speed) for c in offered]
     assert order[1:] == sorted(order[1:]) and order[0][:2] == min(order)[:2]
     for one, other in combinations(offered, 2):
         assert np.linalg.norm(one.q - other.q) > 0.3
-    assert (
-        np.abs(q - xarm.reference) <= np.pi
-    ).all()  # not wound up: the joints turn by two pi
+    assert (np.abs(q - xarm.reference) <= np.pi).all()  # not wound up: the joints turn by two pi
     s = np.linalg.svd(xarm.jacobian(q), compute_uv=False)
     assert rp.Bodies(xarm).nearest(q).distance > 0
     assert s[-1] > 0.01 * s[0] and np.abs(xarm.error(q, cell.placement)).max() < 1e-8
@@ -477,18 +432,12 @@ def test_the_posture_of_a_search_is_the_best_of_all(
     assert np.abs(found.q - best.q).max() < 0.035 and found.share == best.share == 1
     others = [c for c in every if c.share == 1 and np.linalg.norm(c.q - found.q) > 0.3]
     room = [min(0.1, c.margin) for c in others]
-    fast = [
-        c.speed
-        for c, margin in zip(others, room, strict=True)
-        if margin > max(room) - 0.01
-    ]
+    fast = [c.speed for c, margin in zip(others, room, strict=True) if margin > max(room) - 0.01]
     assert second_best.share == 1 and second_best.margin > max(room) - 0.01
     assert second_best.speed < 1.02 * min(fast)
 
 
-def test_a_posture_that_collides_at_a_corner_comes_after_all_that_do_not(
-    tmp_path: Path,
-) -> None:
+def test_a_posture_that_collides_at_a_corner_comes_after_all_that_do_not(tmp_path: Path) -> None:
     """A post that the first link of the fastest postures touches at a corner only."""
     text = planar_urdf([1.0, 0.8, 0.3], range_=3.0)
     for i, length in enumerate((1.0, 0.8, 0.3), 1):
@@ -516,9 +465,7 @@ def test_a_posture_is_unwound_only_inside_the_limits(tmp_path: Path) -> None:
     that at −6.5 rad at 2π − 6.5 rad."""
     text = planar_urdf([0.5, 0.4, 0.3]).split('lower="-7.0" upper="7.0"')
     hand = 'lower="0.7" upper="0.9"'
-    text = (
-        text[0] + 'lower="-7" upper="0.5"' + text[1] + hand + text[2] + hand + text[3]
-    )
+    text = text[0] + 'lower="-7" upper="0.5"' + text[1] + hand + text[2] + hand + text[3]
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
     task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
     for first, due in ((2.0, 2 - 2 * np.pi), (-6.5, 2 * np.pi - 6.5)):
@@ -616,9 +563,7 @@ def test_the_lowest_body_distance_is_that_of_all() -> None:
         ends, _, _ = straight(G_d, cell, at, cell.corners())
         exact = bodies.distances(np.concatenate([at[None], ends]))
         assert (bodies.hull_distances(ends) < 0).any() and np.ptp(exact) > 1e-3
-        assert one.share == 1 and one.body_distance == pytest.approx(
-            exact.min(), abs=1e-9
-        )
+        assert one.share == 1 and one.body_distance == pytest.approx(exact.min(), abs=1e-9)
 
 
 def test_postures_in_collision_are_judged_only_where_all_collide() -> None:
@@ -725,9 +670,7 @@ def test_the_slope_of_a_margin_is_that_of_its_smallest_part(tmp_path: Path) -> N
     candidate = margins.CandidateFunction(chart, chart.monomials, a)
 
     def measure(Q: np.ndarray) -> np.ndarray:
-        return np.stack(
-            [np.sin(Q[:, 2]), np.full(len(Q), np.inf), Q[:, 0] * Q[:, 2]], 1
-        )
+        return np.stack([np.sin(Q[:, 2]), np.full(len(Q), np.inf), Q[:, 0] * Q[:, 2]], 1)
 
     U, margin = 0.9 * chart.cell.sample(16), margin_of(measure)
     at = candidate.at(U)
@@ -847,21 +790,14 @@ def test_null_spaces_near_given_ones_are_exact(m: int, n: int) -> None:
     s = -np.sort(-(10.0 ** rng.uniform(-1, 1, (count, m))), axis=1)
     s[:, m // 2 :] *= 10.0 ** -np.linspace(0, 4, count)[:, None]
     J = U * s[:, None] @ np.swapaxes(V[:, :, :m], 1, 2)
-    turn, angle = (
-        rng.normal(size=(count, m, n - m)),
-        rng.permutation(np.linspace(0, 1.57, count)),
-    )
+    turn, angle = (rng.normal(size=(count, m, n - m)), rng.permutation(np.linspace(0, 1.57, count)))
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    mixed = V[:, :, m:] @ (
-        np.eye(n - m) + 0.4 * rng.uniform(-1, 1, (count, n - m, n - m))
-    )
+    mixed = V[:, :, m:] @ (np.eye(n - m) + 0.4 * rng.uniform(-1, 1, (count, n - m, n - m)))
     near = np.cos(angle)[:, None, None] * mixed
     near = near + np.sin(angle)[:, None, None] * V[:, :, :m] @ turn
     N, found = kinematics.null_bases(J, near)
     assert np.allclose(
-        N @ np.swapaxes(N, 1, 2),
-        V[:, :, m:] @ np.swapaxes(V[:, :, m:], 1, 2),
-        atol=1e-9,
+        N @ np.swapaxes(N, 1, 2), V[:, :, m:] @ np.swapaxes(V[:, :, m:], 1, 2), atol=1e-9
     )
     assert np.allclose(np.swapaxes(N, 1, 2) @ N, np.eye(n - m), atol=1e-12)
     assert np.allclose(found, s, rtol=0, atol=1e-11 * s[:, :1])
@@ -909,9 +845,7 @@ def test_a_margin_falls_short_beyond_its_slack(
 ) -> None:
     """The smallest margin of the cell is at a corner, which the search finds."""
     chart, required = wrist(tmp_path), 0.1
-    label = function_of_label(
-        chart, lambda U: least * required + 0.08 * (2 - U.sum(axis=1))
-    )
+    label = function_of_label(chart, lambda U: least * required + 0.08 * (2 - U.sum(axis=1)))
     margin = margin_of(lambda Q: Q[:, 2:] - 0.4, required, slack)
     U = 0.5 * chart.cell.sample(64)
     constraint = ActiveConstraint(margin, U)
@@ -925,9 +859,7 @@ def test_a_margin_falls_short_beyond_its_slack(
 
 
 @pytest.mark.parametrize("kind", ["limits", "bodies", "singularities"])
-def test_limits_may_be_missed_by_more_than_other_margins(
-    kind: str, tmp_path: Path
-) -> None:
+def test_limits_may_be_missed_by_more_than_other_margins(kind: str, tmp_path: Path) -> None:
     """Two fifths of the required margin, and a quarter, where self-motion has more than that."""
     if kind == "limits":
         task, q, slack = planar_task([0.5, 0.4, 0.0], tmp_path), [0.3, 0.9, 6.4], 0.4
@@ -976,16 +908,13 @@ def test_the_worst_poses_are_penalised_by_what_they_can_attain(tmp_path: Path) -
         before = constraint.edge.tolist()
         assert constraint.short(label)
         asked, least = (
-            np.where(U[:, 0] < 0, 0.9 * 0.08, required)
-            for U in (constraint.edge, constraint.U)
+            np.where(U[:, 0] < 0, 0.9 * 0.08, required) for U in (constraint.edge, constraint.U)
         )
         assert np.allclose(constraint.asked, asked, rtol=1e-3)
         short = least - 0.02 * way * constraint.U[:, 0]
         edge, every = constraint.edge.tolist(), constraint.U.tolist()
         bound = np.sort(short)[-30]
-        assert all(
-            u in edge for u, s in zip(every, short, strict=True) if s > bound + 1e-4
-        )
+        assert all(u in edge for u, s in zip(every, short, strict=True) if s > bound + 1e-4)
         assert all(u in edge for u in before) and len(edge) <= len(before) + 30
         fresh = [short[every.index(u)] for u in edge if u not in before]
         assert min(fresh) > bound - 1e-4
@@ -1031,12 +960,7 @@ class Staged(CellFit):
         return of_quick if quick else full
 
 
-GOOD = {
-    "coverage": 1.0,
-    "limit_margin": 0.4 * 0.05,
-    "limit_margin_worst": 0.0,
-    "cost": 1.0,
-}
+GOOD = {"coverage": 1.0, "limit_margin": 0.4 * 0.05, "limit_margin_worst": 0.0, "cost": 1.0}
 GOOD |= {"body_distance": 0.0, "extra_speed": 0.0199, "failures": ()}
 
 
@@ -1054,9 +978,7 @@ def staged(
         reach = 2 * np.pi * figures.pop("around", 0.9)
         (turn,) = base.evaluation.turns
         turn = replace(turn, reach=reach, joint_range=7.0)
-        return replace(
-            base, evaluation=replace(base.evaluation, turns=(turn,), **figures)
-        )
+        return replace(base, evaluation=replace(base.evaluation, turns=(turn,), **figures))
 
     table = [tuple(made(x) for x in (one if isinstance(one, list) else [one, one]))
              for one in designs]  # fmt: skip
@@ -1085,9 +1007,7 @@ def staged(
         {"around": 0.85},
     ],
 )
-def test_other_postures_are_tried_where_the_first_design_is_not_good(
-    figures: dict,
-) -> None:
+def test_other_postures_are_tried_where_the_first_design_is_not_good(figures: dict) -> None:
     """Good is: covered everywhere, 0.4 of the limit margin, 2 % joint speed, and 0.9 of the way
     round; or next to nothing covered, for which another posture is no help."""
     compared = ["posture 1 of 2", "posture 2 of 2", "full 1", "with a guess"]
@@ -1121,9 +1041,7 @@ def test_other_postures_are_tried_where_the_first_design_is_not_good(
         ({"coverage": 0.95}, {"coverage": 0.0}, 0),
     ],
 )
-def test_the_best_design_is_chosen_in_this_order(
-    first: Any, second: Any, best: int
-) -> None:
+def test_the_best_design_is_chosen_in_this_order(first: Any, second: Any, best: int) -> None:
     """Coverage of held-out poses, of all, collisions, 0.4 of the limit margin that was asked for,
     the way round to 5 %, and the cost."""
     dear = {"extra_speed": 0.5}
@@ -1169,15 +1087,11 @@ class WatchedCell(rp.Cell):
     ("kind", "half_angle", "count"),
     [("pose", 0.1, 1024), ("pose", (0.1, 0.1, 0), 1024), ("axis", 0.1, 512)],
 )
-def test_a_fit_has_three_nodes_for_each_term(
-    kind: str, half_angle: Any, count: int
-) -> None:
+def test_a_fit_has_three_nodes_for_each_term(kind: str, half_angle: Any, count: int) -> None:
     """Rounded up to a power of 2. Without a degree, as many as the highest degree with at most 260
     unknowns needs: degree 4 of six coordinates has 210 terms, degree 5 of five has 252; for r = 2,
     degree 4 of five has 2 · 126 unknowns."""
-    cell = WatchedCell(
-        panda(kind), middle(kind), 3.0, half_angle
-    )  # of which too little is reached
+    cell = WatchedCell(panda(kind), middle(kind), 3.0, half_angle)  # of which too little is reached
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     drawn.clear()
     fit = fit_of(rp.Pseudoinverse(cell.task), degree="auto")
@@ -1189,21 +1103,13 @@ def test_a_quick_design_has_a_lower_degree_and_fewer_poses(tmp_path: Path) -> No
     """And no pose on which a design is evaluated was among those of its fit."""
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), np.array([0.6, -1.2, 1.4])
     drawn.clear()
-    cell, fit = (
-        WatchedCell(task, task.placement(q), 0.2),
-        fit_of(rp.Pseudoinverse(task)),
-    )
-    for quick, degree, samples, held_out in (
-        (True, 2, 128, 512),
-        (False, 3, 256, 600),
-    ):
+    cell, fit = (WatchedCell(task, task.placement(q), 0.2), fit_of(rp.Pseudoinverse(task)))
+    for quick, degree, samples, held_out in ((True, 2, 128, 512), (False, 3, 256, 600)):
         design = fit.design(cell, q, quick=quick)
         assert isinstance(design, rp.CellDesign)
         assert [d for d, _ in design.degrees] == [degree]
         assert (design.samples, design.held_out) == (samples, held_out)
-        (at,) = (
-            i for i, U in enumerate(drawn) if len(U) == held_out and i == len(drawn) - 1
-        )
+        (at,) = (i for i, U in enumerate(drawn) if len(U) == held_out and i == len(drawn) - 1)
         others = np.concatenate(drawn[:at])
         assert not {*map(tuple, drawn[at])} & {*map(tuple, others)}
         drawn.clear()

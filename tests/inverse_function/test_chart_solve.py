@@ -25,9 +25,7 @@ def both_ways(text: str, kind: str, folder: Path) -> list[rp.Task]:
     (last,) = re.findall('<parent link="([^"]*)"/>', tip)
     (first, *_), chain = re.findall('<joint name="([^"]*)"', text), ""
     for i in range(32):
-        link = (
-            f'<parent link="{f"more{i - 1}" if i else last}"/><child link="more{i}"/>'
-        )
+        link = f'<parent link="{f"more{i - 1}" if i else last}"/><child link="more{i}"/>'
         chain += (
             f'<link name="more{i}"/><joint name="m{i}" type="revolute">{link}'
             '<axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="1" velocity="9"/>'
@@ -109,9 +107,7 @@ def test_solutions_satisfy_both_equations(name: str) -> None:
 
 
 @pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=NEEDS_C)])
-def test_a_singular_matrix_leaves_the_others_solved(
-    compiled: bool, tmp_path: Path
-) -> None:
+def test_a_singular_matrix_leaves_the_others_solved(compiled: bool, tmp_path: Path) -> None:
     """One of the starts is a stretched arm, whose J has a row of zeros."""
     tasks = both_ways(planar_urdf([1.0, 0.9, 0.8]), "xy", tmp_path)
     task, q = tasks[0 if compiled else 1], np.array([0.3, 0.9, 0.8])

@@ -67,9 +67,7 @@ def test_turns_of_a_cell_agree_with_pinocchio() -> None:
         turn = pin.exp3(u[3:])
         assert np.allclose(here, turn @ cell.placement.rotation, rtol=0, atol=1e-14)
         assert np.allclose(pin.log3(turn), u[3:], rtol=0, atol=1e-14)
-        left = pin.Jexp3(
-            u[3:]
-        ).T  # the transpose of Pinocchio's, which is the right one
+        left = pin.Jexp3(u[3:]).T  # the transpose of Pinocchio's, which is the right one
         assert np.allclose(E[3:, 3:], left, rtol=0, atol=1e-12)
     assert cell.placements(np.empty((0, 6)))[1].shape == (0, 3, 3)
     R = R.copy()
@@ -85,12 +83,8 @@ def test_errors_of_a_tool_axis_are_those_of_the_task() -> None:
     Q = np.random.default_rng(0).uniform(-1, 1, (20, 7))
     here = [task.placement(q) for q in Q]
     goals = [*here[::-1][:-1], here[-1]]
-    p, R = (
-        np.array([getattr(x, a) for x in here]) for a in ("translation", "rotation")
-    )
-    p_to, R_to = (
-        np.array([getattr(x, a) for x in goals]) for a in ("translation", "rotation")
-    )
+    p, R = (np.array([getattr(x, a) for x in here]) for a in ("translation", "rotation"))
+    p_to, R_to = (np.array([getattr(x, a) for x in goals]) for a in ("translation", "rotation"))
     due = [task.error(q, x) for q, x in zip(Q, goals, strict=True)]
     assert np.allclose(cell.errors(p_to, R_to, p, R), due, rtol=0, atol=1e-12)
 
@@ -106,9 +100,7 @@ def test_errors_of_a_tool_axis_are_those_of_the_task() -> None:
         ("xy", 0),
     ],
 )
-def test_coordinates_placements_and_their_velocities(
-    kind: str, rotation: object
-) -> None:
+def test_coordinates_placements_and_their_velocities(kind: str, rotation: object) -> None:
     task = panda(kind)
     cell = rp.Cell(task, middle(kind), 0.1, rotation)
     U = cell.sample(8)
@@ -117,27 +109,20 @@ def test_coordinates_placements_and_their_velocities(
     assert np.allclose(back, U) and np.allclose(off, 0)
     assert np.allclose([cell.coordinates_of(cell.at(u)) for u in U], U)
     E, h = cell.twists(U, R), 1e-6
-    for k in range(
-        cell.k
-    ):  # E is the velocity of the placement: errors to one a little further
+    for k in range(cell.k):  # E is the velocity of the placement: errors to one a little further
         step = h * np.eye(cell.k)[k]
-        assert np.allclose(
-            cell.errors(*cell.placements(U + step), p, R) / h, E[:, :, k], atol=1e-5
-        )
+        assert np.allclose(cell.errors(*cell.placements(U + step), p, R) / h, E[:, :, k], atol=1e-5)
     # a task's error in coordinates: u(f(q)) changes by ∂u/∂x J
     Q = np.array([rp.solve_ik(task, Q_PANDA, cell.at(u)) for u in U[:3]])
     placements = [task.placement(q) for q in Q]
     p, R = (
-        np.array([getattr(x, name) for x in placements])
-        for name in ("translation", "rotation")
+        np.array([getattr(x, name) for x in placements]) for name in ("translation", "rotation")
     )
     _, dU = cell.slopes(p, R)
     for q, slope in zip(Q, dU @ task.jacobians(Q), strict=True):
         d = 1e-6 * np.random.default_rng(1).normal(size=task.n)
         ends = [task.placement(q + s * d) for s in (1, -1)]
-        up, down = (
-            cell.coordinates(x.translation[None], x.rotation[None])[0][0] for x in ends
-        )
+        up, down = (cell.coordinates(x.translation[None], x.rotation[None])[0][0] for x in ends)
         assert np.allclose((up - down) / 2, slope @ d, atol=1e-11)
 
 
@@ -151,9 +136,7 @@ def test_a_cell_goes_round_poses_and_paths() -> None:
     assert (np.abs(U) <= 1).all() and np.allclose(off, 0) and np.abs(U).max() > 0.8
     path = rp.circle(task, Q_PANDA, 0.1, normal="x")
     assert np.allclose(
-        rp.Cell.around(task, path, margin=0.01).half_width,
-        [0.01, 0.11, 0.11],
-        atol=1e-3,
+        rp.Cell.around(task, path, margin=0.01).half_width, [0.01, 0.11, 0.11], atol=1e-3
     )
 
 
@@ -248,9 +231,7 @@ def test_arrays_of_a_cell_are_lists_of_poses_of_which_some_may_be_missing() -> N
         results = [method(*given) for given in (arrays, holes)]
         due, found = (r if isinstance(r, tuple) else (r,) for r in results)
         others = np.arange(4) != 2
-        assert all(
-            np.allclose(x[others], y[others]) for x, y in zip(due, found, strict=True)
-        )
+        assert all(np.allclose(x[others], y[others]) for x, y in zip(due, found, strict=True))
         assert not np.isfinite(found[0][2]).all()
 
 
@@ -284,10 +265,7 @@ def test_cells_that_make_no_sense(change: dict, says: str) -> None:
         rp.Cell(panda("position"), middle(), 0.1, 0.2)
     with pytest.raises(rp.InputError, match="requires the robot's own joints"):
         rp.Cell(panda().in_coordinates(np.eye(7)), middle(), 0.1)
-    for half_width in (
-        1e-6,
-        1000.0,
-    ):  # the smallest and the largest that the message names
+    for half_width in (1e-6, 1000.0):  # the smallest and the largest that the message names
         assert (rp.Cell(panda(), middle(), half_width).half_width == half_width).all()
 
 
@@ -337,9 +315,7 @@ def test_monomials_differentiate() -> None:
     C = np.random.default_rng(1).normal(size=(35, 2))
     lower, D = monomials.differentiated(C)
     due = np.einsum("KNk,Nr->Krk", monomials.slopes(T), C)
-    assert lower.degree == 3 and np.allclose(
-        np.einsum("KN,Nrk->Krk", lower.values(U), D), due
-    )
+    assert lower.degree == 3 and np.allclose(np.einsum("KN,Nrk->Krk", lower.values(U), D), due)
     assert np.allclose(monomials.fit(np.random.default_rng(2).uniform(-1, 1, (99, 3)),
                                      np.ones((99, 2)))[0], 1)  # fmt: skip
 
@@ -365,17 +341,11 @@ def test_a_section_is_exact_and_its_derivative_is_its_derivative(
     for q, u in zip(points.Q, U, strict=True):
         assert np.abs(cell.task.error(q, cell.at(u))).max() < 1e-9
     q_ref, n_ref = chart.reference(U)
-    assert np.allclose(
-        np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref), terms.values(U) @ a
-    )
-    dF, B = chart.derivative(
-        points, np.einsum("KNk,Nr->Krk", terms.slopes(terms.values(U)), a)
-    )
+    assert np.allclose(np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref), terms.values(U) @ a)
+    dF, B = chart.derivative(points, np.einsum("KNk,Nr->Krk", terms.slopes(terms.values(U)), a))
     for j in range(cell.k):
         d = 1e-5 * np.eye(cell.k)[j]
-        assert np.allclose(
-            (section(U + d) - section(U - d)) / 2e-5, dF[:, :, j], atol=1e-7
-        )
+        assert np.allclose((section(U + d) - section(U - d)) / 2e-5, dF[:, :, j], atol=1e-7)
     for j in range(r):
         d = 1e-5 * np.eye(r)[j]
         up, down = (chart.solve(U, terms.values(U) @ a + w * d).Q for w in (1, -1))
@@ -393,10 +363,7 @@ def test_the_function_is_exact_and_without_history(rotation: float) -> None:
     U = cell.sample(64, 9)
     targets = [cell.at(u) for u in U]
     Q = F.batch(targets)
-    assert (
-        max(np.abs(task.error(q, x)).max() for q, x in zip(Q, targets, strict=True))
-        < 1e-9
-    )
+    assert max(np.abs(task.error(q, x)).max() for q, x in zip(Q, targets, strict=True)) < 1e-9
     order = np.random.default_rng(0).permutation(len(U))
     for i in order:
         assert np.abs(F(targets[i]) - Q[i]).max() < 1e-9
@@ -404,9 +371,7 @@ def test_the_function_is_exact_and_without_history(rotation: float) -> None:
     for i in order:  # the same joints by the control, step after step, whatever the way
         q = inverse.solve(targets[i], q, leaf=np.zeros(1))
         assert np.abs(q - Q[i]).max() < 1e-9
-    assert np.allclose(F.batch(U), Q) and np.allclose(
-        [inverse.leaf(q) for q in Q], 0, atol=1e-9
-    )
+    assert np.allclose(F.batch(U), Q) and np.allclose([inverse.leaf(q) for q in Q], 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis", "position"])
@@ -422,9 +387,7 @@ def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
     for q, V in zip(Q, potentials.gradients(Q), strict=True):
         for _ in range(2):
             d = rng.normal(size=task.n)
-            slope = (
-                potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)
-            ) / 2e-6
+            slope = (potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)) / 2e-6
             assert np.allclose(V.T @ d, slope, atol=1e-7)
     u = 0.5 * np.ones(cell.k)
     G = F.jacobian(cell.at(u))
@@ -471,14 +434,10 @@ def test_potentials_in_c_are_the_potentials(kind: str, rotation: object) -> None
 def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
     design = found(0.25)
     path = tour(design.cell, 1, reach=0.999)
-    U = np.array(
-        [design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)]
-    )
+    U = np.array([design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)])
     assert (np.abs(U).max(axis=0) > 0.99).all()  # through all of the cell
     q0 = design.function(path.placement(0.0))
-    kept = rp.follow(
-        design.inverse, path, q0, cycles=10, steps=100, integrator=rp.LeafLock(3)
-    )
+    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=100, integrator=rp.LeafLock(3))
     crept = rp.follow(design.desired, path, q0, cycles=10, steps=100)
     assert kept.drift.max() < 1e-9 < 1e-2 < crept.drift[-1]
     Q = design.function.batch(U)
@@ -489,20 +448,13 @@ def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
 def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
     design = found()
     path = rp.circle(
-        design.task,
-        design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))),
-        0.08,
-        normal="z",
+        design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z"
     )
     q0 = design.function(path.placement(0.0))
-    motion = rp.follow(
-        design.inverse, path, q0, cycles=2, steps=40, integrator=rp.LeafLock(3)
-    )
+    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, integrator=rp.LeafLock(3))
     assert motion.drift.max() < 1e-9
     for i in range(0, 41, 8):
-        assert (
-            np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
-        )
+        assert np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
     pushed = rp.follow(
         design.inverse,
         path,
@@ -527,8 +479,7 @@ def test_leaves_are_an_interval_inside_the_limits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("limits", "ends"),
-    [((-0.5, 7.0), (-0.9, np.pi)), ((-7.0, 0.9), (-np.pi, 0.5))],
+    ("limits", "ends"), [((-0.5, 7.0), (-0.9, np.pi)), ((-7.0, 0.9), (-np.pi, 0.5))]
 )
 def test_leaves_end_at_a_limit_or_at_half_a_turn(
     limits: tuple[float, float], ends: tuple[float, float], tmp_path: Path
@@ -551,9 +502,7 @@ def test_leaves_end_where_the_leaf_margin_falls_to_a_tenth(tmp_path: Path) -> No
     """The self-motion is followed by small steps of the null vector; n_ref of another length counts
     c in another unit."""
     task, q = planar_task([0.52, 0.36, 0.27], tmp_path), [0.4, -1.01, 0.86]
-    chart = designed(
-        rp.Cell(task, task.placement(q), 0.03), q, samples=16
-    ).function.chart
+    chart = designed(rp.Cell(task, task.placement(q), 0.03), q, samples=16).function.chart
     u = np.array([0.3, -0.4])
     x, (q_ref, n) = chart.cell.at(u), (part[0] for part in chart.reference(u[None]))
     n = n[:, 0] / np.linalg.norm(n)
@@ -587,9 +536,7 @@ def test_what_a_design_says_of_itself() -> None:
     assert said["extra joint speed"].startswith(
         f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g} on average, "
     )
-    assert (
-        said["coverage"] == "100 %" and f"{j.limit_margin:.3g}" in said["limit margin"]
-    )
+    assert said["coverage"] == "100 %" and f"{j.limit_margin:.3g}" in said["limit margin"]
     assert (
         f"{100 * j.body_distance:.3g} cm" in said["body distance"]
         and "no" not in said["body distance"].split()
@@ -599,18 +546,14 @@ def test_what_a_design_says_of_itself() -> None:
     errors = replace(j, extra_speed_error=0.00945, body_distance=0.1235)
     said = replace(design, evaluation=errors).figures()
     assert " % ± 0.9 on average, " in said["extra joint speed"]
-    assert said["body distance"].startswith(
-        "12.3 cm, " + " and ".join(j.nearest_bodies)
-    )
+    assert said["body distance"].startswith("12.3 cm, " + " and ".join(j.nearest_bodies))
     assert said["limit margin"].count("best possible there by self-motion") == 2
     cell = cell_of("position")
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     more = rp.InverseFunction(chart_of(cell, q, 1, 16))
     said = replace(design, function=more).figures()["limit margin"]
     assert said.count("best found there on other leaves") == 2
-    free = replace(
-        design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf)
-    )
+    free = replace(design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf))
     assert (
         free.figures()["body distance"] == "no collision bodies"
         and free.figures()["limit margin"] == "no limits"
@@ -679,10 +622,7 @@ def test_the_judgement_is_honest() -> None:
     )
     distances = bodies.distances(every)
     assert 0.05 < j.body_distance <= distances.min() + 1e-9
-    assert (
-        j.smallest_singular_value
-        <= np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
-    )
+    assert j.smallest_singular_value <= np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
 
 
 @pytest.mark.parametrize("posture", [(-1.9, 1.0, 1.0), (1.9, -1.0, -1.2)])
@@ -724,10 +664,7 @@ def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
     x = pin.SE3(np.eye(3), np.array([1.43, 0.0, 0.0]))
     q = rp.solve_ik(task, [0.93, 0.41, -0.85], x)
     design = designed(rp.Cell(task, x, (0.46, 0.55)), q, degree=2, samples=64)
-    j, grid = (
-        design.evaluation,
-        np.array(list(product(np.linspace(-1, 1, 21), repeat=2))),
-    )
+    j, grid = (design.evaluation, np.array(list(product(np.linspace(-1, 1, 21), repeat=2))))
 
     def figures(U: np.ndarray) -> tuple[np.ndarray, ...]:
         Q = design.function.batch(U)
@@ -761,21 +698,17 @@ def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
     one alone."""
     design = found(0.25)
     cell, task, rng = design.cell, design.task, np.random.default_rng(3)
-    U = np.concatenate(
-        [cell.corners(), np.sign(cell.sample(400, 5)), cell.sample(400, 6)]
-    )
+    U = np.concatenate([cell.corners(), np.sign(cell.sample(400, 5)), cell.sample(400, 6)])
     Q = design.function.batch(U)
     G, G_d = design.inverse.batch(Q), design.desired.batch(Q)
-    E = cell.twists(U, np.array([task.placement(q).rotation for q in Q])) @ cell.speeds(
-        U
-    )
+    E = cell.twists(U, np.array([task.placement(q).rotation for q in Q])) @ cell.speeds(U)
     own, wanted = G @ E, G_d @ E
     whole = np.linalg.norm(own, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2)) - 1
     xdot = rng.normal(size=(task.m, 2000))
     single = np.linalg.norm(G @ xdot, axis=1) / np.linalg.norm(G_d @ xdot, axis=1) - 1
-    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[
-        :64
-    ].max() > 2 * np.median(whole)
+    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[:64].max() > 2 * np.median(
+        whole
+    )
     assert single.max() <= design.extra_speed_direction + 1e-9
     assert 0.8 * design.extra_speed_direction < single.max()  # and it is there
     assert (
@@ -800,14 +733,8 @@ def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
 def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {
-        "posture": q,
-        "degree": 1,
-        "options": rp.FitOptions(samples=32, held_out=64),
-    }
-    asked = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, sigma_min=9.0, **small
-    )
+    small = {"posture": q, "degree": 1, "options": rp.FitOptions(samples=32, held_out=64)}
+    asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=9.0, **small)
     assert "the requested 9 is not met" in asked.figures()["σ_min(J)"]
     plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert "asked for" not in plain.summary()
@@ -860,16 +787,10 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     x = task.placement([0.6, -1.2, 1.4])
     cell = rp.Cell(task, x, 0.35)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
-    small = {
-        "posture": q,
-        "degree": 2,
-        "options": rp.FitOptions(samples=64, held_out=256),
-    }
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=256)}
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     Q = free.function.batch(cell.sample(256))
-    bound = (
-        float(Q[:, 2].max()) - 0.05
-    )  # a joint limit where the free function goes beyond it
+    bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
     text = (tmp_path / "planar3.urdf").read_text().split('name="theta3"')
     text[1] = text[1].replace('upper="7.0"', f'upper="{bound}"', 1)
     (tmp_path / "bound.urdf").write_text('name="theta3"'.join(text))
@@ -933,9 +854,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
         "options": rp.FitOptions(samples=64, held_out=128),
     }
     free, kept = (
-        rp.nearest_inverse_function(
-            rp.Pseudoinverse(task), cell, body_distance=a, **small
-        )
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, body_distance=a, **small)
         for a in (0.0, 0.02)
     )
     assert free.body_distance < 0
@@ -974,9 +893,7 @@ def test_another_posture_is_used_where_the_first_one_collides(tmp_path: Path) ->
         bodies = f'<link name="link{i}"><collision>{box}</geometry></collision></link>'
         text = text.replace(f'<link name="link{i}"/>', bodies)
     *before, last = re.split('(lower="-3.0" upper="3.0")', text)
-    before[-1] = (
-        'lower="-0.1" upper="0.1"'  # so that no other postures are between the two
-    )
+    before[-1] = 'lower="-0.1" upper="0.1"'  # so that no other postures are between the two
     (tmp_path / "arm.urdf").write_text("".join([*before, last]))
     x, y = 0.93 * np.cos(0.85), -0.93 * np.sin(0.85)
     (tmp_path / "post.urdf").write_text(
@@ -1007,11 +924,7 @@ def test_another_posture_is_used_where_the_first_one_collides(tmp_path: Path) ->
 def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {
-        "posture": q,
-        "degree": 2,
-        "options": rp.FitOptions(samples=64, held_out=128),
-    }
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
     free, kept = (
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
         for a in (0.0, 0.9)
@@ -1031,17 +944,13 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(
     cell = rp.Cell(task, task.placement(q), 0.05)
     design = designed(cell, q, degree=2, samples=64)
     assert (
-        design.coverage == 1.0
-        and design.extra_speed < 0.03
-        and design.evaluation.residual < 1e-9
+        design.coverage == 1.0 and design.extra_speed < 0.03 and design.evaluation.residual < 1e-9
     )
     Q = design.function.batch(cell.sample(8))
     assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
 
 
-def test_an_arm_without_limits(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_an_arm_without_limits(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """And no progress bar, unless it is asked for."""
     text = planar_urdf([1.0, 0.9, 0.8]).replace('type="revolute"', 'type="continuous"')
     (tmp_path / "endless.urdf").write_text(text, encoding="utf-8")
@@ -1066,12 +975,7 @@ def test_functions_pickle_and_repeat_bit_for_bit() -> None:
 
 @pytest.mark.parametrize(
     ("ratio", "text"),
-    [
-        (0.000899, "0.0899 %"),
-        (0.4567, "45.7 %"),
-        (3.1623, "316 %"),
-        (12.3456, "1235 %"),
-    ],
+    [(0.000899, "0.0899 %"), (0.4567, "45.7 %"), (3.1623, "316 %"), (12.3456, "1235 %")],
 )
 def test_no_extra_speed_is_written_with_an_exponent(ratio: float, text: str) -> None:
     design = found()
@@ -1097,9 +1001,7 @@ def test_a_middle_out_of_reach(tmp_path: Path) -> None:
     )
     task = planar_task([0.5, 0.4, 0.3], tmp_path)
     far = pin.SE3(np.eye(3), np.array([0.9, 1.2, 0.0]))
-    found = re.search(
-        r"stays ([\d.]+) m or rad short", refused(rp.Cell(task, far, 0.1))
-    )
+    found = re.search(r"stays ([\d.]+) m or rad short", refused(rp.Cell(task, far, 0.1)))
     assert found is not None and float(found[1]) == pytest.approx(0.3, abs=0.02)
 
 
@@ -1123,9 +1025,7 @@ def test_a_middle_beyond_the_limits_names_the_joint_and_the_least_violation(
     ends = []
     for way in (1, -1):
         third = way * np.arccos(np.clip(cosine, -1, 1))
-        ahead = np.arctan2(y, x) - np.arctan2(
-            l3 * np.sin(third), l2 + l3 * np.cos(third)
-        )
+        ahead = np.arctan2(y, x) - np.arctan2(l3 * np.sin(third), l2 + l3 * np.cos(third))
         second = (ahead - first + np.pi) % (2 * np.pi) - np.pi
         beyond = np.abs([first, second, third]) - 0.5
         squares = (np.maximum(0, beyond + 0.1) ** 2).sum(axis=0)
@@ -1144,9 +1044,7 @@ def corner_out_of_reach(folder: Path) -> rp.Cell:
     return rp.Cell(task, pin.SE3(np.eye(3), np.array([1.9, 0.0, 0.0])), (0.72, 0.72))
 
 
-def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
-    tmp_path: Path,
-) -> None:
+def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path) -> None:
     """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
     cell = corner_out_of_reach(tmp_path)
     task = cell.task
@@ -1185,10 +1083,7 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
     assert all(0 <= share <= 1 for share in shares)
     assert kept.extra_speed_direction >= kept.extra_speed_worst >= kept.extra_speed
     assert kept.coverage == 1.0 and not kept.evaluation.everywhere
-    assert (
-        kept.figures()["coverage"]
-        == "all held-out poses, but not every pose of the cell"
-    )
+    assert kept.figures()["coverage"] == "all held-out poses, but not every pose of the cell"
     assert "out of reach" in kept.figures()["stopped"]
     assert "100" not in kept.figures()["coverage"] + repr(kept)
     smaller = rp.nearest_inverse_function(
@@ -1216,10 +1111,7 @@ def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
         ({"degree": 0}, "degree must be a whole number from 1 up"),
         ({"degree": 10**12}, "degree can be at most 12"),
         ({"options": rp.FitOptions(samples=10**6)}, "samples can be at most 65,536"),
-        (
-            {"options": rp.FitOptions(held_out=2 * 10**6)},
-            "held_out can be at most 1,048,576",
-        ),
+        ({"options": rp.FitOptions(held_out=2 * 10**6)}, "held_out can be at most 1,048,576"),
         ({"sigma_min": 1e300}, r"sigma_min can be at most 1e\+06"),
         ({"limit_margin": 1e300}, r"limit_margin can be at most 1e\+06"),
         ({"body_distance": -1}, "body_distance must be 0 m or more"),
@@ -1270,9 +1162,7 @@ def test_a_cell_that_reaches_too_far_and_what_would_fit(tmp_path: Path) -> None:
     assert "collision" not in [one.cause for one in error.value.failures]
 
 
-def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
-    tmp_path: Path,
-) -> None:
+def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: Path) -> None:
     (tmp_path / "narrow.urdf").write_text(
         planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8"
     )
@@ -1285,17 +1175,14 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
         r"use incomplete=.shrink. to get a cell of",
         says,
     ), says
-    task = planar_task(
-        [1.0, 0.9, 0.8], tmp_path
-    )  # folded together, it has no way outward along its links
+    # folded together, it has no way outward along its links
+    task = planar_task([1.0, 0.9, 0.8], tmp_path)
     x = pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))
     says = refused(
-        rp.Cell(task, x, (0.3, 0.1)),
-        rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x),
+        rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x)
     )
     assert re.search(
-        r"between the middle of the cell and \(.*\) m the arm passes a singularity",
-        says,
+        r"between the middle of the cell and \(.*\) m the arm passes a singularity", says
     ), says
 
 
@@ -1305,27 +1192,19 @@ def test_a_slide_beyond_its_limit_is_named_at_its_worst_pose(tmp_path: Path) -> 
     sliding_task(tmp_path)
     text = (tmp_path / "sliding.urdf").read_text()
     (tmp_path / "short.urdf").write_text(text.replace(old, new))
-    task, q = (
-        rp.Robot.load(tmp_path / "short.urdf").task("l5", "xy"),
-        [0.3, 0, 0.5, 0.2, 0.4],
-    )
+    task, q = (rp.Robot.load(tmp_path / "short.urdf").task("l5", "xy"), [0.3, 0, 0.5, 0.2, 0.4])
     cell = rp.Cell(task, task.placement(q), 0.15)
     design = designed(cell, q, incomplete="keep")
     (stop,) = design.failures
     free = rp.InverseFunction(design.function.chart, keep_limits=False)
     margin = task.limit_margin(free(cell.at(stop.u)))
     assert stop.cause == "limit" and np.argmin(margin) == 1
-    assert (
-        stop.what
-        == f"at {cell.where(stop.u)}, j1 is {-margin[1]:.2g} m beyond its limit"
-    )
+    assert stop.what == f"at {cell.where(stop.u)}, j1 is {-margin[1]:.2g} m beyond its limit"
     everywhere = task.limit_margin(free.batch(cell.sample(256, 5))).min()
     assert margin[1] <= everywhere + 1e-6
 
 
-def test_poses_out_of_reach_and_beyond_a_singularity_are_two_causes(
-    tmp_path: Path,
-) -> None:
+def test_poses_out_of_reach_and_beyond_a_singularity_are_two_causes(tmp_path: Path) -> None:
     """Out of reach are those farther away than the three links together."""
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 1.2)
@@ -1357,8 +1236,7 @@ def test_the_cell_that_fits_is_the_largest_whose_corners_keep_the_limits(
     def inside(factor: float) -> bool:
         here = np.tile(q, (4, 1))
         start, ends = (
-            cell.placements(factor * U)[0][:, :2]
-            for U in (np.zeros((4, 2)), cell.corners()[:4])
+            cell.placements(factor * U)[0][:, :2] for U in (np.zeros((4, 2)), cell.corners()[:4])
         )
         good = True
         for ahead in np.linspace(0, 1, 101)[1:]:
@@ -1384,11 +1262,7 @@ def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
     cell = rp.Cell(task, task.placement(q), 3.0)
     with pytest.raises(rp.NoFunctionError) as error:
         rp.nearest_inverse_function(
-            G_d,
-            cell,
-            posture=q,
-            degree=1,
-            options=rp.FitOptions(samples=32, held_out=64),
+            G_d, cell, posture=q, degree=1, options=rp.FitOptions(samples=32, held_out=64)
         )
     beyond, out_of_reach = 0, 0
     for u in np.concatenate([cell.sample(32, 1), cell.corners()]):
@@ -1503,9 +1377,7 @@ def test_targets_outside_and_other_wrong_things() -> None:
     with pytest.raises(rp.InputError, match="both for one task"):
         rp.nearest_inverse_function(rp.Pseudoinverse(panda("position")), design.cell)
     with pytest.raises(rp.InputError, match="incomplete"):
-        rp.nearest_inverse_function(
-            rp.Pseudoinverse(panda()), design.cell, incomplete="yes"
-        )  # type: ignore[arg-type]
+        rp.nearest_inverse_function(rp.Pseudoinverse(panda()), design.cell, incomplete="yes")  # type: ignore[arg-type]
 
 
 def broken_rotations(R: np.ndarray) -> list[np.ndarray]:
@@ -1527,9 +1399,7 @@ def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
     """By cells, F, the step of the control, and files; one off by rounding of a file is taken."""
     task, design = panda(kind), found()
     x = task.placement(Q_PANDA)
-    controls = [rp.ExtendedJacobian(task, Q_PANDA), design.inverse][
-        : 1 + (kind == "pose")
-    ]
+    controls = [rp.ExtendedJacobian(task, Q_PANDA), design.inverse][: 1 + (kind == "pose")]
     for R in broken_rotations(x.rotation):
         wrong = pin.SE3(R, x.translation)
         with pytest.raises(rp.InputError, match="is not a rotation matrix"):
@@ -1540,15 +1410,13 @@ def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
             task.error(Q_PANDA, wrong)
         for control in controls:
             with pytest.raises(
-                rp.InputError,
-                match="the rotation of the target is not a rotation matrix",
+                rp.InputError, match="the rotation of the target is not a rotation matrix"
             ):
                 control.step(Q_PANDA, wrong, 0.01)
         if kind == "pose":
             within = pin.SE3(R, design.cell.placement.translation)
             with pytest.raises(
-                rp.InputError,
-                match="the rotation of the target is not a rotation matrix",
+                rp.InputError, match="the rotation of the target is not a rotation matrix"
             ):
                 design.function(within)
             with pytest.raises(
@@ -1557,9 +1425,7 @@ def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
                 design.function.batch([design.cell.placement, within])
     rounded = pin.SE3(np.round(x.rotation, 7), x.translation)
     assert np.allclose(
-        controls[0].step(Q_PANDA, rounded, 0.01),
-        controls[0].step(Q_PANDA, x, 0.01),
-        atol=1e-6,
+        controls[0].step(Q_PANDA, rounded, 0.01), controls[0].step(Q_PANDA, x, 0.01), atol=1e-6
     )
     with pytest.raises(rp.InputError, match="finite"):
         controls[0].step(Q_PANDA, pin.SE3(np.full((3, 3), np.nan), x.translation), 0.01)
@@ -1571,34 +1437,24 @@ def test_the_control_of_a_cell_knows_its_cell_and_the_limits(tmp_path: Path) -> 
     design = found()
     inverse, cell, task = design.inverse, design.cell, design.task
     assert inverse.region is cell
-    q, beyond = (
-        design.function(cell.at(np.zeros(3))),
-        cell.at(np.array([1.2, 0.0, 0.0])),
-    )
+    q, beyond = (design.function(cell.at(np.zeros(3))), cell.at(np.array([1.2, 0.0, 0.0])))
     far = rp.solve_ik(task, q, beyond)
     for how in (inverse, pickle.loads(pickle.dumps(inverse)), in_numpy(inverse)):
         inside = how.step(q, cell.at(np.array([0.02, 0.0, 0.0])), 0.01, outside="raise")
         assert np.abs(inside - q).max() < 0.1
         with pytest.raises(
-            rp.InputError,
-            match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)",
+            rp.InputError, match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)"
         ):
             how.step(far, beyond, 0.01, outside="raise")
     corner = corner_beyond_a_limit(tmp_path)
     control, start = corner.inverse, corner(corner.cell.placement)
     path = [start]
     for s in np.linspace(0, 1, 21)[1:]:
-        path.append(
-            control.step(
-                path[-1], corner.cell.at(s * np.ones(2)), 0.01, leaf=np.zeros(1)
-            )
-        )
+        path.append(control.step(path[-1], corner.cell.at(s * np.ones(2)), 0.01, leaf=np.zeros(1)))
     assert corner.task.limit_margin(np.array(path)).min() < -0.01
     first = int(np.argmax(corner.task.limit_margin(np.array(path)).min(axis=1) < -1e-9))
     target = corner.cell.at(np.linspace(0, 1, 21)[first] * np.ones(2))
-    with pytest.raises(
-        rp.InputError, match=r"the next q: theta3 = .* is outside its limits"
-    ):
+    with pytest.raises(rp.InputError, match=r"the next q: theta3 = .* is outside its limits"):
         control.step(path[first - 1], target, 0.01, leaf=np.zeros(1), outside="raise")
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -1611,11 +1467,7 @@ def corner_beyond_a_limit(folder: Path) -> rp.InverseFunction:
     """A function over a cell in one corner of which the third joint is beyond its limit."""
     task, q = planar_task([1.0, 0.9, 0.8], folder), [0.6, -1.2, 1.4]
     cell = rp.Cell(task, task.placement(q), 0.35)
-    small = {
-        "posture": q,
-        "degree": 2,
-        "options": rp.FitOptions(samples=64, held_out=128),
-    }
+    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     edge = float(free.function(cell.at(np.ones(2)))[2])
     bound = 0.5 * (edge + 1.4)
@@ -1644,13 +1496,9 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
         and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
     )
     touching = replace(
-        design,
-        evaluation=replace(design.evaluation, limit_margin=0.1, limit_margin_worst=0.0),
+        design, evaluation=replace(design.evaluation, limit_margin=0.1, limit_margin_worst=0.0)
     )
-    assert (
-        rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst
-        == 0.0
-    )
+    assert rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst == 0.0
     with pytest.raises(rp.InputError, match="is for the task kind 'pose'"):
         rp.load(file, panda("axis"))
     file.write_text(file.read_text().replace('"degree": ', '"degree":  1'))
@@ -1662,24 +1510,16 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
     ("changes", "says"),
     [
         ({"degrees": []}, "must name at least one degree"),
-        (
-            {"degree": -1},
-            "the degree of a cell's polynomials must be a whole number from 0 up",
-        ),
+        ({"degree": -1}, "the degree of a cell's polynomials must be a whole number from 0 up"),
         ({"degree": 10**9}, "can be at most 64"),
-        (
-            {"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()},
-            "is not a rotation matrix",
-        ),
+        ({"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "is not a rotation matrix"),
         (
             {"widths": [1e-300, 0.1, 0.1, 0, 0, 0]},
             "half_width must be 0, which holds the coordinate",
         ),
     ],
 )
-def test_files_that_describe_no_cell_are_refused(
-    changes: dict, says: str, tmp_path: Path
-) -> None:
+def test_files_that_describe_no_cell_are_refused(changes: dict, says: str, tmp_path: Path) -> None:
     file = rp.save(found(), tmp_path / "cell.json")
     content = json.loads(file.read_text()) | changes
     content["checksum"] = checksum(content)
@@ -1695,11 +1535,5 @@ def test_a_file_without_the_worst_task_direction_is_read(tmp_path: Path) -> None
     content["checksum"] = checksum(content)
     file.write_text(json.dumps(content))
     again = rp.load(file, panda())
-    assert (
-        isinstance(again, rp.CellDesign)
-        and "single task direction" not in again.summary()
-    )
-    assert (
-        rp.load(rp.save(again, tmp_path / "b.json"), panda()).summary()
-        == again.summary()
-    )
+    assert isinstance(again, rp.CellDesign) and "single task direction" not in again.summary()
+    assert rp.load(rp.save(again, tmp_path / "b.json"), panda()).summary() == again.summary()

@@ -40,11 +40,7 @@ def test_the_prototypes_cells(
 ) -> None:
     design = found(half_width, rotation)
     print(design.summary())
-    assert (
-        design.extra_speed < most
-        and design.limit_margin > margin
-        and design.coverage == 1.0
-    )
+    assert design.extra_speed < most and design.limit_margin > margin and design.coverage == 1.0
     for least, attainable in (
         (design.limit_margin, design.evaluation.attainable_margin),
         (design.limit_margin_worst, design.evaluation.attainable_margin_worst),
@@ -59,9 +55,7 @@ def test_the_prototypes_cells(
 @pytest.mark.parametrize(
     ("limit_margin", "is_there"), [(0.02, False), (0.003, False), (0.002, True)]
 )
-def test_the_limit_margin_of_the_largest_of_them(
-    limit_margin: float, is_there: bool
-) -> None:
+def test_the_limit_margin_of_the_largest_of_them(limit_margin: float, is_there: bool) -> None:
     """Whatever the function: from all joints with this margin at one pose, none lead to the
     middle along the ray.
 
@@ -72,9 +66,7 @@ def test_the_limit_margin_of_the_largest_of_them(
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
     cell = rp.Cell(task, middle, (0.15, 0.25, 0.15), 0.4)
     u = cell.sample(8192, 2)  # of the held-out poses the one with the smallest margin
-    u = u[
-        np.argmin(np.abs(u - [-0.941, -0.106, -0.651, -0.421, -0.9, 0.656]).max(axis=1))
-    ]
+    u = u[np.argmin(np.abs(u - [-0.941, -0.106, -0.651, -0.421, -0.9, 0.656]).max(axis=1))]
     starts = task.lower + (task.upper - task.lower) * np.random.default_rng(1).random(
         (1500, task.n)
     )
@@ -116,9 +108,7 @@ def self_motions(
     def kept(Q: np.ndarray) -> np.ndarray:
         """Those at the pose, inside the limits, in cells of joint space not yet seen."""
         Q, left = at_pose(cell, Q, u, 4)
-        good = np.flatnonzero(
-            (left < 1e-7) & (task.limit_margin(Q).min(axis=1) >= limit_margin)
-        )
+        good = np.flatnonzero((left < 1e-7) & (task.limit_margin(Q).min(axis=1) >= limit_margin))
         fresh = []
         for i in good:
             key = tuple(np.round(Q[i] / step).astype(int))
@@ -153,9 +143,7 @@ def test_other_arms_and_tasks(
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell)
     print(design.summary())
     assert (
-        design.extra_speed < 0.03
-        and design.coverage == 1.0
-        and design.evaluation.residual < 1e-9
+        design.extra_speed < 0.03 and design.coverage == 1.0 and design.evaluation.residual < 1e-9
     )
 
 
@@ -178,11 +166,7 @@ def test_ten_thousand_poses_in_three_orders() -> None:
             worst = max(worst, np.abs(q - Q[i]).max())
         assert worst < 1e-9
     assert (
-        max(
-            np.abs(design.task.error(q, x)).max()
-            for q, x in zip(Q, targets, strict=True)
-        )
-        < 1e-9
+        max(np.abs(design.task.error(q, x)).max() for q, x in zip(Q, targets, strict=True)) < 1e-9
     )
 
 
@@ -191,9 +175,8 @@ def test_no_jumps_on_a_hundred_loops() -> None:
     for seed in range(100):
         path = tour(design.cell, seed)
         Q = design.function.batch([path.placement(s) for s in np.linspace(0, 1, 2001)])
-        steps = [
-            np.abs(np.diff(Q[::stride], axis=0)).max() for stride in (8, 4, 2, 1)
-        ]  # 250 to 2,000
+        # 250 to 2,000
+        steps = [np.abs(np.diff(Q[::stride], axis=0)).max() for stride in (8, 4, 2, 1)]
         ratios = np.array(steps[:-1]) / steps[1:]
         assert (np.abs(ratios - 2) < 0.1).all(), (seed, ratios)
 
@@ -202,9 +185,7 @@ def test_ten_thousand_cycles_without_a_trend() -> None:
     design = found()
     path = tour(design.cell, 1)
     q0 = design.function(path.placement(0.0))
-    motion = rp.follow(
-        design.inverse, path, q0, cycles=10_000, steps=40, integrator=rp.LeafLock(3)
-    )
+    motion = rp.follow(design.inverse, path, q0, cycles=10_000, steps=40, integrator=rp.LeafLock(3))
     late = motion.drift[5000:]
     print("drift after 1, 10, 10,000 cycles:", motion.drift[[0, 9, -1]])
     assert motion.drift.max() < 1e-5 and np.ptp(motion.drift) < 1e-9

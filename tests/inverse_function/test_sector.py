@@ -56,17 +56,13 @@ def test_the_placement_in_cylindrical_coordinates_by_hand() -> None:
         spin=0.5,
     )
     x = sector.at([1.0, 1.0, 0.5, 1.0, 0.0, 1.0])
-    turn, tilt, spin = (
-        pin.exp3(np.array(v)) for v in ([0, 0, 1.0], [0.3, 0, 0], [0, 0, 0.5])
-    )
+    turn, tilt, spin = (pin.exp3(np.array(v)) for v in ([0, 0, 1.0], [0.3, 0, 0], [0, 0, 0.5]))
     assert np.allclose(x.translation, turn @ [0.36, 0.48, 0.3])
     assert np.allclose(x.rotation, turn @ sector.placement.rotation @ tilt @ spin)
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis"])
-def test_a_tool_that_points_the_opposite_way_is_tilted_by_half_a_turn(
-    kind: str,
-) -> None:
+def test_a_tool_that_points_the_opposite_way_is_tilted_by_half_a_turn(kind: str) -> None:
     """About its own x axis, where every axis would do; other rows of a batch do not change."""
     given = {"radius": 0.1, "angle": 1.0, "half_angle": (0.3, 0.4)}
     middle = pin.SE3(pin.exp3(np.array([0, 0, 0.5])), np.array([0.3, 0.4, 0.2]))
@@ -112,14 +108,9 @@ def test_a_sector_is_moved_along_its_angle_and_its_spin(name: str) -> None:
 
 def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
     both = sector_of("pose").symmetries
-    assert [(one.coordinate, one.joint, one.sign) for one in both] == [
-        (1, 0, 1),
-        (5, 6, 1),
-    ]
+    assert [(one.coordinate, one.joint, one.sign) for one in both] == [(1, 0, 1), (5, 6, 1)]
     assert sector_of("another axis").symmetries == ()
-    assert [
-        one.coordinate for one in sector_of("a turn without its symmetry").symmetries
-    ] == [1]
+    assert [one.coordinate for one in sector_of("a turn without its symmetry").symmetries] == [1]
     upside_down = sector_of("position", axis=[[0, 0, 0], [0, 0, -1]])
     assert [(one.joint, one.sign) for one in upside_down.symmetries] == [(0, -1)]
     off_axis = rp.Robot.load("panda").task("panda_leftfinger", "pose")
@@ -152,14 +143,11 @@ def test_a_tool_that_keeps_its_direction_does_not_turn_with_the_arm(
         '<mimic joint="theta1" multiplier="-1"/></joint>'
     )
     tip = tip.replace(
-        '<origin xyz="0.05 0 0"/></joint>',
-        '<origin xyz="0.05 0 0" rpy="0 1 0"/>' + back,
+        '<origin xyz="0.05 0 0"/></joint>', '<origin xyz="0.05 0 0" rpy="0 1 0"/>' + back
     )
     tip = tip.replace('<axis xyz="0 0 1"/>', '<axis xyz="SIN 0 COS"/>')
     tip = tip.replace("SIN", str(-np.sin(1.0))).replace("COS", str(np.cos(1.0)))
-    (tmp_path / "arm.urdf").write_text(
-        '<joint name="tip" type="revolute">'.join([*arm, tip])
-    )
+    (tmp_path / "arm.urdf").write_text('<joint name="tip" type="revolute">'.join([*arm, tip]))
     task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", kind)
     sector = rp.Sector(task, task.placement(0.3 * np.ones(7)), radius=0.05, angle=0.2)
     assert len(sector.symmetries) == count
@@ -168,18 +156,12 @@ def test_a_tool_that_keeps_its_direction_does_not_turn_with_the_arm(
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (
-            {"radius": 0.5},
-            "radius of ±0.5 m reaches the axis, which is 0.461 m from the placement",
-        ),
+        ({"radius": 0.5}, "radius of ±0.5 m reaches the axis, which is 0.461 m from the placement"),
         ({"angle": 3.5}, "angle of ±3.5 rad is more than a full turn"),
         ({"angle": "half"}, "all"),
         ({"spin": 4.0}, "spin of ±4 rad is more than a full turn"),
         ({"placement": [0, 0, 0.4]}, "placement lies on the axis"),
-        (
-            {"radius": 0.0, "height": 0.0},
-            "needs a radius, height or half_angle above 0",
-        ),
+        ({"radius": 0.0, "height": 0.0}, "needs a radius, height or half_angle above 0"),
         ({"radius": -0.1}, "radius must be 0 m or more"),
         ({"half_angle": -0.1}, "half_angle must be 0 rad or more"),
         ({"half_angle": 3.0}, "half_angle reaches half a turn"),
@@ -216,11 +198,7 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
             {"spin": 0.2},
             "spin: the position task leaves the rotation about the tool free",
         ),
-        (
-            "axis",
-            {"spin": "all"},
-            "spin: the axis task leaves the rotation about the tool free",
-        ),
+        ("axis", {"spin": "all"}, "spin: the axis task leaves the rotation about the tool free"),
         ("axis", {"half_angle": (0.1, 0.1, 0.1)}, "half_angle must be .*: x, y"),
         (
             "position",
@@ -231,9 +209,7 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
         ("xz", {}, "axis of a sector for the xz task must be along y"),
     ],
 )
-def test_coordinates_that_a_task_leaves_free(
-    kind: str, change: dict, says: str
-) -> None:
+def test_coordinates_that_a_task_leaves_free(kind: str, change: dict, says: str) -> None:
     x = panda().placement(Q_PANDA)
     with pytest.raises(rp.InputError, match=says):
         rp.Sector(panda(kind), x, **({"radius": 0.1} | change))
@@ -274,9 +250,7 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
         V = U.copy()
         V[:, i] = -0.3 * V[:, i]
         due = Q.copy()
-        due[:, one.joint] += (
-            one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
-        )
+        due[:, one.joint] += one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
         assert np.abs(F.batch(V) - due).max() < 4e-15
     lower, upper = F.leaves(targets[0])[0]
     assert lower < -0.02 and upper > 0.02
@@ -324,14 +298,9 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
     for u in rng.uniform(-0.8, 0.8, (4, design.cell.k)):
         q = design.function(design.cell.at(u)) + 0.1 * rng.normal(size=task.n)
         q[-1] += 0.5  # the spin is outside the sector
-        q[design.function.chart.cell.removed[0].joint if name == "pose" else 0] += (
-            2 * np.pi
-        )
+        q[design.function.chart.cell.removed[0].joint if name == "pose" else 0] += 2 * np.pi
         V, h = inverse.potentials.gradient(q), 1e-6
-        ends = [
-            [inverse.potentials.value(q + w * h * e) for e in np.eye(task.n)]
-            for w in (1, -1)
-        ]
+        ends = [[inverse.potentials.value(q + w * h * e) for e in np.eye(task.n)] for w in (1, -1)]
         assert np.allclose((np.array(ends[0]) - ends[1]) / (2 * h), V, atol=1e-6)
         xdot = rng.normal(size=task.m)
         assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-8)
@@ -458,9 +427,7 @@ def test_tilts_stay_about_the_axes_that_were_given() -> None:
     round_about = pin.exp3(phi * up)
     assert np.allclose(x.translation, cell.axis[0] + round_about @ flat)
     tilt, spin = (pin.exp3(np.array(t)) for t in ([*tilted[3:5], 0], [0, 0, tilted[5]]))
-    assert np.allclose(
-        x.rotation, round_about @ sector.placement.rotation @ tilt @ spin
-    )
+    assert np.allclose(x.rotation, round_about @ sector.placement.rotation @ tilt @ spin)
     U[:, 5] = -cell.spin_middle / cell.widths[5]  # the spin of the given placement
     U[128:, 5] = np.sign(U[128:, 5] - 0.5 + np.random.default_rng(1).uniform(size=128))
     Q = F.batch(U)
@@ -519,10 +486,7 @@ def test_how_far_round_and_what_ends_it() -> None:
     assert turn.reach <= turn.nearly <= turn.most <= turn.joint_range
     assert turn.covered == 1.0 and np.isclose(turn.as_covered, turn.reach, atol=0.01)
     assert np.isclose(cell.widths[1], turn.reach / 2)
-    for end in (
-        -1.0,
-        1.0,
-    ):  # both ends of the angle are inside the limits, further is not
+    for end in (-1.0, 1.0):  # both ends of the angle are inside the limits, further is not
         U[:, 1] = end
         assert task.limit_margin(F.batch(U))[:, 0].min() > -1e-9
         U[:, 1] = end * np.pi / cell.widths[1] * 0.999
@@ -542,9 +506,7 @@ def test_a_sector_turns_about_the_joints_own_axis(tilt: float, tmp_path: Path) -
     q0 = np.array([0.1, 0.7, 0.2, 1.2, 0.1, 0.8, 0.0])
     size: dict[str, Any] = {"radius": 0.03, "height": 0.03, "angle": "all"}
     if abs(tilt) > 2e-3:
-        with pytest.raises(
-            rp.InputError, match="joint1 is tilted by 0.01 rad"
-        ) as error:
+        with pytest.raises(rp.InputError, match="joint1 is tilted by 0.01 rad") as error:
             rp.Sector(task, task.placement(q0), **size)
         numbers = re.findall(r"\(([-\d., e]*)\)", error.value.remedy)
         size["axis"] = [[float(x) for x in row.split(",")] for row in numbers]
@@ -766,15 +728,11 @@ def test_bodies_are_looked_at_all_round(tmp_path: Path) -> None:
     distances = rp.Bodies(task).distances(worst[None])
     assert distances[0] == pytest.approx(design.body_distance, abs=1e-9)
     Q = design.function.batch(sector.sample(1024, 3))
-    assert stop.share == pytest.approx(
-        (rp.Bodies(task).distances(Q) < 0).mean(), abs=0.06
-    )
+    assert stop.share == pytest.approx((rp.Bodies(task).distances(Q) < 0).mean(), abs=0.06)
 
 
 @pytest.mark.parametrize("name", ["pose", "position", "one orientation"])
-def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(
-    name: str,
-) -> None:
+def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(name: str) -> None:
     cell = found(name).function.chart.cell
     task, shares = cell.task, np.linspace(-1, 1, 21)
     Q = np.random.default_rng(0).uniform(task.lower, task.upper, (8, task.n))
@@ -793,10 +751,7 @@ def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(
 def test_a_desired_inverse_without_the_symmetry_is_not_reduced(tmp_path: Path) -> None:
     """A weight that is constant in the joints leaves the symmetry; one that changes with the first
     joint does not, at some configurations only."""
-    assert [one.coordinate for one in found("pose").function.chart.cell.removed] == [
-        1,
-        5,
-    ]
+    assert [one.coordinate for one in found("pose").function.chart.cell.removed] == [1, 5]
     task, q = planar_task([0.5, 0.4, 0.3], tmp_path), [0.2, 0.8, 0.8]
     sector = rp.Sector(task, task.placement(q), radius=0.05, angle=0.3)
     few = rp.FitOptions(samples=16, held_out=64)
@@ -805,11 +760,7 @@ def test_a_desired_inverse_without_the_symmetry_is_not_reduced(tmp_path: Path) -
         (lambda q: np.diag([2 + np.sin(q[0]) * max(0.0, 0.4 - q[1]), 1.0, 1.0]), []),
     ):
         design = rp.nearest_inverse_function(
-            rp.WeightedInverse(task, weight),
-            sector,
-            posture=q,
-            degree=1,
-            options=few,
+            rp.WeightedInverse(task, weight), sector, posture=q, degree=1, options=few
         )
         kept = design.function.chart.cell
         assert [one.coordinate for one in kept.removed] == removed
@@ -817,12 +768,8 @@ def test_a_desired_inverse_without_the_symmetry_is_not_reduced(tmp_path: Path) -
 
 def test_all_round_requires_the_symmetry_of_the_cost() -> None:
     free = sector_of("one orientation")
-    with pytest.raises(
-        rp.InputError, match="angle 'all' requires the symmetry .* body_distance="
-    ):
-        rp.nearest_inverse_function(
-            rp.Pseudoinverse(free.task), free, body_distance=0.02
-        )
+    with pytest.raises(rp.InputError, match="angle 'all' requires the symmetry .* body_distance="):
+        rp.nearest_inverse_function(rp.Pseudoinverse(free.task), free, body_distance=0.02)
 
 
 @pytest.mark.slow
@@ -864,9 +811,7 @@ def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
     F = design.function
     angles = np.linspace(-np.pi, np.pi, 25)[1:-1]
     q = [F(design.cell.at([0.3, a / np.pi])) for a in angles]
-    assert np.allclose(
-        np.diff(q, axis=0), [[np.diff(angles)[0], 0, 0]] * 22, atol=1e-12
-    )
+    assert np.allclose(np.diff(q, axis=0), [[np.diff(angles)[0], 0, 0]] * 22, atol=1e-12)
     path = tour(design.cell)
     motion = rp.follow(design.inverse, path, F(path.placement(0.0)), steps=300)
     assert motion.drift[-1] < 1e-5
@@ -876,13 +821,7 @@ def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "pose",
-        "a turn without its symmetry",
-        "spin as far as the joint goes",
-        "xy",
-    ],
+    "name", ["pose", "a turn without its symmetry", "spin as far as the joint goes", "xy"]
 )
 def test_a_sector_is_saved_and_copied(name: str, tmp_path: Path) -> None:
     design = found(name)
@@ -984,8 +923,7 @@ def test_the_tour_of_a_sector_closes_and_stays_inside(
         (
             "a turn without its symmetry",
             {"angle": np.pi, "half_angle": (0.1, 0.1, np.pi)},
-            "radius ±0.08 m, height ±0.08 m, angle ±3.14 rad, tilted by ±0.1 rad, "
-            "spin ±3.14 rad",
+            "radius ±0.08 m, height ±0.08 m, angle ±3.14 rad, tilted by ±0.1 rad, spin ±3.14 rad",
             ", tilted by (0.1, -0.1) rad, spun by 3.1 rad",
         ),
         ("position", {}, "radius ±0.08 m, height ±0.08 m, angle ±1 rad", ""),
@@ -1023,17 +961,12 @@ def test_a_sector_says_its_symmetries_and_scales_the_rest() -> None:
 
 
 @pytest.fixture(scope="module")
-def drawn(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[rp.CellDesign, Path, Figure]:
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[rp.CellDesign, Path, Figure]:
     """A sector by the command, its page, and the figure that it draws: an arm whose first axis is
     vertical, and whose other ones point anywhere."""
     folder = tmp_path_factory.mktemp("sector")
     text = re.sub(
-        "<origin [^>]*/><axis [^>]*/>",
-        '<axis xyz="0 0 1"/>',
-        spatial_urdf(6, 7),
-        count=1,
+        "<origin [^>]*/><axis [^>]*/>", '<axis xyz="0 0 1"/>', spatial_urdf(6, 7), count=1
     )
     (folder / "arm.urdf").write_text(text, encoding="utf-8")
     arm = ["cell", str(folder / "arm.urdf"), "--frame", "tool", "--task", "axis"]

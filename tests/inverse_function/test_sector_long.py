@@ -29,24 +29,14 @@ class Case:
     joints: list[int]
 
 
-TILTED = {
-    "radius": 0.08,
-    "height": 0.08,
-    "half_angle": 0.2,
-    "spin": 0.3,
-    "angle": "all",
-}
+TILTED = {"radius": 0.08, "height": 0.08, "half_angle": 0.2, "spin": 0.3, "angle": "all"}
 CASES = {
     "panda": Case(None, (0.525, 0.0, 0.25), TILTED, [0, 6]),
     "iiwa14": Case((0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0), None, TILTED, [0, 6]),
     "gen3": Case((0.0, 0.5, np.pi, -1.9, 0.0, 0.9, np.pi / 2), None, TILTED, [0, 6]),
     "xarm7": Case((0.0, 0.2, 0.0, 1.0, 0.0, 0.8, 0.0), None, TILTED, [0, 6]),
-    "rail": Case(
-        (0.0, 0.1, 0.5, 0.9, 0.1, 0.4, 0.1), None, TILTED | {"angle": 0.2}, [6]
-    ),
-    "baxter": Case(
-        (0.1, -0.5, 0.2, 1.2, -0.3, 0.9, 0.1), None, TILTED | {"angle": 0.1}, [6]
-    ),
+    "rail": Case((0.0, 0.1, 0.5, 0.9, 0.1, 0.4, 0.1), None, TILTED | {"angle": 0.2}, [6]),
+    "baxter": Case((0.1, -0.5, 0.2, 1.2, -0.3, 0.9, 0.1), None, TILTED | {"angle": 0.1}, [6]),
 }
 
 
@@ -130,18 +120,11 @@ def test_all_the_way_round(name: str, tmp_path: Path, capsys) -> None:
         V = U.copy()
         V[:, i] = rng.uniform(-1, 1, len(U))
         due = Q.copy()
-        due[:, one.joint] += (
-            one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
-        )
+        due[:, one.joint] += one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
         assert np.abs(F.batch(V) - due).max() < 1e-14
     path = tour(cell)
     motion = rp.follow(
-        design.inverse,
-        path,
-        F(path.placement(0.0)),
-        cycles=3,
-        steps=400,
-        integrator=rp.LeafLock(4),
+        design.inverse, path, F(path.placement(0.0)), cycles=3, steps=400, integrator=rp.LeafLock(4)
     )
     with capsys.disabled():
         print(f"{name}: task error {worst:.1e}, drift {motion.drift[-1]:.1e}")
@@ -156,19 +139,13 @@ REDUCED = {
 
 
 @pytest.mark.parametrize("name", REDUCED)
-def test_extra_joint_speed_by_a_quadrature_over_all_coordinates(
-    name: str, capsys
-) -> None:
+def test_extra_joint_speed_by_a_quadrature_over_all_coordinates(name: str, capsys) -> None:
     """∂F/∂x by differences of F, the poses from all coordinates of the sector, no symmetry used."""
     sector, most = REDUCED[name]
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
-    middle = pin.SE3(
-        task.placement(task.reference).rotation, np.array([0.525, 0, 0.25])
-    )
+    middle = pin.SE3(task.placement(task.reference).rotation, np.array([0.525, 0, 0.25]))
     cell = rp.Sector(task, middle, radius=0.175, height=0.2, angle="all", **sector)
-    design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, incomplete="keep"
-    )
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, incomplete="keep")
     F, k, h = design.function, design.cell.k, 1e-5
     U = (1 - h) * np.random.default_rng(3).uniform(-1, 1, (_QUADRATURE, k))
     steps = h * np.concatenate([np.eye(k), -np.eye(k)])

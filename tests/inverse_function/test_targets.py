@@ -17,9 +17,7 @@ def function() -> rp.InverseFunction:
     return function_of("poses")
 
 
-def forms(
-    function: rp.InverseFunction, count: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def forms(function: rp.InverseFunction, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coordinates U (K, k), matrices (K, 4, 4), and positions with quaternions (K, 7)."""
     U = 0.9 * function.cell.sample(count, seed=2)
     X = np.array([function.cell.at(u).homogeneous for u in U])
@@ -56,10 +54,7 @@ def test_in_numpy_it_takes_the_same(function: rp.InverseFunction) -> None:
     _, X, rows = forms(function, 64)
     C = np.random.default_rng(4).uniform(-0.1, 0.1, (64, 1))
     for leaf in (None, [0.05], C):
-        assert (
-            np.abs(slow.batch(rows, leaf=leaf) - function.batch(X, leaf=leaf)).max()
-            < 1e-9
-        )
+        assert np.abs(slow.batch(rows, leaf=leaf) - function.batch(X, leaf=leaf)).max() < 1e-9
 
 
 def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
@@ -71,9 +66,7 @@ def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
         found = one.batch(rows, missing="nan")
         assert np.isnan(found[[1, 4]]).all()
         assert np.abs(found[[0, 2, 3, 5]] - Q[[0, 2, 3, 5]]).max() < 1e-9
-    far = function.batch(
-        X, leaf=[50.0], missing="nan"
-    )  # no configuration, or beyond a limit
+    far = function.batch(X, leaf=[50.0], missing="nan")  # no configuration, or beyond a limit
     assert np.isnan(far).any(axis=1).all()
     assert function.batch(rows[:0], missing="nan").shape == (0, 7)
     U = forms(function, 6)[0]
@@ -85,17 +78,13 @@ def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
     assert X.shape == (2, 4, 4) and np.isnan(C[0]) and abs(C[1]) < 1e-9
 
 
-def test_a_leaf_without_a_configuration_is_refused_by_number(
-    function: rp.InverseFunction,
-) -> None:
+def test_a_leaf_without_a_configuration_is_refused_by_number(function: rp.InverseFunction) -> None:
     """Or with one beyond a joint limit, which is the one that the chart gives."""
     U, task = forms(function, 4)[0], function.task
     x = [function.cell.at(u) for u in U]
     beyond = function.chart.solve(U[2:3], np.array([[5.0]])).Q[0]
     joint = int(np.argmin(task.limit_margin(beyond)))
-    said = (
-        f"{task.joint_names[joint]} = {beyond[joint]:.4g} would be outside its limits"
-    )
+    said = f"{task.joint_names[joint]} = {beyond[joint]:.4g} would be outside its limits"
     none = f"no configuration exists on this leaf at {function.cell.where(U[2])}"
     for c, words in ((5.0, f"at {function.cell.where(U[2])}, {said}"), (50.0, none)):
         with pytest.raises(rp.InputError) as one:
@@ -141,19 +130,14 @@ def test_one_row_that_is_no_rotation_is_named_among_missing_ones(
     scaled[4, :3, :3] *= 1 + 1e-5
     last[4, 3, 0] = 1e-5
     for one in (function, f_in_numpy(function)):
-        for wrong, words in (
-            (scaled, "rotation of target 4"),
-            (last, "row of target 4"),
-        ):
+        for wrong, words in ((scaled, "rotation of target 4"), (last, "row of target 4")):
             with pytest.raises(rp.InputError, match=words):
                 one.batch(wrong, missing="nan")
             some = one.batch(np.delete(wrong, 4, axis=0), missing="nan")
             assert np.array_equal(np.isnan(some).all(axis=1), [0, 1, 0, 0, 0])
 
 
-def test_rows_that_are_not_finite_are_not_checked(
-    function: rp.InverseFunction,
-) -> None:
+def test_rows_that_are_not_finite_are_not_checked(function: rp.InverseFunction) -> None:
     """One number that is missing is enough, whatever the others are."""
     _, X, rows = forms(function, 4)
     Q = function.batch(X)
@@ -176,10 +160,7 @@ ROW[3, 0] = TURN[0, 0] = 1e-6
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            lambda X, rows: rows * [1, 1, 1, 2, 2, 2, 2],
-            "quaternion of target 0 has length 2",
-        ),
+        (lambda X, rows: rows * [1, 1, 1, 2, 2, 2, 2], "quaternion of target 0 has length 2"),
         (lambda X, rows: rows * 1.00015, "quaternion of target 0 has length 1"),
         (lambda X, rows: X + 1.5 * ROW, "last row of target 0"),
         (lambda X, rows: X + 2 * TURN @ np.ones((4, 4)), "rotation of target 0"),
@@ -192,10 +173,7 @@ ROW[3, 0] = TURN[0, 0] = 1e-6
         (lambda X, rows: rows * LAST, "quaternion of target 2 has length 1.1"),
         (lambda X, rows: X * np.array([1.1, 1.1, 1.1, 1]), "rotation of target 0"),
         (lambda X, rows: X.astype(complex), "real numbers"),
-        (
-            lambda X, rows: rows * [1000, 1000, 1000, 1, 1, 1, 1],
-            "target 0 lies outside the cell",
-        ),
+        (lambda X, rows: rows * [1000, 1000, 1000, 1, 1, 1, 1], "target 0 lies outside the cell"),
     ],
 )
 def test_bad_arrays_are_refused_by_number(

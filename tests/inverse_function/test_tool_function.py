@@ -42,10 +42,7 @@ def test_its_jacobian_is_the_derivative(F: rp.InverseFunction) -> None:
     D = np.empty((7, 6))
     for k in range(6):
         v, w = np.split(step * np.eye(6)[k], 2)
-        ends = [
-            pin.SE3(pin.exp3(s * w) @ x.rotation, x.translation + s * v)
-            for s in (1, -1)
-        ]
+        ends = [pin.SE3(pin.exp3(s * w) @ x.rotation, x.translation + s * v) for s in (1, -1)]
         D[:, k] = (own(ends[0]) - own(ends[1])) / (2 * step)
     assert np.abs(D - own.jacobian(x)).max() < 1e-7
 
@@ -56,10 +53,7 @@ def test_motions_of_the_tool_close(F: rp.InverseFunction) -> None:
     path = rp.circle(own.task, F(x), 0.02)
     motion = rp.follow(own.inverse, path, F(x), cycles=2)
     assert motion.drift[-1] < 1e-9
-    assert (
-        np.abs(own(path.placement(0.3)) - F(path.placement(0.3) * T.inverse())).max()
-        < 1e-12
-    )
+    assert np.abs(own(path.placement(0.3)) - F(path.placement(0.3) * T.inverse())).max() < 1e-12
 
 
 def test_tools_add_up_and_pickle(F: rp.InverseFunction) -> None:
@@ -67,9 +61,7 @@ def test_tools_add_up_and_pickle(F: rp.InverseFunction) -> None:
     assert np.abs(own.with_tool(T)(x * T * T) - F(x)).max() < 1e-12
     assert np.array_equal(pickle.loads(pickle.dumps(own))(x * T), own(x * T))
     assert np.allclose(own.leaves(x * T), F.leaves(x), atol=1e-6)
-    row = np.concatenate(
-        [(x * T).translation, pin.Quaternion((x * T).rotation).coeffs()]
-    )
+    row = np.concatenate([(x * T).translation, pin.Quaternion((x * T).rotation).coeffs()])
     assert np.abs(own.batch(row[None])[0] - F(x)).max() < 1e-9
 
 

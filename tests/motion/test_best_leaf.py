@@ -25,25 +25,17 @@ def tiago() -> rp.Design:
     )
 
 
-def dense(
-    inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray
-) -> rp.Motion:
+def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> rp.Motion:
     return rp.follow(inverse, path, q0, cycles=2, steps=300, integrator=rp.LeafLock(2))
 
 
 @pytest.mark.parametrize(
-    "plane, radius, angle",
-    [
-        pytest.param("xy", 0.1, np.pi, marks=pytest.mark.slow),
-        ("yz", 0.2, 0),
-    ],
+    "plane, radius, angle", [pytest.param("xy", 0.1, np.pi, marks=pytest.mark.slow), ("yz", 0.2, 0)]
 )
 def test_panda_is_never_worse(
     panda_design, q_panda, plane: str, radius: float, angle: float
 ) -> None:
-    path = rp.circle(
-        panda_design.task, q_panda, radius, normal=plane, start_angle=angle
-    )
+    path = rp.circle(panda_design.task, q_panda, radius, normal=plane, start_angle=angle)
     found = rp.best_leaf(panda_design.inverse, path, q_panda)
     assert found.given is not None
     assert (
@@ -53,9 +45,8 @@ def test_panda_is_never_worse(
     assert np.linalg.norm(panda_design.task.error(found.q0, path.placement(0.0))) < 1e-9
     motion = dense(panda_design.inverse, path, found.q0)
     assert motion.drift.max() < 1e-8
-    assert (
-        abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3
-    )  # what it claims is so between its points
+    # what it claims is so between its points
+    assert abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3
 
 
 def walked(
@@ -74,17 +65,12 @@ def walked(
 def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
     """Begun with its elbow far out, a circle breaks a limit; from the found start it breaks
     none."""
-    path = rp.circle(
-        panda_design.task, q_panda, 0.15, normal="yz", start_angle=np.pi / 2
-    )
+    path = rp.circle(panda_design.task, q_panda, 0.15, normal="yz", start_angle=np.pi / 2)
     worse = walked(panda_design.task, q_panda, path, 2.5, sign)
     violation = dense(panda_design.inverse, path, worse).first_violation
     assert violation is not None and violation[1].startswith("panda_joint")
     found = rp.best_leaf(panda_design.inverse, path, worse)
-    assert (
-        found.given is not None
-        and found.given.limit_margin < 0 < found.best.limit_margin
-    )
+    assert found.given is not None and found.given.limit_margin < 0 < found.best.limit_margin
     assert dense(panda_design.inverse, path, found.q0).first_violation is None
     first, second = found.summary().splitlines()[1:]
     assert "exceeds its limits" in first and "exceeds" not in second
@@ -109,33 +95,24 @@ def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([2.0, 0.6, 0.9])
     path, desired = rp.circle(task, q0, 0.05), rp.Pseudoinverse(task)
     design = rp.nearest_repeatable(
-        desired,
-        None,
-        rp.Box(q0, 0.2),
-        degree=2,
-        options=rp.FitOptions(samples=512, held_out=256),
+        desired, None, rp.Box(q0, 0.2), degree=2, options=rp.FitOptions(samples=512, held_out=256)
     )
     options = {"desired": design.desired, "steps": 24}
     free, kept = (
-        rp.best_leaf(design.inverse, path, q0, region=r, **options)
-        for r in (None, design.region)
+        rp.best_leaf(design.inverse, path, q0, region=r, **options) for r in (None, design.region)
     )
     assert design.region.ratio(free.best.motion.q).max() > 3  # with no region it leaves
     assert free.best.motion.outside is None and "outside" not in free.summary()
     assert (
-        design.region.ratio(kept.best.motion.q).max() <= 1 + 1e-9
-        and kept.best.motion.outside == 0
+        design.region.ratio(kept.best.motion.q).max() <= 1 + 1e-9 and kept.best.motion.outside == 0
     )
     assert kept.best.margin >= kept.given.margin
     assert "from G_d, 0 % outside Ω" in kept.summary()
     for found in (free.best, kept.best):
         G, G_d = (
-            np.array([it(q) for q in found.motion.q])
-            for it in (design.inverse, design.desired)
+            np.array([it(q) for q in found.motion.q]) for it in (design.inverse, design.desired)
         )
-        assert found.distance == pytest.approx(
-            np.sqrt(np.sum((G - G_d) ** 2) / np.sum(G_d**2))
-        )
+        assert found.distance == pytest.approx(np.sqrt(np.sum((G - G_d) ** 2) / np.sum(G_d**2)))
     assert kept.best.distance < free.best.distance / 2
 
 
@@ -147,15 +124,9 @@ def test_margins_are_of_the_joints_in_any_coordinates() -> None:
     psi0 = np.linalg.solve(T, q0)
     desired = rp.Pseudoinverse(psi)
     design = rp.nearest_repeatable(
-        desired,
-        None,
-        rp.Box(psi0, 0.3),
-        degree=2,
-        options=rp.FitOptions(samples=512, held_out=256),
+        desired, None, rp.Box(psi0, 0.3), degree=2, options=rp.FitOptions(samples=512, held_out=256)
     )
-    found = rp.best_leaf(
-        design.inverse, path, psi0, region=design.region, steps=24
-    ).best
+    found = rp.best_leaf(design.inverse, path, psi0, region=design.region, steps=24).best
     lower, upper, _ = psi.joint_limits
     least = psi.limit_margin(found.motion.q).min(axis=0)
     assert found.margin == pytest.approx(
@@ -178,10 +149,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
         if candidate is not None and seen:
             relative_margins = {"limits": 9.0, "bodies": 9.0, "leaf": 9.0}
             candidate = replace(
-                candidate,
-                relative_margins=relative_margins,
-                limit_margin=9.0,
-                leaf_margin=0.05,
+                candidate, relative_margins=relative_margins, limit_margin=9.0, leaf_margin=0.05
             )
         seen.append(candidate)
         return candidate
@@ -196,10 +164,7 @@ def test_the_seed_fixes_it(monkeypatch) -> None:
     module = importlib.import_module("repctl_pin.motion.best_leaf")
     monkeypatch.setattr(module, "_DIRECTIONS", 1)
     monkeypatch.setattr(module, "_STRIDE", 0.5)
-    task, q0 = (
-        rp.Robot.load("planar4r").task("tool", "xy"),
-        np.array([0.3, 0.8, 0.5, 0.7]),
-    )
+    task, q0 = (rp.Robot.load("planar4r").task("tool", "xy"), np.array([0.3, 0.8, 0.5, 0.7]))
     inverse = rp.RepeatableInverse(
         task, rp.Polynomial(q0, 1).weighted(rp.redundancy.nullspace(task.jacobian(q0)))
     )
@@ -213,9 +178,7 @@ def test_the_seed_fixes_it(monkeypatch) -> None:
 
 def test_bad_input(panda_design, q_panda) -> None:
     far = rp.circle(panda_design.task, q_panda, 0.8, normal="yz")
-    with pytest.raises(
-        rp.InputError, match="none of the .* leaves tried|no full cycle"
-    ):
+    with pytest.raises(rp.InputError, match="none of the .* leaves tried|no full cycle"):
         rp.best_leaf(panda_design.inverse, far, q_panda, steps=48)
     with pytest.raises(rp.InputError, match="the start"):
         rp.best_leaf(panda_design.inverse, far, np.zeros(3))
@@ -226,11 +189,7 @@ def test_margins_are_compared_from_the_smallest_up(panda_design, q_panda) -> Non
     nothing."""
     path = rp.circle(panda_design.task, q_panda, 0.02)
     one = rp.best_leaf(panda_design.inverse, path, q_panda, steps=4).best
-    assert (
-        one.margin
-        == min(one.relative_margins.values())
-        == one.relative_margins[one.binds]
-    )
+    assert one.margin == min(one.relative_margins.values()) == one.relative_margins[one.binds]
     coarse = one.motion.thinned(32).body_distance.min()
     assert (
         one.body_distance == pytest.approx(coarse)
@@ -253,9 +212,9 @@ def test_margins_are_compared_from_the_smallest_up(panda_design, q_panda) -> Non
             limit_margin=limit_margin,
         ).order
 
-    assert order(0.3, 0.2, 0.9) > order(0.3, 0.1, 0.9) and order(
-        0.3, 0.061, 0.9
-    ) > order(0.1, 0.062, 0.9)
+    assert order(0.3, 0.2, 0.9) > order(0.3, 0.1, 0.9) and order(0.3, 0.061, 0.9) > order(
+        0.1, 0.062, 0.9
+    )
     assert order(0.1, 0.1, 0.1) > order(0.5, -0.1, 0.9, distance=-0.01)
     assert order(0.1, -0.3, 0.1, distance=-0.02) > order(
         -0.1, -0.1, 0.9, distance=-0.01, limit_margin=-0.1
@@ -270,9 +229,7 @@ def test_the_leaf_of_least_speed_keeps_half_of_the_margin() -> None:
         task, rp.Polynomial(q0, 1).weighted(rp.redundancy.nullspace(task.jacobian(q0)))
     )
     path = rp.circle(task, q0, 0.3)
-    clear, fast = (
-        rp.best_leaf(inverse, path, q0, by=by, steps=12) for by in ("limits", "speed")
-    )
+    clear, fast = (rp.best_leaf(inverse, path, q0, by=by, steps=12) for by in ("limits", "speed"))
     speed = fast.best.motion.rms_speed
     assert speed < 0.99 * min(clear.best.motion.rms_speed, fast.given.motion.rms_speed)
     assert fast.best.limit_margin >= clear.best.limit_margin / 2
@@ -287,9 +244,7 @@ def test_the_leaf_of_least_speed_may_lie_on_another_self_motion(tmp_path: Path) 
     up or down on a self-motion: the wrist never comes to where θ₂ would be 0 or π."""
     lengths = 1.0, 0.9, 0.4
     task, q0 = planar_task(lengths, tmp_path), np.array([0.4, 1.9, 0.4])
-    inverse = rp.RepeatableInverse(
-        task, rp.Polynomial(q0, 1).weighted([[0.0], [0.0], [1.0]])
-    )
+    inverse = rp.RepeatableInverse(task, rp.Polynomial(q0, 1).weighted([[0.0], [0.0], [1.0]]))
     line = rp.polygon(task, q0, [[0.2 * np.cos(2.5), 0.2 * np.sin(2.5), 0.0]])
     path = replace(line, period=1.0)
     s = np.arange(1000) / 1000

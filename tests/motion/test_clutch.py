@@ -34,9 +34,7 @@ def test_the_first_target_is_the_arm_and_no_target_jumps() -> None:
         first = clutch.target(hand)
         assert first is not None and same(first, at)
         w, v = RNG.normal(size=3), RNG.normal(size=3)
-        moved = clutch.target(
-            pin.SE3(pin.exp3(w) @ hand.rotation, hand.translation + v)
-        )
+        moved = clutch.target(pin.SE3(pin.exp3(w) @ hand.rotation, hand.translation + v))
         assert moved is not None
         way = moved.translation - at.translation
         np.testing.assert_allclose(way, 0.5 * axes @ v, atol=1e-12)
@@ -79,9 +77,7 @@ def test_an_arm_comes_back_to_the_same_joints_however_often_it_is_released() -> 
     """Tracked by a drifting hand, engaged and released 12 times, on one leaf, within the limits."""
     task, dt = rp.Robot.load("planar3r").task("tool", "xy"), 0.004
     inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
-    governor = rp.Governor(
-        inverse, dt, rp.Limits(velocity=2.0, acceleration=6.0, jerk=400.0)
-    )
+    governor = rp.Governor(inverse, dt, rp.Limits(velocity=2.0, acceleration=6.0, jerk=400.0))
     governor.start(Q0)
     clutch, Q = rp.Clutch(scale=0.3), [Q0] * 4
     home = task.placement(Q0)

@@ -34,12 +34,7 @@ def test_c_and_python_follow_alike(name: str, kind: str) -> None:
     ]
     for control in controllers:
         for integrator in ("rk4", "euler"):
-            options = {
-                "cycles": 2,
-                "steps": 40,
-                "period": 3.0,
-                "integrator": integrator,
-            }
+            options = {"cycles": 2, "steps": 40, "period": 3.0, "integrator": integrator}
             ours = rp.follow(control, path, q0, **options)
             plain = rp.follow(control.velocity, path, q0, task=task, **options)
             np.testing.assert_allclose(ours.q, plain.q, atol=1e-10)
@@ -58,9 +53,7 @@ def test_corners_and_coordinates(panda_pose: rp.Task, q_panda: np.ndarray) -> No
     np.testing.assert_allclose(ours.q, plain.q, atol=1e-11)
 
 
-def test_a_singularity_is_reported_alike(
-    panda_pose: rp.Task, q_panda: np.ndarray
-) -> None:
+def test_a_singularity_is_reported_alike(panda_pose: rp.Task, q_panda: np.ndarray) -> None:
     far = rp.polygon(panda_pose, q_panda, [[2.0, 0, 0]])
     control, said = rp.Pseudoinverse(panda_pose), []
     for one, task in ((control, None), (control.velocity, panda_pose)):

@@ -43,9 +43,7 @@ def with_a_body(text: str, shape: str, folder: Path) -> tuple[rp.Task, rp.Task]:
 def off(motion: rp.Motion) -> np.ndarray:
     """How far the page says that the farthest part is off at the ends of the cycles, m."""
     scene = read(rp.animation({"J⁺": motion}).page)[0]
-    pairs = np.array(
-        scene["arms"][0]["off"]
-    )  # at the beginning and at the end of each cycle
+    pairs = np.array(scene["arms"][0]["off"])  # at the beginning and at the end of each cycle
     assert np.array_equal(pairs[1:, 0], pairs[:-1, 1])
     return np.r_[pairs[:1, 0], pairs[:, 1]]
 
@@ -74,10 +72,7 @@ def farthest_of_round(ends: np.ndarray) -> np.ndarray:
     ids=["mesh", "sphere", "cylinder"],
 )
 def test_a_body_is_off_by_the_way_of_its_farthest_point(
-    shape: str,
-    farthest: Callable[[np.ndarray], np.ndarray],
-    tolerance: float,
-    tmp_path: Path,
+    shape: str, farthest: Callable[[np.ndarray], np.ndarray], tolerance: float, tmp_path: Path
 ) -> None:
     """A mesh in space, whose points inside its hull are not in its file; what is round in a
     plane."""

@@ -57,9 +57,7 @@ def test_the_law_in_c_is_that_in_numpy(hands, constant, monkeypatch):
     for call in (
         lambda law: law.velocity(q0, xdot),
         lambda law: law.step(q0, target, 0.01, twist, leaf=leaf, gain=20.0),
-        lambda law: law.step(
-            q0, target, 0.01, leaf=leaf, velocity_limit=1.0, damping=0.1
-        ),
+        lambda law: law.step(q0, target, 0.01, leaf=leaf, velocity_limit=1.0, damping=0.1),
         lambda law: law.batch(q0[None] + 0.01),
     ):
         expected = call(plain)
@@ -102,9 +100,7 @@ def study(hands):
     """One hand moves, the other holds still."""
     task, q0 = hands
     path = rp.several_paths(task, q0, [circle, None])
-    return rp.study(
-        rp.Problem(task, start=q0, path=path), cycles=2, steps=200, degree=1
-    )
+    return rp.study(rp.Problem(task, start=q0, path=path), cycles=2, steps=200, degree=1)
 
 
 @pytest.mark.slow
@@ -141,11 +137,7 @@ def table(task, q0, file, header, frames):
     corners = 0.05 * np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]])
     start = [task.placements(q0)[k].translation for k in frames]
     np.savetxt(
-        file,
-        np.hstack([p + corners for p in start]),
-        delimiter=",",
-        header=header,
-        comments="",
+        file, np.hstack([p + corners for p in start]), delimiter=",", header=header, comments=""
     )
     return rp.Problem(task, start=q0, path=str(file))
 
@@ -216,9 +208,7 @@ def test_the_torques_of_a_tree_pull_both_hands_home(hands, constant):
     qddot = np.linalg.solve(M, change)
     K = np.where(task.kind.linear, 400.0, 30.0)
     Lambda = np.linalg.inv(J @ np.linalg.solve(M, J.T))
-    np.testing.assert_allclose(
-        Lambda @ J @ qddot, K * task.error(q0, target), atol=1e-7
-    )
+    np.testing.assert_allclose(Lambda @ J @ qddot, K * task.error(q0, target), atol=1e-7)
     V = constant.potentials.gradient(q0)
     np.testing.assert_allclose(V.T @ qddot, 0, atol=1e-7)
 

@@ -30,9 +30,7 @@ def planar(region: bool = False) -> rp.RepeatableInverse:
     return rp.RepeatableInverse(task, inverse.potentials, region=box)
 
 
-def governed(
-    jerk: float | None = J, *, region: bool = False, **more: float
-) -> rp.Governor:
+def governed(jerk: float | None = J, *, region: bool = False, **more: float) -> rp.Governor:
     governor = rp.Governor(
         planar(region), DT, rp.Limits(velocity=2.0, acceleration=A, jerk=jerk), **more
     )
@@ -47,10 +45,7 @@ def moved(x: float = 0.0, y: float = 0.0) -> pin.SE3:
 
 
 def run(
-    governor: rp.Governor,
-    ticks: int,
-    target: pin.SE3 | None = None,
-    twist: object = None,
+    governor: rp.Governor, ticks: int, target: pin.SE3 | None = None, twist: object = None
 ) -> tuple[np.ndarray, list[rp.Status]]:
     """Ticks of one input, up to a target: the joints before and after each, and the statuses."""
     Q, said = [governor.q], []
@@ -64,10 +59,7 @@ def run(
 
 
 def used(
-    Q: np.ndarray,
-    velocity: float | np.ndarray,
-    acceleration: float,
-    jerk: float | None,
+    Q: np.ndarray, velocity: float | np.ndarray, acceleration: float, jerk: float | None
 ) -> float:
     """Largest share of a limit that samples use, by their differences alone."""
     shares = [
@@ -102,9 +94,7 @@ def inputs(rng: np.random.Generator, home: pin.SE3, ticks: int) -> Iterator[Inpu
 
 
 @pytest.mark.parametrize("jerk", [J, pytest.param(None, marks=pytest.mark.slow)])
-def test_no_limit_is_exceeded_and_the_same_pose_has_the_same_joints(
-    jerk: float | None,
-) -> None:
+def test_no_limit_is_exceeded_and_the_same_pose_has_the_same_joints(jerk: float | None) -> None:
     governor, home = governed(jerk, margin=0.1), moved()
     rng = np.random.default_rng(9)
     Q = [governor.q]
@@ -121,9 +111,7 @@ def test_no_limit_is_exceeded_and_the_same_pose_has_the_same_joints(
 
 
 def test_a_straight_line_is_followed_at_the_speed_that_the_limits_allow() -> None:
-    governor = rp.Governor(
-        planar(), DT, rp.Limits(velocity=0.25, acceleration=A, jerk=J)
-    )
+    governor = rp.Governor(planar(), DT, rp.Limits(velocity=0.25, acceleration=A, jerk=J))
     governor.start(Q0)
     Q, said = run(governor, 3000, moved(0.0, -0.4))
     speed = np.abs(np.diff(Q, axis=0)).max(axis=1) / DT / 0.25
@@ -153,9 +141,7 @@ def test_garbage_stops_the_arm_and_it_goes_on_afterwards() -> None:
     skewed = pin.SE3(np.diag([1.0, 1.0, 2.0]), np.array([np.nan, 0, 0]))
     stopping, said = run(governor, 500, skewed)
     assert set(said) == {rp.Status.BAD_NUMBER}
-    assert (
-        np.ptp(stopping[-50:], axis=0).max() == 0 and np.ptp(stopping, axis=0).max() > 0
-    )
+    assert np.ptp(stopping[-50:], axis=0).max() == 0 and np.ptp(stopping, axis=0).max() > 0
     on, said = run(governor, 2500, moved(0.2, -0.4))
     assert said[-1] is rp.Status.OK
     assert used(np.vstack([stopping, on[1:]]), 2.0, A, J) <= 1 + 1e-9
@@ -195,9 +181,7 @@ def test_out_of_reach_it_rests_and_comes_back() -> None:
 @pytest.mark.slow
 def test_a_cell_is_not_left() -> None:
     function = function_of("positions")
-    governor = rp.Governor(
-        function.inverse, 0.004, rp.Limits(acceleration="panda", jerk="panda")
-    )
+    governor = rp.Governor(function.inverse, 0.004, rp.Limits(acceleration="panda", jerk="panda"))
     q0 = function(function.cell.placement)
     governor.start(q0)
     Q, said = run(governor, 200, twist=[0.4, 0.1, 0, 0, 0, 0])
@@ -289,9 +273,7 @@ def test_bad_arguments_are_named() -> None:
     with pytest.raises(rp.InputError, match="outside its limits"):
         governor.start([0.0, 9.0, 0.0])
     near = np.array([0.3, inverse.task.upper[1] - 0.2, 0.8])
-    with pytest.raises(
-        rp.InputError, match=r"too near to the limit of 'theta2'|too near"
-    ):
+    with pytest.raises(rp.InputError, match=r"too near to the limit of 'theta2'|too near"):
         governor.start(near)
     governor.start(Q0)
     with pytest.raises(rp.InputError, match="mutually exclusive"):
@@ -302,8 +284,4 @@ def test_bad_arguments_are_named() -> None:
         governed(region=True).start(Q0 + 0.5)
     bent = inverse.task.in_coordinates(np.tril(np.ones((3, 3))))
     with pytest.raises(rp.InputError, match="original task"):
-        rp.Governor(
-            control(bent, Q0, rp.Polynomial(Q0, 1, 0.5)),
-            DT,
-            rp.Limits(acceleration=5.0),
-        )
+        rp.Governor(control(bent, Q0, rp.Polynomial(Q0, 1, 0.5)), DT, rp.Limits(acceleration=5.0))

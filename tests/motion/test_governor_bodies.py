@@ -33,9 +33,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> rp.Task:
     """Planar arm of three cylinders beside a wire of 1 mm."""
     folder = tmp_path_factory.mktemp("arm")
     links = "".join(LINK.format(k=k, before=k - 1, x=0.5 * (k > 1)) for k in (1, 2, 3))
-    (folder / "arm.urdf").write_text(
-        f'<robot name="arm"><link name="l0"/>{links}{TOOL}</robot>'
-    )
+    (folder / "arm.urdf").write_text(f'<robot name="arm"><link name="l0"/>{links}{TOOL}</robot>')
     around = folder / "post.urdf"
     around.write_text(POST.format(name="post", size="0.001 0.001 1", at="0.6 1.15 0"))
     return rp.Robot.load(folder / "arm.urdf", surroundings=around).task("tool", "xy")
@@ -59,18 +57,14 @@ def between(Q: np.ndarray, count: int) -> np.ndarray:
     return (Q[:-1] + shares * np.diff(Q, axis=0)).reshape(-1, Q.shape[1])
 
 
-def test_the_distance_is_kept_between_samples_and_the_arm_leaves(
-    task: rp.Task,
-) -> None:
+def test_the_distance_is_kept_between_samples_and_the_arm_leaves(task: rp.Task) -> None:
     """Random targets and twists, most of them beyond the wire."""
     governor = governed(task, bodies=rp.Bodies(task), body_distance=D)
     assert governor.nearest_bodies is None
     rng, Q, stops = np.random.default_rng(2), [Q0] * 4, set()
     for k in range(12):
         twist = rng.normal(size=6) * [1, 1, 0, 0, 0, 0] if k % 3 == 0 else None
-        target = (
-            None if k % 3 == 0 else beyond(task, *rng.normal(size=2) * 0.2 + [0, 0.1])
-        )
+        target = None if k % 3 == 0 else beyond(task, *rng.normal(size=2) * 0.2 + [0, 0.1])
         for _ in range(200):
             q, status = governor.step(target, twist)
             Q.append(q)
@@ -193,9 +187,7 @@ def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
     now = walled.nearest(Q0).distance
     governor = rp.Governor(inverse, DT, LIMITS, bodies=walled, body_distance=now + 1e-6)
-    with pytest.raises(
-        rp.InputError, match=r"l3 and wall are \d+\.?\d* mm from each other, and"
-    ):
+    with pytest.raises(rp.InputError, match=r"l3 and wall are \d+\.?\d* mm from each other, and"):
         governor.start(Q0)
     with pytest.raises(rp.InputError, match="has not started"):
         governor.step(twist=np.zeros(6))

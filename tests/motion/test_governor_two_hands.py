@@ -37,9 +37,7 @@ def until(governor: rp.Governor, target: object, most: int = 4000) -> np.ndarray
     raise AssertionError(f"not reached: {status}")
 
 
-def test_limits_are_kept_and_the_joints_come_back_whatever_came_in(
-    tmp_path: Path,
-) -> None:
+def test_limits_are_kept_and_the_joints_come_back_whatever_came_in(tmp_path: Path) -> None:
     """Jumps, targets out of reach, garbage of one hand alone; home in between."""
     inverse = two_armed(tmp_path)
     task, governor = inverse.task, governed(inverse, margin=0.1)
@@ -75,9 +73,7 @@ def test_hands_that_move_alike_stay_apart_as_they_are(tmp_path: Path) -> None:
         goal = [moved(x, *way) for x in task.placements(governor.q)]
         Q = until(governor, goal)
         assert len(Q) > 100 and np.abs(task.error(Q[-1], goal)).max() < 1e-9
-        left, right = np.swapaxes(
-            [[x.translation for x in task.placements(q)] for q in Q], 0, 1
-        )
+        left, right = np.swapaxes([[x.translation for x in task.placements(q)] for q in Q], 0, 1)
         assert np.abs(right - left - (right - left)[0]).max() < 1e-9
         shares = (left - start)[:, :2] @ way / np.dot(way, way)
         assert np.abs((left - start)[:, :2] - shares[:, None] * way).max() < 1e-9
@@ -87,9 +83,7 @@ def test_hands_that_move_alike_stay_apart_as_they_are(tmp_path: Path) -> None:
 def test_a_hand_that_is_placed_relative_to_the_other_one_rides_with_it() -> None:
     """A tray: a twist of the left hand alone, and none between the hands."""
     robot = rp.Robot.load("baxter")
-    task = robot.task(
-        [("left_gripper", "axis"), ("right_gripper", "pose", "left_gripper")]
-    )
+    task = robot.task([("left_gripper", "axis"), ("right_gripper", "pose", "left_gripper")])
     arm = np.array([0.3, -0.6, 0.0, 1.2, 0.0, 0.9, 0.0])
     q0 = np.concatenate([arm, arm * [-1, 1, 1, 1, 1, 1, 1]])
     inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
@@ -144,30 +138,16 @@ def test_wrong_inputs_are_refused_in_one_line(tmp_path: Path) -> None:
     pose = np.zeros((1, 3)), np.eye(3)[None]
     closes = rp.ClosingRadius(0.1, None, "start", "xy", Q0, *pose, 1, True, "")
     for call, words in (
-        (
-            lambda: governor.step(home[0]),
-            r"must be 2 placements, one per frame \(left, right\)",
-        ),
+        (lambda: governor.step(home[0]), r"must be 2 placements, one per frame \(left, right\)"),
         (lambda: governor.step([home[0]] * 3), "must be 2 placements"),
-        (
-            lambda: governor.step([home[0], np.eye(3)]),
-            "target of right must be a placement",
-        ),
-        (
-            lambda: governor.step(twist=np.zeros(6)),
-            r"6 numbers \(v, ω\) for each of left, right",
-        ),
+        (lambda: governor.step([home[0], np.eye(3)]), "target of right must be a placement"),
+        (lambda: governor.step(twist=np.zeros(6)), r"6 numbers \(v, ω\) for each of left, right"),
         (lambda: governor.step(twist=np.zeros((6, 2))), "twist must be 6 numbers"),
-        (
-            lambda: governed(inverse, closes=closes),
-            "a closing radius takes a task of one frame",
-        ),
+        (lambda: governed(inverse, closes=closes), "a closing radius takes a task of one frame"),
     ):
         with pytest.raises(rp.InputError, match=words) as refused:
             call()
         assert "\n" not in str(refused.value)
     twists = np.arange(12.0) / 100
     stacked = governed(inverse).step(twist=twists)[0]
-    np.testing.assert_array_equal(
-        governed(inverse).step(twist=twists.reshape(2, 6))[0], stacked
-    )
+    np.testing.assert_array_equal(governed(inverse).step(twist=twists.reshape(2, 6))[0], stacked)

@@ -20,11 +20,7 @@ def path(panda_pose: rp.Task) -> rp.TaskPath:
 
 
 def run(
-    inverse: rp.RepeatableInverse,
-    path: rp.TaskPath,
-    q: np.ndarray,
-    cycles: int,
-    corrections: int,
+    inverse: rp.RepeatableInverse, path: rp.TaskPath, q: np.ndarray, cycles: int, corrections: int
 ) -> dict:
     """Cycle after cycle in the person's own loop: ends of the cycles, and the largest tracking
     error."""
@@ -40,10 +36,7 @@ def run(
             cycle[i] = q
         ends.append(q)
         if k % max(1, cycles // 100) == 0:
-            worst = max(
-                worst,
-                float(np.linalg.norm(task.positions(cycle) - points, axis=1).max()),
-            )
+            worst = max(worst, float(np.linalg.norm(task.positions(cycle) - points, axis=1).max()))
     return {"ends": np.array(ends), "tracking": worst}
 
 
@@ -94,12 +87,8 @@ def test_a_pushed_arm_is_back_within_a_cycle(
     for i in range(2 * STEPS):
         if i == at:
             N = rp.redundancy.nullspace(panda_pose.jacobian(q))
-            q = q + 0.3 * N @ (lambda v: v / np.linalg.norm(v))(
-                rng.normal(size=N.shape[1])
-            )
-        following = inverse.step(
-            q, targets[i % STEPS], dt, leaf=leaf, velocity_limit=SPEED_LIMIT
-        )
+            q = q + 0.3 * N @ (lambda v: v / np.linalg.norm(v))(rng.normal(size=N.shape[1]))
+        following = inverse.step(q, targets[i % STEPS], dt, leaf=leaf, velocity_limit=SPEED_LIMIT)
         peak = max(peak, float(np.abs(following - q).max()) / dt)
         q = following
         if i >= at + STEPS:
@@ -107,9 +96,7 @@ def test_a_pushed_arm_is_back_within_a_cycle(
     assert peak <= SPEED_LIMIT * (1 + 1e-9)
 
 
-def test_euler_at_a_kilohertz_with_a_gain(
-    panda_design, panda_pose, path, q_panda
-) -> None:
+def test_euler_at_a_kilohertz_with_a_gain(panda_design, panda_pose, path, q_panda) -> None:
     """Feed-forward and a soft gain, started off the path and off the leaf: the same cycle in the
     end."""
     inverse, leaf, dt, period = (
@@ -120,10 +107,7 @@ def test_euler_at_a_kilohertz_with_a_gain(
     )
     steps = int(period / dt)
     grid = np.arange(steps) / steps
-    targets, twists = (
-        [path.placement(s) for s in grid],
-        [path.twist(s) / period for s in grid],
-    )
+    targets, twists = ([path.placement(s) for s in grid], [path.twist(s) / period for s in grid])
     q = q_panda + 0.05 * np.random.default_rng(1).normal(size=7)
     ends = []
     for _ in range(3):
@@ -131,33 +115,19 @@ def test_euler_at_a_kilohertz_with_a_gain(
             q = inverse.step(q, target, dt, twist, leaf=leaf, gain=20.0)
         ends.append(q)
     assert np.abs(ends[2] - ends[1]).max() < 1e-11
-    assert (
-        np.abs(ends[1] - ends[0]).max() < 1e-6
-    )  # what a gain of 20 leaves of the start after one cycle
-    assert (
-        np.linalg.norm(ends[2] - q_panda) < 1e-4
-    )  # Euler's own error, always the same
+    # what a gain of 20 leaves of the start after one cycle
+    assert np.abs(ends[1] - ends[0]).max() < 1e-6
+    assert np.linalg.norm(ends[2] - q_panda) < 1e-4  # Euler's own error, always the same
     assert np.abs(inverse.leaf(q) - leaf).max() < 1e-4
 
 
 def test_without_the_lock_euler_creeps(panda_design, path, q_panda) -> None:
     """The lock is what holds: task feedback alone lets Euler's steps leave the leaf."""
     free = rp.follow(
-        panda_design.inverse,
-        path,
-        q_panda,
-        cycles=10,
-        steps=100,
-        integrator="euler",
-        feedback=20.0,
+        panda_design.inverse, path, q_panda, cycles=10, steps=100, integrator="euler", feedback=20.0
     )
     locked = rp.follow(
-        panda_design.inverse,
-        path,
-        q_panda,
-        cycles=10,
-        steps=100,
-        integrator=rp.LeafLock(),
+        panda_design.inverse, path, q_panda, cycles=10, steps=100, integrator=rp.LeafLock()
     )
     assert free.drift[-1] > 5 * free.drift[0] > 1e-4
     assert np.ptp(locked.drift) < 1e-11 and locked.drift[-1] < 1e-3
@@ -168,9 +138,7 @@ def test_follow_locks_every_kind_of_task(panda, q_panda, kind: str) -> None:
     task = panda.task("panda_hand_tcp", kind)
     inverse = rp.ExtendedJacobian(task, q_panda)
     path = rp.circle(task, q_panda, 0.05, normal="xz")
-    motion = rp.follow(
-        inverse, path, q_panda, cycles=3, steps=60, integrator=rp.LeafLock(2)
-    )
+    motion = rp.follow(inverse, path, q_panda, cycles=3, steps=60, integrator=rp.LeafLock(2))
     assert motion.drift.max() < 1e-8 and np.ptp(motion.drift) < 1e-11
     assert motion.tracking_error.max() < 1e-8 and motion.turning_error.max() < 1e-8
     leaf = inverse.leaf(q_panda)
@@ -178,16 +146,9 @@ def test_follow_locks_every_kind_of_task(panda, q_panda, kind: str) -> None:
 
 
 def test_corners_are_met(panda_design, q_panda) -> None:
-    square = rp.polygon(
-        panda_design.task, q_panda, [[0, 0.1, 0], [0, 0.1, 0.1], [0, 0, 0.1]]
-    )
+    square = rp.polygon(panda_design.task, q_panda, [[0, 0.1, 0], [0, 0.1, 0.1], [0, 0, 0.1]])
     motion = rp.follow(
-        panda_design.inverse,
-        square,
-        q_panda,
-        cycles=2,
-        steps=200,
-        integrator=rp.LeafLock(2),
+        panda_design.inverse, square, q_panda, cycles=2, steps=200, integrator=rp.LeafLock(2)
     )
     assert motion.drift.max() < 1e-9 and motion.tracking_error.max() < 1e-8
 
@@ -210,9 +171,7 @@ def test_a_path_out_of_reach_is_damped_bounded_and_reported() -> None:
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.3, 0.8, 0.8])
     inverse = rp.ExtendedJacobian(task, q0)
     out = rp.circle(task, q0, 1.2, start_angle=np.pi)
-    assert (
-        np.linalg.norm(out.points(), axis=1).max() > 3.0
-    )  # further than the arm is long
+    assert np.linalg.norm(out.points(), axis=1).max() > 3.0  # further than the arm is long
     with pytest.raises(rp.SingularityError, match="in cycle 1"):
         rp.follow(inverse, out, q0, cycles=1, steps=200, integrator=rp.LeafLock())
     motion = rp.follow(
@@ -236,34 +195,19 @@ def test_a_path_out_of_reach_is_damped_bounded_and_reported() -> None:
     assert near.damping == 0 and near.drift[0] < 1e-4
 
 
-def test_retiming_keeps_the_joint_path_and_the_limits(
-    panda_design, path, q_panda
-) -> None:
+def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_panda) -> None:
     motion = rp.follow(
-        panda_design.inverse,
-        path,
-        q_panda,
-        cycles=1,
-        period=0.4,
-        integrator=rp.LeafLock(2),
+        panda_design.inverse, path, q_panda, cycles=1, period=0.4, integrator=rp.LeafLock(2)
     )
     assert motion.speed_ratio > 1.5
     slow = motion.retimed()
     assert np.array_equal(slow.q, motion.q) and slow.speed_ratio <= 1 + 1e-12
-    assert (
-        slow.t[-1] > motion.t[-1]
-        and (np.diff(slow.t) >= np.diff(motion.t) * (1 - 1e-12)).all()
-    )
+    assert slow.t[-1] > motion.t[-1] and (np.diff(slow.t) >= np.diff(motion.t) * (1 - 1e-12)).all()
     steps = np.abs(np.diff(slow.q, axis=0)) / np.diff(slow.t)[:, None]
     assert (steps <= panda_design.task.velocity_limit * (1 + 1e-9)).all()
     # Where it was slow enough it keeps its time; asked for nothing, nothing changes.
     gentle = rp.follow(
-        panda_design.inverse,
-        path,
-        q_panda,
-        cycles=1,
-        period=20.0,
-        integrator=rp.LeafLock(2),
+        panda_design.inverse, path, q_panda, cycles=1, period=20.0, integrator=rp.LeafLock(2)
     )
     assert np.allclose(gentle.retimed().t, gentle.t, rtol=1e-14) and np.array_equal(
         gentle.retimed().qdot, gentle.qdot
@@ -274,9 +218,7 @@ def test_retiming_keeps_the_joint_path_and_the_limits(
             motion.retimed(bad)
 
 
-def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits(
-    tmp_path,
-) -> None:
+def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits(tmp_path) -> None:
     arm = rp.Robot.load("planar4r").task("tool", "xy")
     task = arm.in_coordinates(rp.absolute_angles(arm))
     psi = np.array([0.3, 1.0, 1.8, 2.5])
@@ -293,12 +235,9 @@ def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits(
     slow = motion.retimed(1.0)
     Q, times = slow.q @ task.coordinates.T.T, np.diff(slow.t)
     assert (
-        np.abs(np.diff(Q, axis=0) / times[:, None]).max() <= 1 + 1e-9
-        and slow.t[-1] > motion.t[-1]
+        np.abs(np.diff(Q, axis=0) / times[:, None]).max() <= 1 + 1e-9 and slow.t[-1] > motion.t[-1]
     )
-    header, first = (
-        rp.write_motion(slow, tmp_path / "m.csv").read_text().splitlines()[:2]
-    )
+    header, first = rp.write_motion(slow, tmp_path / "m.csv").read_text().splitlines()[:2]
     assert header.split(",")[2:6] == list(arm.joint_names)
     assert np.allclose(np.array(first.split(",")[2:6], float), task.coordinates.T @ psi)
 
@@ -307,31 +246,19 @@ def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     plain = rp.Pseudoinverse(panda_pose)
     with pytest.raises(rp.InputError, match="requires a repeatable strategy"):
         rp.follow(plain, path, q_panda, integrator=rp.LeafLock())
-    with pytest.raises(
-        rp.InputError, match="corrections must be a whole number from 1 up"
-    ):
+    with pytest.raises(rp.InputError, match="corrections must be a whole number from 1 up"):
         rp.LeafLock(0)
     with pytest.raises(rp.InputError, match="damping must be 0 or more"):
         rp.LeafLock(damping=-1.0)
     with pytest.raises(rp.InputError, match="no integrator 'rk5'"):
         rp.follow(panda_design.inverse, path, q_panda, integrator="rk5")
     with pytest.raises(rp.InputError, match="mutually exclusive"):
-        rp.follow(
-            panda_design.inverse, path, q_panda, integrator=rp.LeafLock(), feedback=5.0
-        )
+        rp.follow(panda_design.inverse, path, q_panda, integrator=rp.LeafLock(), feedback=5.0)
     with pytest.raises(rp.InputError, match="level c"):
-        rp.follow(
-            panda_design.inverse,
-            path,
-            q_panda,
-            integrator=rp.LeafLock(1, leaf=np.zeros(3)),
-        )
+        rp.follow(panda_design.inverse, path, q_panda, integrator=rp.LeafLock(1, leaf=np.zeros(3)))
     with pytest.raises(rp.InputError, match="speed limit"):
         rp.follow(
-            panda_design.inverse,
-            path,
-            q_panda,
-            integrator=rp.LeafLock(1, velocity_limit="fast"),
+            panda_design.inverse, path, q_panda, integrator=rp.LeafLock(1, velocity_limit="fast")
         )
     with pytest.raises(rp.InputError, match="task="):
         rp.follow(lambda q, xdot: q, path, q_panda)

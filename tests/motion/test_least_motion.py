@@ -15,9 +15,7 @@ import repctl_pin as rp
 nullspace = rp.redundancy.nullspace
 
 
-def planar(
-    robot: str = "planar3r", radius: float = 0.3
-) -> tuple[rp.Task, rp.TaskPath, np.ndarray]:
+def planar(robot: str = "planar3r", radius: float = 0.3) -> tuple[rp.Task, rp.TaskPath, np.ndarray]:
     task = rp.Robot.load(robot).task("tool", "xy")
     q0 = np.array([0.3, 0.8, 0.8, 0.5])[: task.n]
     return task, rp.circle(task, q0, radius), q0
@@ -65,10 +63,7 @@ def test_no_feasible_motion_nearby_is_less() -> None:
         for _ in range(3):
             Q = least.q[:-1] + size * rng.normal(size=(24, 3))
             Q[0] = q0
-            near = [
-                rp.solve_ik(task, q, x, limits=False)
-                for q, x in zip(Q, targets, strict=True)
-            ]
+            near = [rp.solve_ik(task, q, x, limits=False) for q, x in zip(Q, targets, strict=True)]
             assert energy(np.array(near)) > energy(least.q[:-1])
 
 
@@ -115,9 +110,7 @@ def test_ppr_against_its_closed_form() -> None:
 
     def cost(theta: np.ndarray) -> float:
         theta = np.concatenate([q0[2:], theta])
-        slides = points - arm * np.stack(
-            [np.cos(theta + phase), np.sin(theta + phase)], axis=1
-        )
+        slides = points - arm * np.stack([np.cos(theta + phase), np.sin(theta + phase)], axis=1)
         return energy(np.column_stack([slides, theta]))
 
     found = minimize(cost, np.full(K - 1, q0[2]), method="BFGS", options={"gtol": 1e-9})
@@ -140,23 +133,15 @@ def test_limits_are_kept_and_cost() -> None:
         assert 0 < active.sum() < 20
         bend = 2 * held.q[1:-1] - held.q[:-2] - held.q[2:]
         slope = np.einsum("kir,ki->kr", nullspace(task.jacobians(held.q[1:-1])), bend)
-        assert (
-            np.abs(slope[~active[1:-1]]).max()
-            < 1e-8
-            < np.abs(slope[active[1:-1]]).max()
-        )
+        assert np.abs(slope[~active[1:-1]]).max() < 1e-8 < np.abs(slope[active[1:-1]]).max()
         speeds.append(held.rms_speed)
     assert speeds[0] < speeds[1] < speeds[2]
 
 
-def test_it_is_a_bound_for_a_design_and_its_guess_does_not_matter(
-    panda_design, q_panda
-) -> None:
+def test_it_is_a_bound_for_a_design_and_its_guess_does_not_matter(panda_design, q_panda) -> None:
     task, path = panda_design.task, rp.circle(panda_design.task, q_panda, 0.1)
     lock = rp.LeafLock(4)
-    own = rp.follow(
-        panda_design.inverse, path, q_panda, cycles=1, steps=40, integrator=lock
-    )
+    own = rp.follow(panda_design.inverse, path, q_panda, cycles=1, steps=40, integrator=lock)
     first = rp.least_closed_motion(task, path, q_panda, steps=40)
     second = rp.least_closed_motion(task, path, q_panda, steps=40, guess=own)
     assert np.allclose(first.q, second.q, atol=1e-6)
@@ -177,9 +162,7 @@ def test_the_same_in_other_coordinates_and_with_corners() -> None:
 
 
 @pytest.mark.slow
-def test_a_start_with_less_joint_speed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_start_with_less_joint_speed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """On planar3r's default circle another start needs 31 % less; it keeps half of the margin that
     any start has."""
     problem = rp.Problem("planar3r")
@@ -212,9 +195,7 @@ def test_bad_input() -> None:
     with pytest.raises(rp.InputError, match="within the joint limits was found"):
         rp.least_closed_motion(task, path, q0, steps=16, limit_margin=6.2)
     four, _, start = planar("planar4r")
-    other = rp.follow(
-        rp.Pseudoinverse(four), rp.circle(four, start, 0.1), start, cycles=1, steps=8
-    )
+    other = rp.follow(rp.Pseudoinverse(four), rp.circle(four, start, 0.1), start, cycles=1, steps=8)
     with pytest.raises(rp.InputError, match="guess has 4 joints, not 3"):
         rp.least_closed_motion(task, path, q0, guess=other)
 
@@ -255,13 +236,7 @@ def test_other_results(robot: str) -> None:
     task, path, q0 = problem.task, problem.cycle, problem.start
     plain = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=1, steps=200)
     least = rp.least_closed_motion(task, path, q0, steps=200)
-    assert 100 * (least.rms_speed / plain.rms_speed - 1) == pytest.approx(
-        same, abs=0.05
-    )
+    assert 100 * (least.rms_speed / plain.rms_speed - 1) == pytest.approx(same, abs=0.05)
     if anywhere is not None:
-        free = rp.least_closed_motion(
-            task, path, q0, steps=200, free_start=True, guess=least
-        )
-        assert 100 * (free.rms_speed / plain.rms_speed - 1) == pytest.approx(
-            anywhere, abs=0.1
-        )
+        free = rp.least_closed_motion(task, path, q0, steps=200, free_start=True, guess=least)
+        assert 100 * (free.rms_speed / plain.rms_speed - 1) == pytest.approx(anywhere, abs=0.1)

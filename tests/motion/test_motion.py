@@ -20,9 +20,7 @@ def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:
         rp.figure_eight(task, q, 0.1, normal="y", start_angle=0.3),
         named_path(task, q, "rose:0.1", "yz"),
         rp.polygon(task, q, [[0.1, 0, 0], [0.1, 0.05, 0.1]]),
-        rp.waypoints(
-            np.array(loop) + task.placement(q).translation, task.placement(q).rotation
-        ),
+        rp.waypoints(np.array(loop) + task.placement(q).translation, task.placement(q).rotation),
         named_path(task, q, "square:0.2", "yz"),
         named_path(task, q, "polygon:5:0.1", "xz"),
     ]
@@ -34,9 +32,9 @@ def test_paths_are_closed_start_at_the_frame_and_their_twist_is_their_slope(
     here = panda_pose.placement(q_panda)
     for path in all_paths(panda_pose, q_panda):
         for s in (0.0, 1.0):
-            assert np.allclose(
-                path.placement(s).translation, here.translation, atol=1e-12
-            ), path.name
+            assert np.allclose(path.placement(s).translation, here.translation, atol=1e-12), (
+                path.name
+            )
             assert np.array_equal(path.placement(s).rotation, here.rotation)
         e = 1e-6
         for s in np.linspace(0.013, 0.987, 16):
@@ -50,8 +48,7 @@ def test_shapes_are_what_their_names_say(panda_pose, q_panda) -> None:
     around = circle.points(200)[:-1]
     center = around.mean(axis=0)
     assert (
-        np.allclose(np.linalg.norm(around - center, axis=1), 0.1)
-        and np.ptp(around[:, 0]) < 1e-15
+        np.allclose(np.linalg.norm(around - center, axis=1), 0.1) and np.ptp(around[:, 0]) < 1e-15
     )
     assert np.isclose(circle.length, 0.2 * np.pi, rtol=1e-4)
     assert np.isclose(square.length, 0.8, rtol=1e-6) and np.allclose(
@@ -110,9 +107,7 @@ def test_out_of_reach_is_said_where_it_is_proved() -> None:
     arm = rp.Robot.load("planar3r").task("tool", "xy")
     rail = rp.Robot.load("prr").task("tool", "xy")
     x = pin.SE3(np.eye(3), np.array([3.001, 0.0, 0.0]))
-    with pytest.raises(
-        rp.InputError, match=r"cannot reach .* 3 m from .*most 3 m long"
-    ):
+    with pytest.raises(rp.InputError, match=r"cannot reach .* 3 m from .*most 3 m long"):
         rp.solve_ik(arm, arm.reference, x)
     rp.solve_ik(rail, rail.reference, x)  # the rail goes there
     uneven = pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))
@@ -130,9 +125,9 @@ def test_integrators_converge_at_their_order(
     strategy = rp.Pseudoinverse(panda_pose)
 
     def end(steps: int) -> np.ndarray:
-        return rp.follow(
-            strategy, path, q_panda, cycles=1, steps=steps, integrator=integrator
-        ).q[-1]
+        return rp.follow(strategy, path, q_panda, cycles=1, steps=steps, integrator=integrator).q[
+            -1
+        ]
 
     exact = rp.follow(strategy, path, q_panda, cycles=1, steps=2000).q[-1]
     coarse, fine = np.linalg.norm(end(40) - exact), np.linalg.norm(end(80) - exact)
@@ -142,25 +137,17 @@ def test_integrators_converge_at_their_order(
 def test_corners_do_not_spoil_the_order(panda_pose, q_panda) -> None:
     path = rp.polygon(panda_pose, q_panda, [[0.07, 0, 0], [0.03, 0.11, 0]])
     strategy = rp.Pseudoinverse(panda_pose)
-    ends = [
-        rp.follow(strategy, path, q_panda, cycles=1, steps=k).q[-1]
-        for k in (30, 60, 1000)
-    ]
+    ends = [rp.follow(strategy, path, q_panda, cycles=1, steps=k).q[-1] for k in (30, 60, 1000)]
     coarse, fine = (np.linalg.norm(q - ends[2]) for q in ends[:2])
     assert np.log2(coarse / fine) > 3.3
-    assert (
-        np.linalg.norm(panda_pose.placement(ends[2]).translation - path.point(1.0))
-        < 1e-11
-    )
+    assert np.linalg.norm(panda_pose.placement(ends[2]).translation - path.point(1.0)) < 1e-11
 
 
 def test_panda_ten_cycles(panda_pose, panda_design, q_panda) -> None:
     """The main promise: J⁺ creeps by more than 0.1 rad, the repeatable inverse by less than
     1e-8."""
     path = rp.circle(panda_pose, q_panda, 0.1, normal="yz", start_angle=np.pi)
-    creeping = rp.follow(
-        rp.Pseudoinverse(panda_pose), path, q_panda, cycles=10, steps=500
-    )
+    creeping = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=10, steps=500)
     closed = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=500)
     assert creeping.drift[-1] > 0.1
     assert closed.drift.max() < 1e-8
@@ -171,9 +158,7 @@ def test_panda_ten_cycles(panda_pose, panda_design, q_panda) -> None:
     def rhs(s: float, q: np.ndarray) -> np.ndarray:
         return np.linalg.pinv(panda_pose.jacobian(q)) @ path.twist(s % 1.0)
 
-    oracle = solve_ivp(
-        rhs, (0, 10), q_panda, method="DOP853", rtol=1e-11, atol=1e-12
-    ).y[:, -1]
+    oracle = solve_ivp(rhs, (0, 10), q_panda, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
     assert np.abs(creeping.q[-1] - oracle).max() < 1e-6
     assert abs(creeping.drift[-1] - np.linalg.norm(oracle - q_panda)) < 1e-6
 
@@ -191,9 +176,7 @@ def test_planar_3r_drift_is_the_theorys() -> None:
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis", "position", "xz"])
-def test_open_loop_tracking_is_exact_for_every_kind_of_task(
-    panda, q_panda, kind: str
-) -> None:
+def test_open_loop_tracking_is_exact_for_every_kind_of_task(panda, q_panda, kind: str) -> None:
     task = panda.task("panda_hand_tcp", kind)
     path = rp.circle(task, q_panda, 0.08, normal="xz", start_angle=np.pi / 2)
     motion = rp.follow(rp.Pseudoinverse(task), path, q_panda, cycles=2, steps=300)
@@ -213,14 +196,11 @@ def test_turning_twists_are_followed_too(panda, q_panda) -> None:
 
         def placement(self, s: float) -> pin.SE3:
             return pin.SE3(
-                pin.exp3(axis * 0.3 * np.sin(2 * np.pi * s)) @ start.rotation,
-                start.translation,
+                pin.exp3(axis * 0.3 * np.sin(2 * np.pi * s)) @ start.rotation, start.translation
             )
 
         def twist(self, s: float) -> np.ndarray:
-            return np.concatenate(
-                [np.zeros(3), axis * 0.6 * np.pi * np.cos(2 * np.pi * s)]
-            )
+            return np.concatenate([np.zeros(3), axis * 0.6 * np.pi * np.cos(2 * np.pi * s)])
 
     for kind in ("pose", "axis"):
         task = panda.task("panda_hand_tcp", kind)
@@ -259,14 +239,10 @@ def test_posture_closes_on_the_posture_and_creeps_to_it_when_started_off_it(
     # from the start it stays away, from cycle to cycle it closes: each adds a small share of the
     # one before
     np.testing.assert_allclose(away.cycle_drift[0], away.drift[0], rtol=1e-12)
-    assert (away.cycle_drift[1:] < 0.2 * away.cycle_drift[:-1]).all() and away.drift[
-        -1
-    ] > 0.1
+    assert (away.cycle_drift[1:] < 0.2 * away.cycle_drift[:-1]).all() and away.drift[-1] > 0.1
 
 
-def test_the_cycle_that_breaks_a_limit_is_counted_as_people_count(
-    panda_pose, q_panda
-) -> None:
+def test_the_cycle_that_breaks_a_limit_is_counted_as_people_count(panda_pose, q_panda) -> None:
     """From 1; and what happens at the very end of the last cycle happens in it."""
     path = rp.circle(panda_pose, q_panda, 0.02)
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=3, steps=20)
@@ -275,20 +251,13 @@ def test_the_cycle_that_breaks_a_limit_is_counted_as_people_count(
         q = motion.q.copy()
         q[row:, 3] = panda_pose.upper[3] + 0.1
         broken = replace(motion, q=q)
-        assert (
-            broken.first_violation == (row / 20, "panda_joint4")
-            and broken.broken_cycle == cycle
-        )
+        assert broken.first_violation == (row / 20, "panda_joint4") and broken.broken_cycle == cycle
 
 
 def test_motion_judges_limits_and_speeds(panda_pose, q_panda) -> None:
     path = rp.circle(panda_pose, q_panda, 0.1, normal="xy")
-    motion = rp.follow(
-        rp.Pseudoinverse(panda_pose), path, q_panda, cycles=8, steps=100, period=5.0
-    )
-    outside = (motion.q < panda_pose.lower - 1e-9) | (
-        motion.q > panda_pose.upper + 1e-9
-    )
+    motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=8, steps=100, period=5.0)
+    outside = (motion.q < panda_pose.lower - 1e-9) | (motion.q > panda_pose.upper + 1e-9)
     if outside.any():
         assert motion.first_violation is not None
         row = int(np.argmax(outside.any(axis=1)))
@@ -297,16 +266,12 @@ def test_motion_judges_limits_and_speeds(panda_pose, q_panda) -> None:
     else:
         assert motion.first_violation is None
     assert np.isclose(
-        motion.rms_speed,
-        np.sqrt(np.mean(np.sum(motion.qdot[:-1] ** 2, axis=1))),
-        rtol=1e-3,
+        motion.rms_speed, np.sqrt(np.mean(np.sum(motion.qdot[:-1] ** 2, axis=1))), rtol=1e-3
     )
     slower = rp.follow(
         rp.Pseudoinverse(panda_pose), path, q_panda, cycles=1, steps=100, period=10.0
     )
-    assert np.allclose(
-        slower.q, motion.q[:101], atol=1e-12
-    )  # slowing down keeps the joint path
+    assert np.allclose(slower.q, motion.q[:101], atol=1e-12)  # slowing down keeps the joint path
     assert np.allclose(slower.qdot[:100] * 2, motion.qdot[:100], atol=1e-12)
 
 
@@ -337,10 +302,7 @@ BAD_CSV = {
     "open": ("0.5,0,0.5\n0.6,0,0.5\n0.6,0.1,0.5\n0.5,0.2,0.5\n", "open by"),
     "two columns": ("0.5,0\n0.6,0\n0.6,0.1\n0.5,0\n", "line 1"),
     "empty": ("", "no waypoints"),
-    "nowhere": (
-        "0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n",
-        "all points are the same",
-    ),
+    "nowhere": ("0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n0.5,0,0.5\n", "all points are the same"),
     "columns unknown": ("x,z\n0.5,0\n", "named x, z; name them x, y, z"),
     "a column twice": ("x,y,y\n0.5,0,0\n", "named x, y, y"),
     "no quaternion": (
@@ -425,17 +387,14 @@ def test_rms_speed_is_a_mean_over_time() -> None:
         period=6.0,
     )
     assert motion.rms_speed == pytest.approx(1.0, rel=1e-6)
-    slow = motion.retimed(
-        [0.5, 1e3, 1e3]
-    )  # 4 m at 0.5 m/s and 2 m at 1 m/s, but for the steps at the corners
+    # 4 m at 0.5 m/s and 2 m at 1 m/s, but for the steps at the corners
+    slow = motion.retimed([0.5, 1e3, 1e3])
     assert slow.rms_speed == pytest.approx(np.sqrt((8 * 0.25 + 2 * 1.0) / 10), rel=0.02)
     once, thrice = (
         rp.follow(rp.Pseudoinverse(task), motion.path, np.zeros(3), cycles=k, steps=12)
         for k in (1, 3)
     )
-    fine = rp.follow(
-        rp.Pseudoinverse(task), motion.path, np.zeros(3), cycles=1, steps=1200
-    )
+    fine = rp.follow(rp.Pseudoinverse(task), motion.path, np.zeros(3), cycles=1, steps=1200)
     assert once.rms_speed == pytest.approx(fine.rms_speed, rel=2e-3)
     assert np.isfinite(thrice.rms_speed)
 
@@ -444,13 +403,8 @@ def test_prismatic_steps_may_be_long() -> None:
     task = rp.Robot.load("ppr").task("tool", "xy")
     path = rp.polygon(task, np.zeros(3), [(40, 0, 0), (40, 40, 0), (0, 40, 0)])
     weight = np.diag([1.0, 1.0, 1e9])
-    motion = rp.follow(
-        rp.WeightedInverse(task, weight), path, np.zeros(3), cycles=1, steps=40
-    )
-    assert (
-        np.abs(np.diff(motion.q, axis=0)).max() > 3
-        and motion.tracking_error.max() < 1e-3
-    )
+    motion = rp.follow(rp.WeightedInverse(task, weight), path, np.zeros(3), cycles=1, steps=40)
+    assert np.abs(np.diff(motion.q, axis=0)).max() > 3 and motion.tracking_error.max() < 1e-3
 
 
 def test_a_path_whose_functions_change_is_followed_as_they_are() -> None:

@@ -64,8 +64,7 @@ def judged(timed: rp.TimedMotion) -> None:
             np.abs(np.gradient(timed.q, timed.t, axis=0) - timed.qdot) / timed.velocity
         ).max() < 1e-3
         assert (
-            np.abs(np.gradient(timed.qdot, timed.t, axis=0) - timed.qddot)
-            / timed.acceleration
+            np.abs(np.gradient(timed.qdot, timed.t, axis=0) - timed.qddot) / timed.acceleration
         ).max() < 1e-3
 
 
@@ -80,9 +79,8 @@ def test_a_straight_way_in_takes_the_time_of_the_closed_form(planar, ring) -> No
         assert np.isclose(way.duration, expected, rtol=1e-4)
         np.testing.assert_allclose(way.q[[0, -1]], [begin, ring.q[0]], atol=1e-12)
         share = (way.q - begin) @ (Q3 - begin) / np.sum((Q3 - begin) ** 2)
-        np.testing.assert_allclose(
-            way.q, begin + share[:, None] * (Q3 - begin), atol=1e-12
-        )  # straight
+        # straight
+        np.testing.assert_allclose(way.q, begin + share[:, None] * (Q3 - begin), atol=1e-12)
 
 
 def test_ten_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
@@ -106,9 +104,8 @@ def test_ten_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
         ).duration
         for k in (1, 2, 3, 4)
     ]
-    np.testing.assert_allclose(
-        np.diff(few)[1:], timed.cycle_time, atol=2.1e-3
-    )  # each cycle more takes one more
+    # each cycle more takes one more
+    np.testing.assert_allclose(np.diff(few)[1:], timed.cycle_time, atol=2.1e-3)
     assert np.isclose(few[3] + 6 * timed.cycle_time, timed.duration, atol=1e-9)
 
 
@@ -118,10 +115,7 @@ def test_limits_hold_on_a_finer_grid_and_the_path_is_the_same(ring) -> None:
     fine = rp.timed(once, rp.Limits(**limits), rate=20_000)
     h = fine.t[1]
     qdot, qddot = np.diff(fine.q, axis=0) / h, np.diff(fine.q, 2, axis=0) / h**2
-    used = (
-        np.abs(qdot / limits["velocity"]).max(),
-        np.abs(qddot / limits["acceleration"]).max(),
-    )
+    used = (np.abs(qdot / limits["velocity"]).max(), np.abs(qddot / limits["acceleration"]).max())
     assert max(used) <= 1.001 and max(used) > 0.99
     at_most = np.maximum(
         np.abs(qdot[1:]) / limits["velocity"], np.abs(qddot) / limits["acceleration"]
@@ -135,9 +129,7 @@ def test_limits_hold_on_a_finer_grid_and_the_path_is_the_same(ring) -> None:
 def test_time_goes_with_the_root_of_acceleration(ring) -> None:
     """With no speed limit t → λ t turns a into a / λ²."""
     slow, quick = (
-        rp.timed(
-            ring, rp.Limits(velocity=np.inf, acceleration=a), rate=1e5 if a > 3 else 1e4
-        )
+        rp.timed(ring, rp.Limits(velocity=np.inf, acceleration=a), rate=1e5 if a > 3 else 1e4)
         for a in (2.0, 200.0)
     )
     assert np.isclose(slow.duration, 10 * quick.duration, rtol=1e-4)
@@ -163,9 +155,7 @@ def test_torques_stay_within_the_efforts(panda_pose, panda_motions) -> None:
     effort = np.array([87.0, 87, 87, 87, 12, 12, 12])
     used = []
     for torque in (False, True):
-        timed = rp.timed(
-            one, rp.Limits(velocity=100.0, acceleration=300.0, torque=torque)
-        )
+        timed = rp.timed(one, rp.Limits(velocity=100.0, acceleration=300.0, torque=torque))
         tau = np.array(
             [
                 pin.rnea(model, data, *row)
@@ -196,18 +186,14 @@ def test_the_arm_stands_at_corners_and_stays_and_turns_round(planar) -> None:
     assert timed.stops == 2
     still = (np.abs(timed.qdot).max(axis=1) < 1e-12).astype(int)
     runs = (
-        np.diff(np.flatnonzero(np.diff(np.r_[0, still, 0])).reshape(-1, 2), axis=1)[
-            :, 0
-        ]
+        np.diff(np.flatnonzero(np.diff(np.r_[0, still, 0])).reshape(-1, 2), axis=1)[:, 0]
         * timed.t[1]
     )
     assert np.sum(np.abs(runs - 0.7) < 5e-3) == 4  # the stay, once a cycle
     second, third = timed.cycle(1), timed.cycle(2)
     for one, other in zip(second, third, strict=True):
         np.testing.assert_allclose(other, one, atol=1e-9)
-    there = rp.follow(
-        control, rp.polygon(planar, Q3, [[0.2, 0.1, 0]]), Q3, cycles=1, steps=100
-    )
+    there = rp.follow(control, rp.polygon(planar, Q3, [[0.2, 0.1, 0]]), Q3, cycles=1, steps=100)
     back = rp.timed(there, rp.Limits(velocity=2.0, acceleration=6.0))
     judged(back)
     assert back.stops == 1
@@ -220,8 +206,7 @@ def test_rounded_corners_are_not_stops_and_take_less_time(planar) -> None:
         for words in ("square:0.3", "square:0.3:blend=0.05")
     ]
     sharp, rounded = (
-        rp.timed(motion, rp.Limits(velocity=2.0, acceleration=6.0))
-        for motion in motions
+        rp.timed(motion, rp.Limits(velocity=2.0, acceleration=6.0)) for motion in motions
     )
     judged(rounded)
     assert (sharp.stops, rounded.stops) == (3, 0)
@@ -232,22 +217,12 @@ def test_coordinates_do_not_matter(planar) -> None:
     absolute = planar.in_coordinates(rp.absolute_angles(planar))
     path = rp.circle(planar, Q3, 0.2)
     motion = rp.follow(
-        rp.Pseudoinverse(absolute),
-        path,
-        absolute.coordinates.coordinates(Q3),
-        cycles=1,
-        steps=200,
+        rp.Pseudoinverse(absolute), path, absolute.coordinates.coordinates(Q3), cycles=1, steps=200
     )
-    timed = rp.timed(
-        motion, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0])
-    )
+    timed = rp.timed(motion, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0]))
     judged(timed)
-    plain = replace(
-        motion, task=planar, q=motion.joints(motion.q), qdot=motion.joints(motion.qdot)
-    )
-    same = rp.timed(
-        plain, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0])
-    )
+    plain = replace(motion, task=planar, q=motion.joints(motion.q), qdot=motion.joints(motion.qdot))
+    same = rp.timed(plain, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0]))
     np.testing.assert_allclose(timed.q, same.q, atol=1e-9)
     assert timed.joints == planar.joint_names
     with pytest.raises(rp.InputError, match="of the robot's own joints"):
@@ -257,16 +232,11 @@ def test_coordinates_do_not_matter(planar) -> None:
 def one_cycle(motion: rp.Motion) -> rp.Motion:
     """The first cycle alone."""
     rows = slice(motion.steps + 1)
-    return replace(
-        motion, cycles=1, q=motion.q[rows], qdot=motion.qdot[rows], t=motion.t[rows]
-    )
+    return replace(motion, cycles=1, q=motion.q[rows], qdot=motion.qdot[rows], t=motion.t[rows])
 
 
 BAD = [
-    (
-        {},
-        "acceleration= is missing, and a URDF has no acceleration limits; .* panda, fr3, ur",
-    ),
+    ({}, "acceleration= is missing, and a URDF has no acceleration limits; .* panda, fr3, ur"),
     ({"acceleration": "kuka"}, "no accelerations of 'kuka' are known"),
     ({"acceleration": "panda"}, "of 7 joints, but 'tool' is moved by 3"),
     ({"acceleration": 0}, "acceleration must be"),
@@ -277,14 +247,8 @@ BAD = [
     ({"acceleration": 1, "velocity": 0}, "velocity must be"),
     ({"acceleration": 1, "velocity": [1, np.nan, 1]}, "velocity must be"),
     ({"jerk": 10}, "acceleration= is missing.*jerk= requires it too"),
-    (
-        {"acceleration": 1, "jerk": "ur"},
-        "no jerks of 'ur' are known, only of panda, fr3",
-    ),
-    (
-        {"acceleration": 1, "jerk": "panda"},
-        "these jerks are of 7 joints, but 'tool' is moved by 3",
-    ),
+    ({"acceleration": 1, "jerk": "ur"}, "no jerks of 'ur' are known, only of panda, fr3"),
+    ({"acceleration": 1, "jerk": "panda"}, "these jerks are of 7 joints, but 'tool' is moved by 3"),
     ({"acceleration": 1, "jerk": 0}, "jerk must be"),
     ({"acceleration": 1, "jerk": [1, 2]}, "jerk must be"),
     ({"acceleration": 1, "jerk": np.inf}, "jerk must be finite"),
@@ -313,20 +277,13 @@ def test_bad_limits_get_one_clear_line(ring, options: dict, why: str) -> None:
             {"keep_times": True, "velocity": 0.1},
             "times of the path exceed the limits: theta. would need .* its speed at",
         ),
-        (
-            {"keep_times": True, "tool_speed": 0.1},
-            r"the tool would need 3.7\d* times its speed at",
-        ),
+        ({"keep_times": True, "tool_speed": 0.1}, r"the tool would need 3.7\d* times its speed at"),
     ],
 )
-def test_bad_options_of_a_timed_motion_get_one_clear_line(
-    ring, options: dict, why: str
-) -> None:
+def test_bad_options_of_a_timed_motion_get_one_clear_line(ring, options: dict, why: str) -> None:
     with pytest.raises(rp.InputError, match=why) as error:
         given = {"velocity": 2.0, "acceleration": 5.0} | options
-        own = {
-            name: given.pop(name) for name in ("keep_times", "rate") if name in given
-        }
+        own = {name: given.pop(name) for name in ("keep_times", "rate") if name in given}
         rp.timed(one_cycle(ring), rp.Limits(**given), **own)
     assert "\n" not in str(error.value)
 
@@ -346,20 +303,14 @@ def differences(timed: rp.TimedMotion) -> list[np.ndarray]:
 def smooth(panda_motions) -> rp.TimedMotion:
     """Ten cycles of a Panda, within its published limits."""
     return rp.timed(
-        panda_motions["ours"],
-        rp.Limits(acceleration="panda", jerk="panda"),
-        rate=10_000,
+        panda_motions["ours"], rp.Limits(acceleration="panda", jerk="panda"), rate=10_000
     )
 
 
-def test_jerk_is_kept_between_the_samples_and_costs_hardly_any_time(
-    panda_motions, smooth
-) -> None:
+def test_jerk_is_kept_between_the_samples_and_costs_hardly_any_time(panda_motions, smooth) -> None:
     motion = panda_motions["ours"]
     free = rp.timed(motion, rp.Limits(acceleration="panda"), rate=10_000)
-    jerk = (
-        np.diff(free.q, 3, axis=0) * 1e12 / [7500, 3750, 5000, 6250, 7500, 10000, 10000]
-    )
+    jerk = np.diff(free.q, 3, axis=0) * 1e12 / [7500, 3750, 5000, 6250, 7500, 10000, 10000]
     assert np.abs(jerk).max() > 2 and free.jerk is None
     assert max(differences(smooth)) < 1.01
     assert smooth.duration < 1.02 * free.duration
@@ -373,9 +324,7 @@ def test_jerk_is_kept_between_the_samples_and_costs_hardly_any_time(
     assert max(far) < 0.6 * np.linalg.norm(np.diff(path, axis=0), axis=1).max()
 
 
-def test_a_straight_way_with_bounded_jerk_takes_the_time_of_the_closed_form(
-    ring,
-) -> None:
+def test_a_straight_way_with_bounded_jerk_takes_the_time_of_the_closed_form(ring) -> None:
     """``T = a/J + √((a/J)² + 4Δ/a)`` where the acceleration limit is met, ``T³ = 32 Δ/J`` where it
     is not."""
     begin = Q3 + [1.2, -0.4, 0.1]
@@ -384,11 +333,7 @@ def test_a_straight_way_with_bounded_jerk_takes_the_time_of_the_closed_form(
             begin, ring, rp.Limits(velocity=50.0, acceleration=a, jerk=J), rate=10_000
         )
         met = 1.2 > 2 * a**3 / J**2
-        expected = (
-            a / J + np.sqrt((a / J) ** 2 + 4 * 1.2 / a)
-            if met
-            else (32 * 1.2 / J) ** (1 / 3)
-        )
+        expected = a / J + np.sqrt((a / J) ** 2 + 4 * 1.2 / a) if met else (32 * 1.2 / J) ** (1 / 3)
         assert expected * (1 - 1e-6) < way.duration < expected * 1.005
         assert max(differences(way)) < 1.01
 
@@ -403,19 +348,12 @@ def test_time_goes_with_the_cube_root_of_jerk(planar) -> None:
     assert max(differences(slow)[:2]) < 1 and 0.95 < differences(slow)[2] < 1.01
 
 
-def test_torques_stay_within_the_efforts_with_bounded_jerk(
-    panda_pose, panda_motions
-) -> None:
+def test_torques_stay_within_the_efforts_with_bounded_jerk(panda_pose, panda_motions) -> None:
     one = one_cycle(panda_motions["ours"])
-    timed = rp.timed(
-        one, rp.Limits(velocity=100.0, acceleration=300.0, jerk=1e5, torque=True)
-    )
+    timed = rp.timed(one, rp.Limits(velocity=100.0, acceleration=300.0, jerk=1e5, torque=True))
     model, data = panda_pose.model, panda_pose.model.createData()
     tau = np.array(
-        [
-            pin.rnea(model, data, *row)
-            for row in zip(timed.q, timed.qdot, timed.qddot, strict=True)
-        ]
+        [pin.rnea(model, data, *row) for row in zip(timed.q, timed.qdot, timed.qddot, strict=True)]
     )
     assert 0.9 < np.abs(tau / [87.0, 87, 87, 87, 12, 12, 12]).max() < 1.01
     assert max(differences(timed)) < 1.01
@@ -424,15 +362,12 @@ def test_torques_stay_within_the_efforts_with_bounded_jerk(
 @pytest.mark.parametrize("jerk", [None, 200.0])
 def test_the_tool_keeps_its_speed(planar, ring, jerk) -> None:
     once = one_cycle(ring)
-    timed = rp.timed(
-        once, rp.Limits(velocity=2.0, acceleration=6.0, jerk=jerk, tool_speed=0.3)
-    )
+    timed = rp.timed(once, rp.Limits(velocity=2.0, acceleration=6.0, jerk=jerk, tool_speed=0.3))
     points = planar.positions(timed.q)
     v = np.linalg.norm(np.diff(points, axis=0), axis=1) / timed.t[1]
     assert v.max() < 0.3 * 1.005 and np.median(v) > 0.29
     turning = rp.timed(
-        once,
-        rp.Limits(velocity=2.0, acceleration=6.0, jerk=jerk, tool_speed=[0.3, 0.05]),
+        once, rp.Limits(velocity=2.0, acceleration=6.0, jerk=jerk, tool_speed=[0.3, 0.05])
     )
     omega = np.abs(np.diff(turning.q.sum(axis=1))) / turning.t[1]
     assert omega.max() < 0.05 * 1.01 and turning.duration > timed.duration
@@ -449,9 +384,7 @@ def test_a_path_keeps_its_own_times(panda_pose, panda_design, q_panda) -> None:
     times = 8 * (u + 0.1 * np.sin(angle) / (2 * np.pi))
     path = rp.waypoints(points, here.rotation, times=times)
     motion = rp.follow(panda_design.inverse, path, q_panda, cycles=4, steps=320)
-    timed = rp.timed(
-        motion, rp.Limits(acceleration="panda", jerk="panda"), keep_times=True
-    )
+    timed = rp.timed(motion, rp.Limits(acceleration="panda", jerk="panda"), keep_times=True)
     judged(timed)
     assert max(differences(timed)) < 1.01
     assert timed.stops == 0 and np.isclose(timed.cycle_time, 8, atol=1e-9)
@@ -481,10 +414,7 @@ def test_a_corner_keeps_its_time(planar) -> None:
     assert timed.stops == 2 and timed.duration < 9.2
     still = timed.t[np.abs(timed.qdot).max(axis=1) < 1e-3]
     for t in (2, 5):
-        assert (
-            np.abs(still - timed.starts[0] - t).min()
-            < 0.5 * (timed.duration - 9) + 2e-3
-        )
+        assert np.abs(still - timed.starts[0] - t).min() < 0.5 * (timed.duration - 9) + 2e-3
 
 
 def overridden(run: rp.Run, wishes: list[float], ticks: int, dt: float) -> np.ndarray:
@@ -500,9 +430,7 @@ def jerky(ring) -> rp.TimedMotion:
 
 @pytest.mark.parametrize("bounded", [True, False])
 def test_an_override_keeps_the_path_and_the_limits(ring, jerky, bounded) -> None:
-    timed = (
-        jerky if bounded else rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0))
-    )
+    timed = jerky if bounded else rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0))
     run, dt = rp.Run(timed), 0.002
     wishes, seen = [1, 0.4, -1, -1, -1, 0, 0, 1, 1, 0.4, 1, 1], []
     for wish in wishes:
@@ -514,17 +442,14 @@ def test_an_override_keeps_the_path_and_the_limits(ring, jerky, bounded) -> None
     for k, limit in enumerate((timed.velocity, timed.acceleration, timed.jerk), 1):
         if limit is not None:
             assert (np.abs(np.diff(Q, k, axis=0)) / dt**k / limit).max() < 1.01
-    np.testing.assert_allclose(
-        Q, CubicSpline(timed.t, timed.q)(t), atol=1e-7
-    )  # of samples a millisecond apart
+    # of samples a millisecond apart
+    np.testing.assert_allclose(Q, CubicSpline(timed.t, timed.q)(t), atol=1e-7)
     assert np.abs(np.gradient(Q, dt, axis=0)[2:-2] - Qdot[2:-2]).max() < 0.05
     assert np.ptp(override) > 1.5 and {0.0, 1.0} < set(override)
     assert np.abs(Qdot[override == 0]).max() == 0
 
 
-def test_at_full_override_a_run_gives_the_samples_and_backs_up_the_same_way(
-    ring,
-) -> None:
+def test_at_full_override_a_run_gives_the_samples_and_backs_up_the_same_way(ring) -> None:
     timed = rp.timed(one_cycle(ring), rp.Limits(velocity=2.0, acceleration=6.0))
     run = rp.Run(timed)
     there = overridden(run, [1], len(timed.t) - 1, timed.t[1])
@@ -574,9 +499,7 @@ def test_a_run_goes_on_from_the_nearest_point_of_the_path(ring, jerky) -> None:
         rp.approach(ring.q[120], ring, rp.Limits(acceleration=1.0), to="nearest")
     with pytest.raises(rp.InputError, match="'start', 'nearest'|start, nearest"):
         rp.approach(away, ring, rp.Limits(acceleration=1.0), to="end")
-    with pytest.raises(
-        rp.InputError, match='q is 0.0.* away from the path; .* to="nearest"'
-    ):
+    with pytest.raises(rp.InputError, match='q is 0.0.* away from the path; .* to="nearest"'):
         rp.Run(timed, q=away)
 
 
@@ -619,19 +542,13 @@ def test_what_cannot_be_approached_or_timed_is_refused(planar, ring) -> None:
         with pytest.raises(rp.InputError, match="motion must be"):
             rp.approach(Q3, wrong, rp.Limits(acceleration=1.0))
     with pytest.raises(rp.InputError, match="do not move"):
-        rp.timed(
-            replace(ring, q=np.tile(Q3, (len(ring.q), 1))), rp.Limits(acceleration=1.0)
-        )
+        rp.timed(replace(ring, q=np.tile(Q3, (len(ring.q), 1))), rp.Limits(acceleration=1.0))
     with pytest.raises(rp.InputError, match="no cycle 10"):
         rp.timed(ring, rp.Limits(acceleration=5.0)).cycle(10)
 
 
-def test_the_way_in_does_not_lead_through_the_robot_itself(
-    panda_pose, panda_motions
-) -> None:
-    folded = np.array(
-        [0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618]
-    )  # the hand at the base
+def test_the_way_in_does_not_lead_through_the_robot_itself(panda_pose, panda_motions) -> None:
+    folded = np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618])  # the hand at the base
     motion = panda_motions["ours"]
     least = rp.Bodies(panda_pose).distances(np.linspace(folded, motion.q[0], 101)).min()
     assert least < 0
@@ -651,11 +568,7 @@ def test_a_robot_reads_what_was_computed(ring, tmp_path) -> None:
     names = text.splitlines()[0].split(",")
     assert names == [
         "time",
-        *(
-            f"{j}{end}"
-            for end in ("", "_velocity", "_acceleration")
-            for j in timed.joints
-        ),
+        *(f"{j}{end}" for end in ("", "_velocity", "_acceleration") for j in timed.joints),
     ]
     table = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1)
     np.testing.assert_array_equal(
@@ -669,14 +582,11 @@ def test_a_robot_reads_what_was_computed(ring, tmp_path) -> None:
         message["points"], timed.t, timed.q, timed.qdot, timed.qddot, strict=True
     ):
         assert np.isclose(
-            point["time_from_start"]["sec"]
-            + 1e-9 * point["time_from_start"]["nanosec"],
+            point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"],
             t,
             atol=1e-9,
         )
-        for name, row in zip(
-            ("positions", "velocities", "accelerations"), rows, strict=True
-        ):
+        for name, row in zip(("positions", "velocities", "accelerations"), rows, strict=True):
             np.testing.assert_allclose(point[name], row, atol=1e-12)
 
 
@@ -695,13 +605,10 @@ def test_a_motion_is_written_for_a_robot(ring, planar, tmp_path) -> None:
     beyond = replace(ring, q=ring.q + 9.0)
     for motion in (beyond, replace(timed, motion=beyond)):
         with pytest.raises(
-            rp.InputError,
-            match="exceeds its limits at the start: .*allow_violations=True",
+            rp.InputError, match="exceeds its limits at the start: .*allow_violations=True"
         ):
             rp.write_motion(motion, tmp_path / "no.csv")
-        assert rp.write_motion(
-            motion, tmp_path / "yes.csv", allow_violations=True
-        ).exists()
+        assert rp.write_motion(motion, tmp_path / "yes.csv", allow_violations=True).exists()
     assert not (tmp_path / "no.csv").exists()
     for wrong, why in (
         (tmp_path / "m.txt", "must end in .csv or .yaml"),
@@ -741,22 +648,16 @@ def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:
         "p.png",
     )
     assert (
-        data["slowed_by"] is None
-        and data["cycle_time"] == data["duration"]
-        and data["stops"] == 3
+        data["slowed_by"] is None and data["cycle_time"] == data["duration"] and data["stops"] == 3
     )
     table = np.loadtxt("m.csv", delimiter=",", skiprows=1)
     assert (
-        table.shape[1] == 10
-        and not table[[0, -1], 4:].any()
-        and table[-1, 0] >= data["duration"]
+        table.shape[1] == 10 and not table[[0, -1], 4:].any() and table[-1, 0] >= data["duration"]
     )
     assert (np.abs(table[:, 7:]).max(axis=0) < np.array([2, 3, 4]) * 1.001).all()
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     assert "neither numbers" in refused(capsys, *words, "--acceleration", "1,x")
-    assert "no accelerations of 'pandas'" in refused(
-        capsys, *words, "--acceleration", "pandas"
-    )
+    assert "no accelerations of 'pandas'" in refused(capsys, *words, "--acceleration", "pandas")
     assert "requires --acceleration" in refused(capsys, *words, "--profile", "p.png")
 
 
@@ -772,16 +673,7 @@ def test_follow_keeps_jerk_tool_speed_and_times(tmp_path, monkeypatch, capsys) -
         "--steps",
         "80",
     ]
-    limits = [
-        "--acceleration",
-        "2,3,4",
-        "--jerk",
-        "50",
-        "--rate",
-        "1000",
-        "--csv",
-        "m.csv",
-    ]
+    limits = ["--acceleration", "2,3,4", "--jerk", "50", "--rate", "1000", "--csv", "m.csv"]
     quick = told(capsys, *words, *limits)
     table = np.loadtxt("m.csv", delimiter=",", skiprows=1)
     assert np.abs(np.diff(table[:, 1:4], 3, axis=0)).max() < 50 * 1.01 * 1e-9
@@ -790,9 +682,7 @@ def test_follow_keeps_jerk_tool_speed_and_times(tmp_path, monkeypatch, capsys) -
     own = told(capsys, *words, *limits, "--keep-times", "--period", "7")
     assert 7 < own["duration"] < 7.5
     for option in (["--jerk", "50"], ["--tool-speed", "0.1"], ["--keep-times"]):
-        assert f"{option[0]} requires --acceleration" in refused(
-            capsys, *words, *option
-        )
+        assert f"{option[0]} requires --acceleration" in refused(capsys, *words, *option)
     assert "--jerk '1,x' is neither numbers" in refused(
         capsys, *words, *limits[:2], "--jerk", "1,x"
     )

@@ -52,15 +52,11 @@ def test_a_tray_keeps_its_pose_between_the_hands_while_they_move():
     assert closed.drift[-1] < 1e-9
     held = task.placements(closed.q[0])[1]
     relative = [held.actInv(task.placements(q)[1]).homogeneous for q in closed.q[::50]]
-    np.testing.assert_allclose(
-        relative, np.tile(np.eye(4), (len(relative), 1, 1)), atol=1e-9
-    )
+    np.testing.assert_allclose(relative, np.tile(np.eye(4), (len(relative), 1, 1)), atol=1e-9)
 
 
 def test_elbow_and_hand_on_one_chain_come_back():
-    task = rp.Robot.load("panda").task(
-        [("panda_link4", "xy"), ("panda_link8", "position")]
-    )
+    task = rp.Robot.load("panda").task([("panda_link4", "xy"), ("panda_link8", "position")])
     assert (task.m, task.r) == (5, 2)
     drifted, closed = closed_and_plain(task, [None, circle], cycles=3, steps=600)
     assert drifted.drift[-1] > 1e-3

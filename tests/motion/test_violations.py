@@ -31,14 +31,8 @@ def test_the_first_limit_and_the_first_touch_in_order(
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=2, steps=10)
     assert motion.first_violation is None and motion.first_touch is None
     assert rp.write_motion(motion, tmp_path / "good.csv").exists()
-    q, folded = (
-        motion.q.copy(),
-        np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618]),
-    )
-    q[13], q[17] = (
-        folded,
-        q_panda + [0, 0, 0, -0.9, 0, 0, 0],
-    )  # in cycle 2: 30 % and 70 % round
+    q, folded = (motion.q.copy(), np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618]))
+    q[13], q[17] = (folded, q_panda + [0, 0, 0, -0.9, 0, 0, 0])  # in cycle 2: 30 % and 70 % round
     bad = replace(motion, q=q)
     assert bad.first_violation == (1.7, "panda_joint4")
     moment, links = bad.first_touch
@@ -71,9 +65,8 @@ def test_a_thinned_motion_is_the_same_at_fewer_points(
     assert np.array_equal(few.drift, motion.drift) and np.array_equal(
         motion.thinned(99).q, motion.q
     )
-    assert np.array_equal(
-        motion.thinned(7).q[::7], motion.q[::20]
-    )  # the ends of cycles are among them
+    # the ends of cycles are among them
+    assert np.array_equal(motion.thinned(7).q[::7], motion.q[::20])
 
 
 def test_no_file_for_a_robot_beyond_the_limits(tmp_path, monkeypatch, capsys) -> None:
@@ -127,18 +120,14 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     ball = sum(np.exp(1j * angle) for angle in np.cumsum([0.2, 0.5, 0.3]))
     here = task.positions(np.array([[0.2, 0.5, 0.3]]))[0]
     assert np.isclose(complex(here[0], here[1]), ball - np.exp(1j))
-    far = told(
-        capsys, *follow_past((5.0, 0.0), tmp_path), "--csv", str(tmp_path / "m.csv")
-    )
+    far = told(capsys, *follow_past((5.0, 0.0), tmp_path), "--csv", str(tmp_path / "m.csv"))
     assert far["first_touch"] is None and far["body_distance"] > 0.5
     (tmp_path / "m.csv").unlink()
     words = follow_past((ball.real, ball.imag), tmp_path)
     assert "tip and post collide at the start: no trajectory" in refused(
         capsys, *words, "--csv", str(tmp_path / "m.csv")
     )
-    near = follow_past(
-        (ball.real - 0.25, ball.imag), tmp_path
-    )  # not at the start, but on the way
+    near = follow_past((ball.real - 0.25, ball.imag), tmp_path)  # not at the start, but on the way
     error = refused(capsys, *near, "--yaml", str(tmp_path / "m.yaml"))
     assert (
         re.search(r"tip and post collide \d+ % into cycle 1: ", error)
@@ -184,9 +173,7 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     assert plain.thinned(10).first_touch is ours.thinned(10).first_touch is None
 
 
-def test_figures_mark_the_first_violation(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_figures_mark_the_first_violation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As a study draws them: words and a cross at the drift, and a cross at the joint."""
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda it, *_, **__: drawn.append(it))
@@ -198,10 +185,7 @@ def test_figures_mark_the_first_violation(
     words = [text.get_text() for text in drift.axes[0].texts]
     assert any("limit in cycle 1" in text for text in words)
     crosses = [
-        ax.get_title("left")
-        for ax in joints.axes
-        for line in ax.lines
-        if line.get_marker() == "x"
+        ax.get_title("left") for ax in joints.axes for line in ax.lines if line.get_marker() == "x"
     ]
     assert set(crosses) == {"theta1"}  # theta2 and theta3 stay within theirs
 
@@ -209,13 +193,9 @@ def test_figures_mark_the_first_violation(
 def test_the_page_marks_the_touch(tmp_path) -> None:
     """The words and the moment, and a point that moves with the link."""
     words = follow_past((2.035, 1.684), tmp_path)
-    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=words[-1]).task(
-        "tip", "xy"
-    )
+    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=words[-1]).task("tip", "xy")
     q0 = np.array([0.2, 0.5, 0.3])
-    motion = rp.follow(
-        rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100
-    )
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100)
     assert motion.first_touch is not None and 0 < motion.first_touch[0] < 1
     scene, _, _ = read(rp.animation({"J⁺": motion}).page)
     broken = scene["arms"][0]["broken"]

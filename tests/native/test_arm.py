@@ -17,12 +17,7 @@ pytestmark = pytest.mark.skipif(library() is None, reason="there is no native li
 
 @pytest.mark.parametrize(
     "name",
-    some(
-        CONTROLS,
-        "panda, pose, joined",
-        "panda in other coordinates",
-        "elbow and hand of panda",
-    ),
+    some(CONTROLS, "panda, pose, joined", "panda in other coordinates", "elbow and hand of panda"),
 )
 def test_c_computes_the_formulas(name: str, tmp_path: Path) -> None:
     inverse, q0 = CONTROLS[name](tmp_path)
@@ -46,9 +41,7 @@ def test_c_computes_the_formulas(name: str, tmp_path: Path) -> None:
         assert np.abs(law.leaf(q) - c).max() < 1e-12 * max(1, np.abs(c).max())
 
 
-@pytest.mark.parametrize(
-    "name", some(CONTROLS, "panda, axis, degree 2", "elbow and hand of panda")
-)
+@pytest.mark.parametrize("name", some(CONTROLS, "panda, axis, degree 2", "elbow and hand of panda"))
 def test_a_step_in_c_is_its_formula(name: str, tmp_path: Path) -> None:
     """q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])"""
     inverse, q0 = CONTROLS[name](tmp_path)

@@ -58,14 +58,7 @@ def array(values: object) -> ctypes.Array:
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """The library with all functions that its files share visible."""
     path = tmp_path_factory.mktemp("parts") / "parts.so"
-    names = [
-        "arm",
-        "chart",
-        "straight_lines",
-        "joint_plan",
-        "target_joints",
-        "governor",
-    ]
+    names = ["arm", "chart", "straight_lines", "joint_plan", "target_joints", "governor"]
     files = [str(FOLDER / f"{name}.c") for name in names]
     flags = ["-std=c99", "-O1", "-w", "-fPIC", "-shared"]
     compiler = c_compiler()
@@ -125,9 +118,7 @@ class Line:
 
 
 @pytest.mark.parametrize("frames", [1, 2])
-def test_the_rates_of_frame_motions_are_derivatives(
-    library: ctypes.CDLL, frames: int
-) -> None:
+def test_the_rates_of_frame_motions_are_derivatives(library: ctypes.CDLL, frames: int) -> None:
     """ω and ω̇ by finite differences of the placements; the ends of each kind of motion."""
     rng, step = np.random.default_rng(0), 1e-4
     starts = [pin.SE3.Random() for _ in range(frames)]
@@ -145,9 +136,7 @@ def test_the_rates_of_frame_motions_are_derivatives(
                 for a, b in zip(before, after, strict=True)
             ]
             found, derivative = motion.rates(t)
-            np.testing.assert_allclose(
-                found, np.ravel(expected) / (2 * step), atol=1e-6
-            )
+            np.testing.assert_allclose(found, np.ravel(expected) / (2 * step), atol=1e-6)
             ahead, behind = motion.rates(t + step)[0], motion.rates(t - step)[0]
             slope = (ahead - behind) / (2 * step)
             np.testing.assert_allclose(derivative, slope, atol=1e-5)
@@ -164,9 +153,7 @@ def test_the_rates_of_frame_motions_are_derivatives(
         np.testing.assert_allclose(end.translation, start.translation + by[:3])
 
 
-def test_a_landing_is_as_long_as_it_can_be_without_turning_back(
-    library: ctypes.CDLL,
-) -> None:
+def test_a_landing_is_as_long_as_it_can_be_without_turning_back(library: ctypes.CDLL) -> None:
     """The quintic to rest over the distance 1: its last derivative that is not 0 changes sign."""
 
     def longest(speed: float, rate: float) -> float:
@@ -187,16 +174,11 @@ def tables(name: str) -> list[np.ndarray]:
     """The two tables of a name in joint_plan.c, of degrees 4 and 10."""
     text = (FOLDER / "joint_plan.c").read_text()
     body = text[text.index(f"double {name}[") :].partition(" = ")[2].partition(";")[0]
-    rows = [
-        [float(x) for x in row.split(",")] for row in re.findall(r"{([^{}]+)}", body)
-    ]
+    rows = [[float(x) for x in row.split(",")] for row in re.findall(r"{([^{}]+)}", body)]
     if name == "NODE_SHARE":
         return [np.array(row) for row in rows]
     parts = rows[:5], rows[5:]
-    return [
-        np.array([row + [0.0] * (len(part) - len(row)) for row in part])
-        for part in parts
-    ]
+    return [np.array([row + [0.0] * (len(part) - len(row)) for row in part]) for part in parts]
 
 
 @pytest.mark.parametrize("table", [0, 1])
@@ -220,9 +202,7 @@ def test_the_nodes_interpolate_polynomials(table: int) -> None:
             assert found == pytest.approx(share[j] ** power, abs=1e-9)
 
 
-def test_the_direction_is_along_the_leaf_and_around_a_singularity(
-    library: ctypes.CDLL,
-) -> None:
+def test_the_direction_is_along_the_leaf_and_around_a_singularity(library: ctypes.CDLL) -> None:
     inverse, arm = planar()
 
     def direction(q: np.ndarray, goal: np.ndarray) -> np.ndarray:

@@ -70,9 +70,7 @@ def test_bad_velocities_get_the_same_line(q, xdot, panda_design: rp.Design) -> N
 
 def test_singular_is_said_in_the_same_words() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    inverse = rp.RepeatableInverse(
-        task, rp.Polynomial(np.zeros(3), 1).weighted(np.ones((3, 1)))
-    )
+    inverse = rp.RepeatableInverse(task, rp.Polynomial(np.zeros(3), 1).weighted(np.ones((3, 1))))
     said = []
     for one in (inverse, in_numpy(inverse)):
         for question in (
@@ -99,13 +97,11 @@ def test_singular_is_said_in_the_same_words() -> None:
 def test_large_numbers_have_one_rule_in_python_and_c(
     size: float, where: str, panda_pose: rp.Task
 ) -> None:
-    A = np.append(
-        rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0], np.full(28, 0.01)
-    )[:, None]
+    A = np.append(rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0], np.full(28, 0.01))[
+        :, None
+    ]
     A[7] = size if where == "a coefficient" else A[7]
-    inverse = rp.RepeatableInverse(
-        panda_pose, rp.Polynomial(Q_PANDA, 2, 0.5).weighted(A)
-    )
+    inverse = rp.RepeatableInverse(panda_pose, rp.Polynomial(Q_PANDA, 2, 0.5).weighted(A))
     plain, q, xdot, twist, far = (
         in_numpy(inverse),
         Q_PANDA + 0.01,
@@ -126,17 +122,13 @@ def test_large_numbers_have_one_rule_in_python_and_c(
         lambda one: one.step(q, far, dt, twist, leaf=leaf),
         damped,
     ):
-        answers = [
-            answer(lambda one=one, ask=ask: ask(one)) for one in (inverse, plain)
-        ]
+        answers = [answer(lambda one=one, ask=ask: ask(one)) for one in (inverse, plain)]
         if any(isinstance(a, str) for a in answers):
             assert answers[0] == answers[1]
         else:
             assert np.isfinite(answers).all()
-            hard = where in (
-                "q",
-                "a coefficient",
-            )  # singular values of rows of 1 and 1e100 are those of rounding
+            # singular values of rows of 1 and 1e100 are those of rounding
+            hard = where in ("q", "a coefficient")
             assert np.allclose(*answers, rtol=1e-6) or (hard and ask is damped)
 
 
@@ -149,9 +141,7 @@ TURNS = {
 
 
 @pytest.mark.parametrize("name", TURNS)
-def test_what_is_no_rotation_is_refused_in_c_too(
-    name: str, panda_design: rp.Design
-) -> None:
+def test_what_is_no_rotation_is_refused_in_c_too(name: str, panda_design: rp.Design) -> None:
     inverse, task = panda_design.inverse, panda_design.task
     here = task.placement(Q_PANDA)
     R = TURNS[name] * here.rotation if np.isscalar(TURNS[name]) else TURNS[name]

@@ -20,9 +20,7 @@ NATIVE = ROOT / "repctl_pin" / "native"
 BUILD = "python repctl_pin/native/build.py"
 
 
-def run(
-    folder: Path, *words: str, **environment: str
-) -> subprocess.CompletedProcess[str]:
+def run(folder: Path, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Design and follow with the planar arm in another process, then prove twice, with the package
     in a folder."""
     code = """
@@ -60,9 +58,7 @@ def refused(cause: str, usual: subprocess.CompletedProcess[str]) -> str:
 def copied(folder: Path) -> None:
     """Copy the package without its library."""
     shutil.copytree(
-        ROOT / "repctl_pin",
-        folder / "repctl_pin",
-        ignore=shutil.ignore_patterns("*.so.1"),
+        ROOT / "repctl_pin", folder / "repctl_pin", ignore=shutil.ignore_patterns("*.so.1")
     )
     (folder / "repctl_pin" / "model" / "files").symlink_to(ROOT / "urdf")
 
@@ -74,9 +70,7 @@ def usual() -> subprocess.CompletedProcess[str]:
 
 
 @NEEDS_C
-def test_where_there_is_a_compiler_the_library_is_there_and_not_older_than_its_sources() -> (
-    None
-):
+def test_where_there_is_a_compiler_the_library_is_there_and_not_older_than_its_sources() -> None:
     """Issue 38, item 2."""
     library = NATIVE / "librepctl.so.1"
     assert library.exists(), f"the native library is not built; run `{BUILD}`"
@@ -116,9 +110,7 @@ def test_the_library_is_switched_off_without_a_word(
     assert off.stdout == refused("is switched off; unset REPCTL_NATIVE", usual)
 
 
-def test_a_motion_is_the_same_without_the_library(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_motion_is_the_same_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     q0 = np.array([0.3, 0.8, 0.8])
     path = rp.circle(task, q0, radius=0.1)
@@ -153,8 +145,7 @@ def test_the_build_asks_for_ziglang_only_without_a_compiler_and_where_it_can_be_
         pytest.skip("there is no C compiler")
     name = "ziglang-0.16.0-py3-none-any.whl"
     subprocess.run(  # an empty wheel
-        [sys.executable, "-m", "zipfile", "-c", str(tmp_path / name), __file__],
-        check=True,
+        [sys.executable, "-m", "zipfile", "-c", str(tmp_path / name), __file__], check=True
     )
     code = "import hatch_build; print(hatch_build.needed())"
     options = ["--no-index", *([index.format(wheels=tmp_path)] if index else [])]

@@ -16,9 +16,7 @@ import repctl_pin as rp
 TILTS = Rotation.from_rotvec(
     [[0, 0, 0], [0.3, 0, 0], [0.2, 0.4, 0], [0, 0.2, 0.5], [-0.2, 0, 0.1], [0, 0, 0]]
 )
-LOOP = np.array(
-    [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0.05], [0, 0.05, 0.05], [0, 0, 0]]
-)
+LOOP = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0.05], [0, 0.05, 0.05], [0, 0, 0]])
 
 
 def turned(here: pin.SE3) -> list[np.ndarray]:
@@ -28,21 +26,13 @@ def turned(here: pin.SE3) -> list[np.ndarray]:
 def nodding(s: float) -> np.ndarray:
     return pin.exp3(
         0.3
-        * np.array(
-            [
-                np.sin(2 * np.pi * s),
-                1 - np.cos(2 * np.pi * s),
-                0.5 * np.sin(4 * np.pi * s),
-            ]
-        )
+        * np.array([np.sin(2 * np.pi * s), 1 - np.cos(2 * np.pi * s), 0.5 * np.sin(4 * np.pi * s)])
     )
 
 
 PATHS: dict[str, Callable[[rp.Task, np.ndarray], rp.TaskPath]] = {
     "tangent": lambda task, q: rp.circle(task, q, 0.05, normal="x", rotation="tangent"),
-    "facing": lambda task, q: rp.circle(
-        task, q, 0.08, start_angle=0.4, rotation=[0.4, 0.1, 0.1]
-    ),
+    "facing": lambda task, q: rp.circle(task, q, 0.08, start_angle=0.4, rotation=[0.4, 0.1, 0.1]),
     "function": lambda task, q: rp.TaskPath(
         "nodding", *_ring(task, q), lambda s: nodding(s) @ task.placement(q).rotation
     ),
@@ -58,9 +48,7 @@ PATHS: dict[str, Callable[[rp.Task, np.ndarray], rp.TaskPath]] = {
     ),
     "times": lambda task, q: rp.waypoints(LOOP, TILTS, times=[0, 1, 1.5, 4, 5, 7]),
     "blended": lambda task, q: rp.waypoints(LOOP, TILTS, blend=0.01),
-    "blended square": lambda task, q: named_path(
-        task, q, "square:0.1:blend=0.02", "yz"
-    ),
+    "blended square": lambda task, q: named_path(task, q, "square:0.1:blend=0.02", "yz"),
     "there and back": lambda task, q: rp.polygon(task, q, [[0.1, 0.05, 0]]),
 }
 
@@ -71,9 +59,7 @@ def _ring(task: rp.Task, q: np.ndarray) -> tuple[Callable, Callable]:
 
 
 @pytest.mark.parametrize("case", PATHS)
-def test_a_path_closes_and_its_twist_is_its_slope(
-    case: str, panda_pose, q_panda
-) -> None:
+def test_a_path_closes_and_its_twist_is_its_slope(case: str, panda_pose, q_panda) -> None:
     path = PATHS[case](panda_pose, q_panda)
     first, last = path.placement(0.0), path.placement(1.0)
     assert np.abs(first.homogeneous - last.homogeneous).max() < 1e-12
@@ -102,10 +88,7 @@ def test_the_orientation_of_waypoints_is_met_and_turns_without_a_jump_of_rate() 
     for s in knots:  # from both sides, round the start too
         e = 1e-5
         np.testing.assert_allclose(rate(s - 1e-12), rate(s + 1e-12), atol=1e-9)
-        left, right = (
-            (rate(s - 1e-12) - rate(s - e)) / e,
-            (rate(s + e) - rate(s + 1e-12)) / e,
-        )
+        left, right = ((rate(s - 1e-12) - rate(s - e)) / e, (rate(s + e) - rate(s + 1e-12)) / e)
         assert np.abs(left - right).max() < 1e-2 * np.abs(left).max()
     dense = Rotation.from_rotvec(
         [[0.3 * np.cos(a), 0.3 * np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 81)]
@@ -129,9 +112,7 @@ def test_a_turning_path_is_followed(case: str, kind: str, panda, q_panda) -> Non
     assert motion.tracking_error.max() < 5e-6 and motion.turning_error.max() < 5e-6
 
 
-def test_tangent_turns_with_the_circle_and_facing_keeps_its_point(
-    panda_pose, q_panda
-) -> None:
+def test_tangent_turns_with_the_circle_and_facing_keeps_its_point(panda_pose, q_panda) -> None:
     path = rp.circle(panda_pose, q_panda, 0.05, normal="x", rotation="tangent")
     for s in np.linspace(0, 1, 9):  # the tangent stands still in the frame's own axes
         tangent = path.placement(s).rotation.T @ path.slope(s)
@@ -144,9 +125,7 @@ def test_tangent_turns_with_the_circle_and_facing_keeps_its_point(
     seen = [v / np.linalg.norm(v) for v in seen]
     np.testing.assert_allclose(seen, [seen[0]] * 9, atol=1e-12)
     np.testing.assert_allclose(
-        path.placement(0.0).homogeneous,
-        panda_pose.placement(q_panda).homogeneous,
-        atol=1e-15,
+        path.placement(0.0).homogeneous, panda_pose.placement(q_panda).homogeneous, atol=1e-15
     )
     for wrong, why in (
         ("along", "'fixed', 'tangent'"),
@@ -163,9 +142,7 @@ def test_circles_go_round_their_normal(normal: str, panda_pose, q_panda) -> None
     for sign, way in ((1, normal), (-1, f"-{normal}")):
         path = rp.circle(panda_pose, q_panda, 0.1, normal=way, start_angle=0.5)
         center = path.points(201)[:-1].mean(axis=0)
-        turn = np.cross(path.point(0.2) - center, path.slope(0.2)) / (
-            2 * np.pi * 0.1**2
-        )
+        turn = np.cross(path.point(0.2) - center, path.slope(0.2)) / (2 * np.pi * 0.1**2)
         np.testing.assert_allclose(turn, sign * axis, atol=1e-9)
 
 
@@ -175,9 +152,7 @@ def test_a_stay_takes_its_time_and_nothing_moves_meanwhile() -> None:
     assert path.period == 8 and path.breaks == (1 / 8, 3 / 8, 4 / 8, 5 / 8, 6 / 8)
     for s in np.linspace(0.1251, 0.3749, 7):
         assert np.abs(path.twist(s)).max() < 1e-14
-        np.testing.assert_allclose(
-            path.placement(s).rotation, TILTS[1].as_matrix(), atol=1e-14
-        )
+        np.testing.assert_allclose(path.placement(s).rotation, TILTS[1].as_matrix(), atol=1e-14)
     task = rp.Robot.load("planar3r").task("tool", "xy")
     q0 = np.array([0.3, 0.8, 0.8])
     here = task.placement(q0)
@@ -192,9 +167,7 @@ def test_a_stay_takes_its_time_and_nothing_moves_meanwhile() -> None:
     still = (motion.t > 1 + 1e-9) & (motion.t < 2 - 1e-9)
     assert np.ptp(motion.q[still], axis=0).max() < 1e-12
     without = rp.waypoints(square, here.rotation)
-    assert np.isclose(
-        without.breaks[1] - without.breaks[0], 0.25
-    )  # as long as the mean edge
+    assert np.isclose(without.breaks[1] - without.breaks[0], 0.25)  # as long as the mean edge
 
 
 def test_blended_corners_have_continuous_curvature(panda_pose, q_panda) -> None:
@@ -209,9 +182,7 @@ def test_blended_corners_have_continuous_curvature(panda_pose, q_panda) -> None:
     assert np.isclose(path.length, length, rtol=1e-5)
     s = np.linspace(0, 1, 4001)
     slopes = np.array([path.slope(x) for x in s])
-    np.testing.assert_allclose(
-        np.linalg.norm(slopes, axis=1), length, rtol=1e-12
-    )  # constant speed
+    np.testing.assert_allclose(np.linalg.norm(slopes, axis=1), length, rtol=1e-12)  # constant speed
     points = np.array([path.point(x) for x in s])
     np.testing.assert_allclose(np.ptp(points, axis=0), [0.1, 0.1, 0.0], atol=1e-12)
     straight = np.abs(slopes).max(axis=1) > length * (1 - 1e-12)
@@ -219,12 +190,9 @@ def test_blended_corners_have_continuous_curvature(panda_pose, q_panda) -> None:
     bends = np.linalg.norm(np.gradient(slopes, s, axis=0), axis=1)[1:-1] / length**2
     turned = (length - 0.24) / 4
     assert (
-        np.isclose(bends.max(), 1.5 * (np.pi / 2) / turned, rtol=1e-4)
-        and bends.max() < 1.5 / 0.02
+        np.isclose(bends.max(), 1.5 * (np.pi / 2) / turned, rtol=1e-4) and bends.max() < 1.5 / 0.02
     )
-    assert (
-        np.abs(np.diff(bends)).max() < 0.02 * bends.max()
-    )  # an arc jumps to its 50 per m
+    assert np.abs(np.diff(bends)).max() < 0.02 * bends.max()  # an arc jumps to its 50 per m
     assert np.isclose(bends.mean() * length, 2 * np.pi, rtol=1e-3)
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=1, steps=200)
     assert motion.tracking_error.max() < 1e-8
@@ -258,16 +226,12 @@ def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None
         "time,qw,qx,qy,qz,x,y,z\n"
         + "\n".join(
             ",".join(map(str, [t, w, x, y, z, *p]))
-            for t, (x, y, z, w), p in zip(
-                times, turns.tolist(), LOOP.tolist(), strict=True
-            )
+            for t, (x, y, z, w), p in zip(times, turns.tolist(), LOOP.tolist(), strict=True)
         )
     )
     same = rp.waypoints(LOOP, TILTS, times=times)
     read = rp.waypoints(rp.read_waypoints(file))
-    with pytest.raises(
-        rp.InputError, match="the waypoints already have times; omit times="
-    ):
+    with pytest.raises(rp.InputError, match="the waypoints already have times; omit times="):
         rp.waypoints(rp.read_waypoints(file), times=times)
     assert read.period == 6 and read.breaks == same.breaks
     for s in np.linspace(0, 1, 17):
@@ -279,10 +243,7 @@ def test_columns_are_taken_by_their_names(tmp_path, panda_pose, q_panda) -> None
 WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "open": (
         lambda: rp.TaskPath(
-            "mine",
-            lambda s: np.array([s, 0, 0]),
-            lambda s: np.array([1, 0, 0]),
-            np.eye(3),
+            "mine", lambda s: np.array([s, 0, 0]), lambda s: np.array([1, 0, 0]), np.eye(3)
         ),
         "mine is open: p.1. differs from p.0. by 1 m",
     ),
@@ -291,9 +252,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         "mine: at s = .* m per c",
     ),
     "turn": (
-        lambda: rp.TaskPath(
-            "mine", _round, _rate, lambda s: pin.exp3(np.array([0, 0, s]))
-        ),
+        lambda: rp.TaskPath("mine", _round, _rate, lambda s: pin.exp3(np.array([0, 0, s]))),
         "R.1. differs from R.0. by 1 rad",
     ),
     "spin": (
@@ -305,21 +264,14 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         "rotation must be a rotation matrix",
     ),
     "a rotation that ends": (
-        lambda: rp.TaskPath(
-            "mine", _round, _rate, lambda s: np.eye(3) if s < 0.5 else None
-        ),
+        lambda: rp.TaskPath("mine", _round, _rate, lambda s: np.eye(3) if s < 0.5 else None),
         r"mine: rotation\(0.\d+\) must be a rotation matrix",
     ),
     "a point that ends": (
-        lambda: rp.TaskPath(
-            "mine", lambda s: _round(s) if s < 0.5 else None, _rate, np.eye(3)
-        ),
+        lambda: rp.TaskPath("mine", lambda s: _round(s) if s < 0.5 else None, _rate, np.eye(3)),
         r"three finite numbers, also at s = 0.\d+",
     ),
-    "mirror": (
-        lambda: rp.TaskPath("mine", _round, _rate, np.diag([1, 1, -1])),
-        "det R = 1",
-    ),
+    "mirror": (lambda: rp.TaskPath("mine", _round, _rate, np.diag([1, 1, -1])), "det R = 1"),
     "not three": (
         lambda: rp.TaskPath("mine", lambda s: np.zeros(2), _rate, np.eye(3)),
         "three finite numbers",
@@ -332,14 +284,8 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: rp.waypoints(LOOP, [np.eye(3)] * 4),
         "6 waypoints require 1 or 6 rotations, not 4",
     ),
-    "no rotations": (
-        lambda: rp.waypoints(LOOP),
-        "without orientations require rotation=",
-    ),
-    "both": (
-        lambda: rp.waypoints([pin.SE3.Identity()] * 3, np.eye(3)),
-        "omit rotation=",
-    ),
+    "no rotations": (lambda: rp.waypoints(LOOP), "without orientations require rotation="),
+    "both": (lambda: rp.waypoints([pin.SE3.Identity()] * 3, np.eye(3)), "omit rotation="),
     "no function": (
         lambda: rp.TaskPath("mine", None, _rate, np.eye(3)),
         "point must be a function of s",
@@ -348,25 +294,14 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: rp.TaskPath("mine", _round, _rate, nodding, spin=lambda s: np.ones(2)),
         "three finite",
     ),
-    "no breaks": (
-        lambda: rp.TaskPath("mine", _round, _rate, np.eye(3), None),
-        "breaks must be",
-    ),
+    "no breaks": (lambda: rp.TaskPath("mine", _round, _rate, np.eye(3), None), "breaks must be"),
     "no points": (lambda: rp.waypoints(None, np.eye(3)), "waypoints must be rows"),
-    "no matrix": (
-        lambda: rp.waypoints(LOOP, 3.0),
-        "rotation must be a rotation matrix",
-    ),
+    "no matrix": (lambda: rp.waypoints(LOOP, 3.0), "rotation must be a rotation matrix"),
     "half a turn": (
-        lambda: rp.waypoints(
-            LOOP[[0, 1, 5]], [np.eye(3), np.diag([1, -1, -1]), np.eye(3)]
-        ),
+        lambda: rp.waypoints(LOOP[[0, 1, 5]], [np.eye(3), np.diag([1, -1, -1]), np.eye(3)]),
         "half a turn",
     ),
-    "ends turned": (
-        lambda: rp.waypoints(LOOP, TILTS[[1, 1, 2, 3, 4, 0]]),
-        "open by 0.3 rad",
-    ),
+    "ends turned": (lambda: rp.waypoints(LOOP, TILTS[[1, 1, 2, 3, 4, 0]]), "open by 0.3 rad"),
     "times": (
         lambda: rp.waypoints(LOOP, np.eye(3), times=[0, 1, 2, 2, 3, 4]),
         "times must be 6 increasing",
@@ -375,14 +310,8 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: rp.waypoints(LOOP, np.eye(3), times=range(6), blend=0.01),
         "times= and blend= are mutually exclusive",
     ),
-    "nowhere": (
-        lambda: rp.waypoints(np.zeros((4, 3)), np.eye(3)),
-        "all points are the same",
-    ),
-    "100,000": (
-        lambda: rp.waypoints(np.zeros((100_000, 3)), np.eye(3)),
-        "reduce them to at most",
-    ),
+    "nowhere": (lambda: rp.waypoints(np.zeros((4, 3)), np.eye(3)), "all points are the same"),
+    "100,000": (lambda: rp.waypoints(np.zeros((100_000, 3)), np.eye(3)), "reduce them to at most"),
 }
 
 
@@ -412,8 +341,7 @@ class Wave:
 
     def placement(self, s: float) -> pin.SE3:
         return pin.SE3(
-            self.start.rotation,
-            self.start.translation + 0.03 * (_round(s) - _round(0.0)),
+            self.start.rotation, self.start.translation + 0.03 * (_round(s) - _round(0.0))
         )
 
     def twist(self, s: float) -> np.ndarray:
@@ -442,8 +370,6 @@ def test_a_class_of_ones_own_goes_everywhere_and_is_tried_first(q_panda) -> None
 
 
 def test_a_study_takes_the_words_of_a_path() -> None:
-    found = rp.study(
-        rp.Problem("planar3r", path="circle:0.3"), cycles=1, steps=60, degree=1
-    )
+    found = rp.study(rp.Problem("planar3r", path="circle:0.3"), cycles=1, steps=60, degree=1)
     assert found.path.spec.startswith("circle:0.3:") and found.path.plane == "xy"
     assert found.path.name == "circle of radius 0.3 m in xy"

@@ -30,9 +30,7 @@ def function(name: str) -> rp.InverseFunction:
 def poses_of(F: rp.InverseFunction, count: int, seed: int = 0) -> list[pin.SE3]:
     """Random poses of a cell; in a sector in the order of the angle, so that corners are blunt."""
     U = 0.9 * F.cell.sample(count, seed)
-    return [
-        F.cell.at(u) for u in (U[np.argsort(U[:, 1])] if "angle" in F.cell.names else U)
-    ]
+    return [F.cell.at(u) for u in (U[np.argsort(U[:, 1])] if "angle" in F.cell.names else U)]
 
 
 def largest_share(moved: rp.MotionBetween) -> float:
@@ -84,9 +82,7 @@ def test_joints_do_not_depend_on_the_order_of_the_poses() -> None:
     Q = np.array([F(x) for x in poses])
     for _ in range(4):
         order = random.permutation(5)
-        moved = rp.motion_between(
-            F, [poses[k] for k in order], rp.Limits(acceleration=5.0)
-        )
+        moved = rp.motion_between(F, [poses[k] for k in order], rp.Limits(acceleration=5.0))
         rows = np.rint(moved.times * 1000).astype(int)
         assert moved.rests == (0, 1, 2, 3, 4)
         assert (moved.q[rows] == Q[order]).all()
@@ -113,10 +109,7 @@ def test_a_line_that_leaves_the_cell_is_straight_in_its_coordinates() -> None:
     F = function("cell: poses")
     ends = np.array([[0, 0, 0, 1, 1, -1], [0, 0, 0, 1, -1, 1]], float)
     G = function("sector: position")
-    for function_, U in (
-        (F, ends),
-        (G, np.array([[-0.5, -0.8, 0.0], [-0.5, 0.8, 0.2]])),
-    ):
+    for function_, U in ((F, ends), (G, np.array([[-0.5, -0.8, 0.0], [-0.5, 0.8, 0.2]]))):
         cell = function_.cell
         moved = rp.motion_between(function_, [cell.at(u) for u in U], FRANKA)
         assert moved.lines == ("cell",)
@@ -184,12 +177,8 @@ def test_limits_of_tool_speed_and_very_low_jerk() -> None:
     places = np.array([F.task.placement(q).translation for q in slow.q])
     speed = np.linalg.norm(np.diff(places, axis=0), axis=1) * 1000
     assert 0.999 < speed.max() / 0.05 <= 1.0
-    gentle = rp.motion_between(
-        F, poses, rp.Limits(acceleration=5.0, jerk=1e-3), rate=10.0
-    )
-    jerk = np.abs(
-        gentle.trajectory.derivatives(np.linspace(0, gentle.duration, 9999))[3]
-    )
+    gentle = rp.motion_between(F, poses, rp.Limits(acceleration=5.0, jerk=1e-3), rate=10.0)
+    jerk = np.abs(gentle.trajectory.derivatives(np.linspace(0, gentle.duration, 9999))[3])
     assert 0.9 < jerk.max() / 1e-3 <= 1.0
 
 
@@ -213,22 +202,14 @@ def test_it_can_be_written_run_and_approached(tmp_path: Path) -> None:
     table = np.genfromtxt(
         rp.write_motion(moved, tmp_path / "day.csv"), delimiter=",", skip_header=1
     )
-    assert np.array_equal(
-        table, np.hstack([moved.t[:, None], moved.q, moved.qdot, moved.qddot])
-    )
-    assert rp.write_motion(moved, tmp_path / "day.yaml").read_text().count(
-        "- pos"
-    ) == len(table)
+    assert np.array_equal(table, np.hstack([moved.t[:, None], moved.q, moved.qdot, moved.qddot]))
+    assert rp.write_motion(moved, tmp_path / "day.yaml").read_text().count("- pos") == len(table)
     run = rp.Run(moved)
     for k in range(400):
         q, _ = run.step(0.01, override=0.0 if 30 < k < 90 else 1.0)
     assert np.abs(q - F(poses[-1])).max() < 1e-14
     assert moved.motion is not None and moved.motion.limit_margin.min() > 0
-    assert (
-        "3 poses" in repr(moved)
-        and moved.stops == 1
-        and moved.cycle_time == moved.duration
-    )
+    assert "3 poses" in repr(moved) and moved.stops == 1 and moved.cycle_time == moved.duration
     way = rp.approach(moved.q[0] + 0.1, moved.motion, FRANKA)
     assert np.allclose(way.q[-1], F(poses[0]), atol=1e-12)
 
@@ -238,9 +219,7 @@ def test_the_forms_of_poses_are_those_of_f() -> None:
     poses = poses_of(F, 2)
     moved = rp.motion_between(F, poses, FRANKA, rate=50.0)
     matrices = np.array([x.homogeneous for x in poses])
-    rows = np.array(
-        [[*x.translation, *pin.Quaternion(x.rotation).coeffs()] for x in poses]
-    )
+    rows = np.array([[*x.translation, *pin.Quaternion(x.rotation).coeffs()] for x in poses])
     assert np.array_equal(rp.motion_between(F, matrices, FRANKA, rate=50.0).q, moved.q)
     assert np.allclose(rp.motion_between(F, rows, FRANKA, rate=50.0).q, moved.q)
 
@@ -254,10 +233,7 @@ def test_what_cannot_be_is_refused_in_one_line() -> None:
         ([], "at least two poses; got none"),
         ([a], "at least two poses; got only one"),
         ([a, b, b], "pose 2 is equal to pose 1; remove one of them"),
-        (
-            [a, far],
-            r"pose 1: the target lies outside the cell: x is \+0\.\d+ m from the middle",
-        ),
+        ([a, far], r"pose 1: the target lies outside the cell: x is \+0\.\d+ m from the middle"),
         ([a, nan], "pose 1 must be finite numbers"),
         (np.zeros((2, 6)), r"poses must be a list of placements, or a \(P, 4, 4\) or"),
         ("ab", "poses must be a list of placements"),
@@ -302,8 +278,6 @@ def test_a_thousand_days_in_random_orders() -> None:
     Q = np.array([F(x) for x in poses])
     for _ in range(1000):
         order = random.permutation(10)
-        moved = rp.motion_between(
-            F, [poses[k] for k in order], rp.Limits(acceleration="panda")
-        )
+        moved = rp.motion_between(F, [poses[k] for k in order], rp.Limits(acceleration="panda"))
         rows = np.rint(moved.times * 1000).astype(int)
         assert (moved.q[rows] == Q[order]).all() and not moved.qdot[rows].any()

@@ -36,9 +36,7 @@ def move(*words: str) -> int:
 def test_the_files_are_those_of_the_motion(capsys: pytest.CaptureFixture[str]) -> None:
     assert move("--jerk", "panda", "--csv", "day.csv", "--yaml", "day.yaml") == 0
     said = capsys.readouterr().out
-    assert re.match(
-        r"3 poses in [\d.]+ s from rest to rest; limits respected\.\n", said
-    )
+    assert re.match(r"3 poses in [\d.]+ s from rest to rest; limits respected\.\n", said)
     assert "at rest at 3" in said and "wrote day.yaml" in said
     F = found("position").function
     R = F.cell.placement.rotation
@@ -75,10 +73,7 @@ def test_what_cannot_be_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         ([*start, "far.csv", "--acceleration", "5"], "line 3: the target lies outside"),
         ([*start, "timed.csv", "--acceleration", "5"], "remove that column"),
         (["move", "panda", "--through", "poses.csv"], "is not a saved design"),
-        (
-            [*start, "poses.csv", "--acceleration", "5", "--csv", "a", "--yaml", "a"],
-            "same file",
-        ),
+        ([*start, "poses.csv", "--acceleration", "5", "--csv", "a", "--yaml", "a"], "same file"),
     ):
         assert main(words) == 2
         said = capsys.readouterr().err
@@ -128,9 +123,7 @@ def test_the_page_s_program_sends_the_file(monkeypatch: pytest.MonkeyPatch) -> N
             sent.append(goal.trajectory)
             outcome = SimpleNamespace(result=SimpleNamespace(error_code=code))
             outcome.result.error_string = "path tolerance violated"
-            handle = SimpleNamespace(
-                accepted=True, get_result_async=lambda: _Future(outcome)
-            )
+            handle = SimpleNamespace(accepted=True, get_result_async=lambda: _Future(outcome))
             return _Future(handle)
 
     modules = {

@@ -12,22 +12,16 @@ import repctl_pin as rp
 FRAMES = ("panda_link2", "panda_link4", "panda_link6")
 
 
-def angle(
-    singular: object = None, frames: tuple[str, str, str] = FRAMES
-) -> rp.ArmAngle:
+def angle(singular: object = None, frames: tuple[str, str, str] = FRAMES) -> rp.ArmAngle:
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     return rp.ArmAngle(task, *frames, singular=singular)
 
 
 @pytest.mark.parametrize(
-    "frames",
-    [FRAMES, ("panda_link4", "panda_link6", "panda_hand_tcp")],
-    ids=["fixed", "moving"],
+    "frames", [FRAMES, ("panda_link4", "panda_link6", "panda_hand_tcp")], ids=["fixed", "moving"]
 )
 @pytest.mark.parametrize("singular", [None, (-1.0, 0.2, 0.3)])
-def test_gradient_against_differences(
-    singular: object, frames: tuple[str, str, str]
-) -> None:
+def test_gradient_against_differences(singular: object, frames: tuple[str, str, str]) -> None:
     """With a shoulder that stands still, as an arm's does, and with a point that moves in its
     place."""
     potentials = angle(singular, frames)
@@ -40,9 +34,7 @@ def test_gradient_against_differences(
 
 
 @pytest.mark.parametrize("singular", [None, (-1.0, 0.0, 0.0)])
-def test_it_is_the_turn_of_the_elbow_about_the_line_to_the_wrist(
-    singular: object,
-) -> None:
+def test_it_is_the_turn_of_the_elbow_about_the_line_to_the_wrist(singular: object) -> None:
     """Shoulder and wrist held, the elbow turned by δ: the angle changes by δ, to first order along
     the self-motion."""
     potentials = angle(singular)
@@ -51,13 +43,10 @@ def test_it_is_the_turn_of_the_elbow_about_the_line_to_the_wrist(
     )
     q = Q_PANDA + 0.2
     (e, J_e), (w, J_w) = potentials._points(q)
-    n = np.linalg.svd(np.vstack([J_w, potentials.task.jacobian(q)[3:]]))[2][
-        -1
-    ]  # the wrist and the hand's turn held
+    # the wrist and the hand's turn held
+    n = np.linalg.svd(np.vstack([J_w, potentials.task.jacobian(q)[3:]]))[2][-1]
     axis = w / np.linalg.norm(w)
-    rate = (
-        axis @ np.cross(e - axis * (axis @ e), J_e @ n) / np.sum(np.cross(axis, e) ** 2)
-    )
+    rate = axis @ np.cross(e - axis * (axis @ e), J_e @ n) / np.sum(np.cross(axis, e) ** 2)
     assert abs(rate) > 0.1
     assert potentials.gradients([q])[0, :, 0] @ n == pytest.approx(rate, rel=1e-6)
 
@@ -78,24 +67,18 @@ def test_where_it_is_singular() -> None:
     for w in rng.normal(size=(50, 3)):
         w /= np.linalg.norm(w)
         assert abs(stereographic._zero(w)[0] @ w) < 1e-12  # across the line
-        assert (
-            np.linalg.norm(stereographic._zero(w)[0]) > 0.2 * np.linalg.norm(w - t) ** 2
-        )
+        assert np.linalg.norm(stereographic._zero(w)[0]) > 0.2 * np.linalg.norm(w - t) ** 2
     assert 0 < conventional.distance(Q_PANDA) <= np.pi / 2
 
 
 @pytest.mark.slow
-def test_a_control_that_holds_it_repeats_and_polynomials_correct_it(
-    quick_choices: None,
-) -> None:
+def test_a_control_that_holds_it_repeats_and_polynomials_correct_it(quick_choices: None) -> None:
     potentials = angle((-1.0, 0.0, 0.0))
     task = potentials.task
     held = rp.RepeatableInverse(task, potentials.weighted([[1.0]]))
     path = rp.circle(task, Q_PANDA, 0.1, normal="x")
     assert (
-        rp.follow(
-            held, path, Q_PANDA, cycles=2, steps=60, integrator=rp.LeafLock(3)
-        ).drift.max()
+        rp.follow(held, path, Q_PANDA, cycles=2, steps=60, integrator=rp.LeafLock(3)).drift.max()
         < 1e-9
     )
     box = rp.Box(Q_PANDA, 0.3)

@@ -39,15 +39,10 @@ def test_joining_is_flat_and_keeps_the_order(joined: rp.Joined) -> None:
 def test_a_choice_is_the_weighted_sum_and_its_derivatives(joined: rp.Joined) -> None:
     A = np.random.default_rng(1).normal(size=(joined.size, 2))
     chosen, Q, e = joined.weighted(A), some_q(), 1e-6
-    assert np.allclose(
-        chosen.gradients(Q), joined.gradients(Q) @ A, rtol=1e-11, atol=1e-9
-    )
+    assert np.allclose(chosen.gradients(Q), joined.gradients(Q) @ A, rtol=1e-11, atol=1e-9)
     h = joined.values(Q) @ A
     assert np.allclose(
-        [chosen.value(q) - chosen.value(Q[0]) for q in Q],
-        h - h[0],
-        rtol=1e-11,
-        atol=1e-10,
+        [chosen.value(q) - chosen.value(Q[0]) for q in Q], h - h[0], rtol=1e-11, atol=1e-10
     )
     for q in Q:
         V = chosen.gradient(q)
@@ -78,9 +73,7 @@ def test_one_joint_alone_takes_a_high_degree() -> None:
     q = np.full(7, 0.9)
     x = np.polynomial.legendre.Legendre.basis(20)
     assert chosen.value(q)[0] == pytest.approx(np.sqrt(41) * x(0.9), rel=1e-8)
-    assert chosen.gradient(q)[3, 0] == pytest.approx(
-        np.sqrt(41) * x.deriv()(0.9), rel=1e-8
-    )
+    assert chosen.gradient(q)[3, 0] == pytest.approx(np.sqrt(41) * x.deriv()(0.9), rel=1e-8)
     assert np.count_nonzero(chosen.gradient(q)) == 1
 
 
@@ -89,9 +82,7 @@ def test_a_repeatable_inverse_of_a_joined_field_is_repeatable() -> None:
     potentials = rp.Polynomial(np.zeros(3), 1, variables=[0, 1]) + rp.Polynomial(
         np.zeros(3), 3, variables=[2]
     )
-    inverse = rp.RepeatableInverse(
-        task, potentials.weighted([[0.1], [0.2], [-1.0], [0.1], [0.05]])
-    )
+    inverse = rp.RepeatableInverse(task, potentials.weighted([[0.1], [0.2], [-1.0], [0.1], [0.05]]))
     verdict = rp.is_repeatable(inverse, rp.Box(np.zeros(3), 0.4))
     assert verdict and verdict.exact and verdict.defect < 1e-12
 
@@ -111,9 +102,7 @@ def test_bad_input_gets_one_clear_line(make, message: str) -> None:
 
 
 @pytest.mark.parametrize("samples", [32, 64])
-def test_nearly_dependent_potentials_on_few_nodes_still_give_an_inverse(
-    samples: int,
-) -> None:
+def test_nearly_dependent_potentials_on_few_nodes_still_give_an_inverse(samples: int) -> None:
     """Over a small box sines are close to cubics: the rounding of the Gauss–Newton matrix is then
     large."""
     task = rp.Robot.load("planar4r").task(kind="xy")
@@ -133,9 +122,7 @@ def test_nearly_dependent_potentials_on_few_nodes_still_give_an_inverse(
         options=rp.FitOptions(samples=256, held_out=256),
     )
     assert design.cost < plain.cost
-    assert np.allclose(
-        task.jacobian(q0) @ design.inverse(q0), np.eye(task.m), atol=1e-9
-    )
+    assert np.allclose(task.jacobian(q0) @ design.inverse(q0), np.eye(task.m), atol=1e-9)
 
 
 def test_the_leaf_margin_of_a_fit_with_few_nodes_is_that_of_all_corners() -> None:
@@ -151,9 +138,7 @@ def test_the_leaf_margin_of_a_fit_with_few_nodes_is_that_of_all_corners() -> Non
     for seed in range(6):
         options = rp.FitOptions(samples=32, held_out=64, seed=seed)
         try:
-            design = rp.nearest_repeatable(
-                rp.Pseudoinverse(task), potentials, box, options=options
-            )
+            design = rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, box, options=options)
         except rp.SingularityError:
             continue
         made += 1

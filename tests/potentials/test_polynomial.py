@@ -43,9 +43,7 @@ def test_gradients_agree_with_finite_differences(potentials: rp.Polynomial) -> N
 def test_basis_is_orthonormal_on_its_box(potentials: rp.Polynomial) -> None:
     x, w = np.polynomial.legendre.leggauss(6)
     U = np.stack(np.meshgrid(x, x, x, x, indexing="ij"), -1).reshape(-1, 4)
-    W = np.prod(
-        np.stack(np.meshgrid(w, w, w, w, indexing="ij"), -1).reshape(-1, 4) / 2, axis=1
-    )
+    W = np.prod(np.stack(np.meshgrid(w, w, w, w, indexing="ij"), -1).reshape(-1, 4) / 2, axis=1)
     H = potentials.values(CENTER + SCALE * U)
     assert np.allclose(H.T @ (W[:, None] * H), np.eye(potentials.size), atol=1e-12)
 
@@ -64,20 +62,12 @@ def test_weighted_sum_is_the_sum_of_the_basis(potentials: rp.Polynomial) -> None
     constant = chosen.value(CENTER) - (potentials.values(CENTER[None]) @ A)[0]
     for q in Q:
         assert np.allclose(
-            chosen.gradient(q),
-            potentials.gradients(q[None])[0] @ A,
-            rtol=1e-11,
-            atol=1e-10,
+            chosen.gradient(q), potentials.gradients(q[None])[0] @ A, rtol=1e-11, atol=1e-10
         )
         assert np.allclose(
-            chosen.value(q) - constant,
-            potentials.values(q[None])[0] @ A,
-            rtol=1e-11,
-            atol=1e-11,
+            chosen.value(q) - constant, potentials.values(q[None])[0] @ A, rtol=1e-11, atol=1e-11
         )
-    assert np.allclose(
-        chosen.gradients(Q), potentials.gradients(Q) @ A, rtol=1e-11, atol=1e-10
-    )
+    assert np.allclose(chosen.gradients(Q), potentials.gradients(Q) @ A, rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -19,16 +19,11 @@ def bump_gradient(q: np.ndarray) -> np.ndarray:
 
 
 def test_given_and_numerical_gradients_agree_and_say_which_they_are() -> None:
-    given, numerical = (
-        rp.CustomPotentials([(bump, bump_gradient)]),
-        rp.CustomPotentials([bump]),
-    )
+    given, numerical = (rp.CustomPotentials([(bump, bump_gradient)]), rp.CustomPotentials([bump]))
     Q = np.random.default_rng(0).normal(size=(5, 3))
     assert np.allclose(given.gradients(Q), numerical.gradients(Q), atol=1e-9)
     assert given.numerical == (False,) and numerical.numerical == (True,)
-    assert numerical.names == ("bump (gradient by differences)",) and given.names == (
-        "bump",
-    )
+    assert numerical.names == ("bump (gradient by differences)",) and given.names == ("bump",)
     assert "differences" in repr(numerical) and "differences" not in repr(given)
 
 
@@ -41,9 +36,7 @@ def test_weighted_sum_is_the_sum() -> None:
     h = potentials.weighted(A)
     assert np.allclose(h.value(q), np.array([bump(q), q[0] * q[1]]) @ A)
     assert np.allclose(
-        h.gradient(q),
-        np.column_stack([bump_gradient(q), [q[1], q[0], 0]]) @ A,
-        atol=1e-9,
+        h.gradient(q), np.column_stack([bump_gradient(q), [q[1], q[0], 0]]) @ A, atol=1e-9
     )
     assert np.allclose(h.gradients(q[None])[0], h.gradient(q))
 
@@ -55,9 +48,7 @@ def test_functions_design_like_the_polynomials_they_are(panda_pose: rp.Task) -> 
     )
     options = rp.FitOptions(samples=512, held_out=512)
     ours = rp.nearest_repeatable(desired, linear, box, options=options)
-    theirs = rp.nearest_repeatable(
-        desired, rp.Polynomial(Q0, 1, 0.3), box, options=options
-    )
+    theirs = rp.nearest_repeatable(desired, rp.Polynomial(Q0, 1, 0.3), box, options=options)
     assert np.isclose(ours.cost, theirs.cost, rtol=1e-6)
 
 
@@ -92,18 +83,13 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
     )
     options = rp.FitOptions(samples=512, held_out=512)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        rp.Polynomial(Q0, 1, 0.2) + height,
-        rp.Box(Q0, 0.2),
-        options=options,
+        rp.Pseudoinverse(task), rp.Polynomial(Q0, 1, 0.2) + height, rp.Box(Q0, 0.2), options=options
     )
     assert [text.partition(":")[0] for text in design.dropped] == ["height"]
     assert "row space" in design.dropped[0]
     with pytest.raises(rp.InputError, match=r"height.*row space"):
         few = rp.Polynomial(Q0, 1, 0.2, variables=[0, 1, 2]) + height
-        rp.nearest_repeatable(
-            rp.Pseudoinverse(task), few, rp.Box(Q0, 0.2), options=options
-        )
+        rp.nearest_repeatable(rp.Pseudoinverse(task), few, rp.Box(Q0, 0.2), options=options)
 
 
 @pytest.mark.parametrize(
@@ -116,9 +102,7 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
         (lambda: rp.CustomPotentials([(bump, bump_gradient, bump)]), "potential 1"),
         (lambda: rp.CustomPotentials([(3, None)]), "potential 1"),
         (
-            lambda: rp.CustomPotentials([lambda q: q[5]], names=["bad"]).values(
-                np.zeros((1, 3))
-            ),
+            lambda: rp.CustomPotentials([lambda q: q[5]], names=["bad"]).values(np.zeros((1, 3))),
             "bad",
         ),
         (
@@ -135,9 +119,7 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
             "bad must be one finite number",
         ),
         (
-            lambda: rp.CustomPotentials([lambda q: "x"], names=["bad"]).values(
-                np.zeros((1, 3))
-            ),
+            lambda: rp.CustomPotentials([lambda q: "x"], names=["bad"]).values(np.zeros((1, 3))),
             "bad must be one finite number.*'x'",
         ),
         (
@@ -147,9 +129,7 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
             "3 finite numbers",
         ),
         (
-            lambda: rp.CustomPotentials([(bump, lambda q: q * np.nan)]).gradients(
-                np.ones((1, 3))
-            ),
+            lambda: rp.CustomPotentials([(bump, lambda q: q * np.nan)]).gradients(np.ones((1, 3))),
             "finite",
         ),
     ],

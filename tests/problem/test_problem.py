@@ -36,9 +36,7 @@ def test_what_is_not_given_is_chosen() -> None:
 
 def test_what_is_given_is_kept(problem: rp.Problem) -> None:
     start = problem.start + 0.01
-    given = rp.Problem(
-        problem.task, start=start, path=problem.path, region=rp.Box(start, 0.2)
-    )
+    given = rp.Problem(problem.task, start=start, path=problem.path, region=rp.Box(start, 0.2))
     assert given.given == {"start", "path", "region"} and given.path is problem.path
     assert given.notes == ["the start was moved to the first point of the path"]
     assert given.task is problem.task and given.region.half_width[0] == 0.2
@@ -67,11 +65,7 @@ def test_a_region_is_made_at_the_start() -> None:
 @pytest.mark.parametrize(
     ("parts", "argument", "words"),
     [
-        (
-            {"start": [0.1, 0.2]},
-            "start",
-            "start has 2 numbers, but 'tool' is moved by 4 joints",
-        ),
+        ({"start": [0.1, 0.2]}, "start", "start has 2 numbers, but 'tool' is moved by 4 joints"),
         ({"start": [0.1, 0.2, 9e9, 0.1]}, "start", "is outside its limits"),
         ({"path": 3}, "path", "path must be a closed path"),
         ({"path": lambda task: None}, "path", "path must be a closed path"),
@@ -79,18 +73,12 @@ def test_a_region_is_made_at_the_start() -> None:
         ({"path": False, "plane": "xy"}, "plane", "take a plane; omit plane="),
         ({"plane": "zz"}, "", "no plane 'zz'"),
         ({"region": "wide"}, "region", "region must be a half-width, rad, or a region"),
-        (
-            {"region": rp.Box([0.0, 0.0], 0.1)},
-            "region",
-            "region has 2 joints, but 'tool'",
-        ),
+        ({"region": rp.Box([0.0, 0.0], 0.1)}, "region", "region has 2 joints, but 'tool'"),
         ({"region": lambda task, q0: 3}, "the result of region", "must be a region"),
         ({"kind": "pose"}, "", "redundant here: xy"),
     ],
 )
-def test_a_part_that_cannot_be_used_is_named(
-    parts: dict, argument: str, words: str
-) -> None:
+def test_a_part_that_cannot_be_used_is_named(parts: dict, argument: str, words: str) -> None:
     with pytest.raises(rp.InputError) as caught:
         rp.Problem("planar4r", **parts)
     assert caught.value.argument == argument and words in str(caught.value)
@@ -132,22 +120,14 @@ def test_errors_have_parts() -> None:
         rp.Robot.load("ppr", package_dirs=["nope"])
     error = caught.value
     assert (
-        error.argument == "package_dirs"
-        and error.remedy == "correct its path"
-        and error.at is None
+        error.argument == "package_dirs" and error.remedy == "correct its path" and error.at is None
     )
     text = "package_dirs: there is no folder 'nope'; correct its path"
     assert str(error) == text
     error.argument, error.remedy = "--package-dir", "name another"
-    assert str(error).startswith("--package-dir: there") and str(error).endswith(
-        "; name another"
-    )
+    assert str(error).startswith("--package-dir: there") and str(error).endswith("; name another")
     back = pickle.loads(pickle.dumps(error))
-    assert (str(back), back.argument, back.remedy) == (
-        str(error),
-        error.argument,
-        error.remedy,
-    )
+    assert (str(back), back.argument, back.remedy) == (str(error), error.argument, error.remedy)
 
 
 def test_an_error_of_a_cell_keeps_its_parts_when_copied() -> None:
@@ -159,10 +139,7 @@ def test_an_error_of_a_cell_keeps_its_parts_when_copied() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (
-            ["inspect", "ppr", "--package-dir", "nope"],
-            "--package-dir: there is no folder 'nope'",
-        ),
+        (["inspect", "ppr", "--package-dir", "nope"], "--package-dir: there is no folder 'nope'"),
         (["study", "ppr", "--start", "1,2"], "--start has 2 numbers"),
         (["design", "ppr", "--start", "1,2"], "--start has 2 numbers"),
         (["check", "ppr", "--start", "1,2,1e9"], "--start: "),
@@ -170,10 +147,7 @@ def test_an_error_of_a_cell_keeps_its_parts_when_copied() -> None:
             ["study", "ppr", "--path", "loop.csv", "--plane", "xy"],
             "--plane: the points of loop.csv",
         ),
-        (
-            ["design", "planar4r", "--fourier", "99", "--degree", "1"],
-            "--fourier 99: order 99 in 4",
-        ),
+        (["design", "planar4r", "--fourier", "99", "--degree", "1"], "--fourier 99: order 99 in 4"),
     ],
 )
 def test_the_command_line_names_options(
@@ -202,15 +176,7 @@ def test_the_library_names_no_option(tmp_path: Path) -> None:
         "--start",
         "--region",
     ]
-    rooms = (
-        "robot",
-        "urdf",
-        "problem",
-        "studies",
-        "motion",
-        "design",
-        "inverse_function",
-    )
+    rooms = ("robot", "urdf", "problem", "studies", "motion", "design", "inverse_function")
     files = [file for room in rooms for file in (package / room).glob("*.py")]
     assert len(files) > 40
     spec = "motion/parse_path.py", "paths/task_path.py"

@@ -80,16 +80,12 @@ def columns(library: ctypes.CDLL, chain: Any, theta: np.ndarray) -> Any:
     return J, dJ
 
 
-def remainders(
-    library: ctypes.CDLL, chain: Any, theta: np.ndarray, eta: np.ndarray
-) -> Any:
+def remainders(library: ctypes.CDLL, chain: Any, theta: np.ndarray, eta: np.ndarray) -> Any:
     """Bounds of the remainders of the columns of J in boxes θ ± η (P,): (N,) and (N,)."""
     linear, angular = np.zeros((2, chain.N))
     made = chain.struct()
     theta, eta = np.array(theta, float), np.array(eta, float)
-    library.remainders_of(
-        ctypes.byref(made), at(theta), at(eta), at(linear), at(angular)
-    )
+    library.remainders_of(ctypes.byref(made), at(theta), at(eta), at(linear), at(angular))
     return linear, angular
 
 
@@ -115,9 +111,7 @@ def expanded(
     made = problem.struct()
     q, h = np.array(q, float), np.array(h, float)
     arms = None
-    done = library.expand(
-        ctypes.byref(made), at(q), at(h), arms, 1, *map(at, out.values())
-    )
+    done = library.expand(ctypes.byref(made), at(q), at(h), arms, 1, *map(at, out.values()))
     if not done:
         raise np.linalg.LinAlgError("J_V has no inverse")
     out["B"] = np.swapaxes(out["B"], 1, 2)[:, :N] * out["on"][:, None]

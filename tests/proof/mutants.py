@@ -16,26 +16,14 @@ SCREWS = {
         "? 0.5 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
         "? 0.25 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
     ),
-    "no product of turning and sliding": (
-        "by.H_R * by.L + by.H_R * by.H_P",
-        "by.H_R * by.L",
-    ),
+    "no product of turning and sliding": ("by.H_R * by.L + by.H_R * by.H_P", "by.H_R * by.L"),
     "half of that product": (
         "by.H_R * by.L + by.H_R * by.H_P",
         "by.H_R * by.L + 0.5 * by.H_R * by.H_P",
     ),
-    "minus the product": (
-        "by.H_R * by.L + by.H_R * by.H_P",
-        "by.H_R * by.L - by.H_R * by.H_P",
-    ),
-    "half of a sliding joint's rest": (
-        ": 0.5 * by.H_R * by.H_R;\n",
-        ": 0.25 * by.H_R * by.H_R;\n",
-    ),
-    "half of the angular rest": (
-        "? 0.5 * by.H_R * by.H_R : 0",
-        "? 0.25 * by.H_R * by.H_R : 0",
-    ),
+    "minus the product": ("by.H_R * by.L + by.H_R * by.H_P", "by.H_R * by.L - by.H_R * by.H_P"),
+    "half of a sliding joint's rest": (": 0.5 * by.H_R * by.H_R;\n", ": 0.25 * by.H_R * by.H_R;\n"),
+    "half of the angular rest": ("? 0.5 * by.H_R * by.H_R : 0", "? 0.25 * by.H_R * by.H_R : 0"),
     "no angular rest": ("? 0.5 * by.H_R * by.H_R : 0", "? 0 : 0"),
     "no lengths of slides": (
         "by.H_P += moved[p], by.L += fabs",
@@ -48,15 +36,9 @@ its place."""
 POTENTIALS_C = {
     "half of V's rest": ("rest[a][i] = 0.5 * e", "rest[a][i] = 0.25 * e"),
     "no fourth derivatives": ("(l > j ? 2 : 1) + t / 3)", "(l > j ? 2 : 1))"),
-    "half of the fourth derivatives": (
-        "(l > j ? 2 : 1) + t / 3)",
-        "(l > j ? 2 : 1) + t / 6)",
-    ),
+    "half of the fourth derivatives": ("(l > j ? 2 : 1) + t / 3)", "(l > j ? 2 : 1) + t / 6)"),
     "no third derivatives": ("e += *T++ * (h[j] * h[l]);", "T++;"),
-    "no third derivatives at the centre": (
-        "(fabs(s) * (l > j",
-        "(0 * fabs(s) * (l > j",
-    ),
+    "no third derivatives at the centre": ("(fabs(s) * (l > j", "(0 * fabs(s) * (l > j"),
 }
 """What is wrong with V's remainder: a piece of leaf_margin_bounds.c, and what is put instead."""
 
@@ -94,10 +76,7 @@ C = {
     "V's rest forgotten": ("double s = rest[a][i] + defect", "double s = defect"),
     "M not at all": ("loose[i][a] += row, all", "all"),
     "M once": ("row = sqrt(row) * turned / (1 - turned)", "row = sqrt(row) * turned"),
-    "β without slopes of N": (
-        "all[i][a] * (first[i][c] + e[i][c])",
-        "all[i][a] * e[i][c]",
-    ),
+    "β without slopes of N": ("all[i][a] * (first[i][c] + e[i][c])", "all[i][a] * e[i][c]"),
     "β without ν": ("(first[i][c] + e[i][c])", "first[i][c]"),
     "β without π": (" + loose[i][a] * fabs(T[i][c]);", ";"),
     "b without slopes": ("b[a][c] += h[j] * fabs(PT[a][c]);", ";"),
@@ -146,10 +125,7 @@ TAYLOR = {
     "both rests dropped": ("x->r * y->r + ", ""),
     "a rest dropped in a sum": ("fabs(a) * x->r + fabs(b) * y->r", "fabs(a) * x->r"),
     "the other rest dropped": ("fabs(a) * x->r + fabs(b) * y->r", "fabs(b) * y->r"),
-    "a negative factor": (
-        "{fabs(a[0]), fabs(a[1]), fabs(a[2])}",
-        "{a[0], a[1], a[2]}",
-    ),
+    "a negative factor": ("{fabs(a[0]), fabs(a[1]), fabs(a[2])}", "{a[0], a[1], a[2]}"),
     "a sine of the other sign": ("{s, c, -0.5 * s, -c / 6}", "{s, c, 0.5 * s, -c / 6}"),
     "a cosine's third term": ("-0.5 * c, s / 6}", "-0.5 * c, -s / 6}"),
     "half of the sine's rest": ("f, 1. / 24, ROUND, sine", "f, 1. / 48, ROUND, sine"),
@@ -168,19 +144,10 @@ TAYLOR = {
 COMMUTATOR = {
     "joints beyond forgotten": ("p >= g->k) K += s->tips[p]", "0) K += s->tips[p]"),
     "half of the joints beyond": ("K += s->tips[p] *", "K += 0.5 * s->tips[p] *"),
-    "joint l forgotten": (
-        "for (int p = l; p < P; p++)",
-        "for (int p = l + 1; p < P; p++)",
-    ),
+    "joint l forgotten": ("for (int p = l; p < P; p++)", "for (int p = l + 1; p < P; p++)"),
     "joints between forgotten": ("K += s->tips[l] * H_R;", ";"),
-    "half of the joints between": (
-        "K += s->tips[l] * H_R;",
-        "K += 0.5 * s->tips[l] * H_R;",
-    ),
-    "prismatic joints forgotten": (
-        "if (!g->revolute[p]) K += step[p];",
-        "if (!g->revolute[p]) ;",
-    ),
+    "half of the joints between": ("K += s->tips[l] * H_R;", "K += 0.5 * s->tips[l] * H_R;"),
+    "prismatic joints forgotten": ("if (!g->revolute[p]) K += step[p];", "if (!g->revolute[p]) ;"),
     "turned prismatic joints": ("} else K = H_R;", "} else K = 0;"),
 }
 """What is wrong with the bounds of two solutions: a piece of cell_bounds.c, and what is put in its
@@ -201,52 +168,24 @@ CELL_C = {
         "back[3] = {-b[0], -b[3], -b[6]}",
         "back[3] = {b[0], b[3], b[6]}",
     ),
-    "joints towards the base turn forwards": (
-        _CELL,
-        "if (sign < 0) scale",
-        "if (0) scale",
-    ),
-    "the frame's place forgotten": (
-        _CELL,
-        "add_vectors(g, e, -1, f->tip, e);",
-        ";",
-    ),
+    "joints towards the base turn forwards": (_CELL, "if (sign < 0) scale", "if (0) scale"),
+    "the frame's place forgotten": (_CELL, "add_vectors(g, e, -1, f->tip, e);", ";"),
     "no rest in J": (
         _CELL,
         "* (y->r + s->eps * size_of(y));\n      }\n      rest",
         "* 0;\n      }\n      rest",
     ),
-    "no higher degrees in J": (
-        _CELL,
-        "if (m > k) e += absolute(v);",
-        "if (m > k) e += 0;",
-    ),
-    "no slopes beside the chart": (
-        _CELL,
-        "e += fabs(B[(j * rows + i) * N + c]) * mean[j];",
-        ";",
-    ),
-    "no remainder of screws": (
-        _CELL,
-        "norm(x) * (two_v[c] - one_v[c] * (1 - 1e-12))",
-        "0",
-    ),
-    "no angular remainder": (
-        _CELL,
-        " + norm(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));",
-        ";",
-    ),
+    "no higher degrees in J": (_CELL, "if (m > k) e += absolute(v);", "if (m > k) e += 0;"),
+    "no slopes beside the chart": (_CELL, "e += fabs(B[(j * rows + i) * N + c]) * mean[j];", ";"),
+    "no remainder of screws": (_CELL, "norm(x) * (two_v[c] - one_v[c] * (1 - 1e-12))", "0"),
+    "no angular remainder": (_CELL, " + norm(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));", ";"),
     "the way not turned": (
         _CELL,
         "linear += turned * (at->e + at->p * angle + at->e * angle) +",
         "linear +=",
     ),
     "the middle link not moved": (_CELL, " + moved * angle;", ";"),
-    "no linear part of it": (
-        _CELL,
-        "at->step[i] + norms[2 * i] * linear",
-        "at->step[i]",
-    ),
+    "no linear part of it": (_CELL, "at->step[i] + norms[2 * i] * linear", "at->step[i]"),
 }
 """What is wrong with a cell's kernel: the file, a piece of it, and what is put in its place."""
 
@@ -271,20 +210,11 @@ ARM_C = {
         "product(g, &rho, &lever, &x), times_model",
         "copy(g, &lever, &x), times_model",
     ),
-    "r × w for w × r": (
-        "cross_constant(g, back, w, b);",
-        "cross_constant(g, d, w, b);",
-    ),
+    "r × w for w × r": ("cross_constant(g, back, w, b);", "cross_constant(g, d, w, b);"),
     "offsets forgotten": ("constant(g, s->o[l], &theta);", "constant(g, 0, &theta);"),
-    "the connection's sign": (
-        "back[3] = {-d[0], -d[1], -d[2]}",
-        "back[3] = {-d[0], d[1], -d[2]}",
-    ),
+    "the connection's sign": ("back[3] = {-d[0], -d[1], -d[2]}", "back[3] = {-d[0], d[1], -d[2]}"),
     "the shoulder": ("scale(g, -1, F[0] + i);", ";"),
-    "t on the other side": (
-        "add(g, &rho, -1, &along, &x)",
-        "add(g, &rho, 1, &along, &x)",
-    ),
+    "t on the other side": ("add(g, &rho, -1, &along, &x)", "add(g, &rho, 1, &along, &x)"),
     "the wrist's force": ("add_vectors(g, F[2], -1, F[0], F[2]);", ";"),
     "the wrist's moment": ("add_vectors(g, whole, 1, x, whole);", ";"),
     "moments about the base": (
@@ -295,14 +225,8 @@ ARM_C = {
         "times_model(g, &theta, f->axis, x);",
         "times_model(g, &theta, f->axis, x), x[0].p[0] += all(1);",
     ),
-    "couplings": (
-        "add(g, V + i, s->S[l * k + i], &one, V + i)",
-        "add(g, V + i, 2, &one, V + i)",
-    ),
-    "the places of the points": (
-        "add_vectors(g, f->o, 1, points[c], points[c]);",
-        ";",
-    ),
+    "couplings": ("add(g, V + i, s->S[l * k + i], &one, V + i)", "add(g, V + i, 2, &one, V + i)"),
+    "the places of the points": ("add_vectors(g, f->o, 1, points[c], points[c]);", ";"),
 }
 """What is wrong with an arm angle's kernel: a piece of arm_angle.c, and what is put instead."""
 
@@ -310,15 +234,11 @@ ARM_C = {
 def source(name: str, piece: str, instead: str, package: str = PACKAGE) -> str:
     """Read a file of the package, with one piece replaced."""
     text = files(package).joinpath(name).read_text(encoding="utf-8")
-    assert not piece or text.count(piece) == 1, (
-        f"{piece!r} is there {text.count(piece)} times"
-    )
+    assert not piece or text.count(piece) == 1, f"{piece!r} is there {text.count(piece)} times"
     return text.replace(piece, instead) if piece else text
 
 
-def wrong(
-    monkeypatch: pytest.MonkeyPatch, name: str, piece: str, instead: str
-) -> ModuleType:
+def wrong(monkeypatch: pytest.MonkeyPatch, name: str, piece: str, instead: str) -> ModuleType:
     """Make a module of the package with one piece replaced."""
     module = ModuleType(f"{PACKAGE}.wrong")
     module.__package__ = PACKAGE
@@ -352,27 +272,18 @@ INVERSE_C = {
     ),
     "no slide": ("cross(xi[p] + 3, tip, x);", "x[0] = x[1] = x[2] = 0;"),
     "no changes times moves": ("(norm(wide) + norm(z)) * moved[f]", "0"),
-    "no squares": (
-        "+ both + row.square",
-        "+ both",
-    ),
+    "no squares": ("+ both + row.square", "+ both"),
     "no linear square": ("+= square_v / (2 * v) +", "+="),
     "no angular square": (" + ratio * square_w / (2 * w);", ";"),
     "no slopes along": ("+ both + row.square", "+ row.square"),
-    "apart without slopes": (
-        "sqrt(v * v + 2 * apart_v + square_v)",
-        "sqrt(v * v + square_v)",
-    ),
+    "apart without slopes": ("sqrt(v * v + 2 * apart_v + square_v)", "sqrt(v * v + square_v)"),
     "apart without angular slopes": (
         "sqrt(w * w + 2 * apart_w + square_w)",
         "sqrt(w * w + square_w)",
     ),
     "apart without squares": ("2 * apart_v + square_v)", "2 * apart_v)"),
     "apart without angular squares": ("2 * apart_w + square_w)", "2 * apart_w)"),
-    "the twist about the middle link": (
-        "z[3 + k] += x[3 + k];",
-        "z[3 + k] = x[3 + k];",
-    ),
+    "the twist about the middle link": ("z[3 + k] += x[3 + k];", "z[3 + k] = x[3 + k];"),
 }
 """What is wrong with the kernel of the rates of G_r, inverse_bounds.c."""
 
@@ -381,53 +292,29 @@ _CELL = "cell_bounds.c"
 CELL_V = {
     "no slopes of the normals": (_CELL, "* n + i] * Y[i];", "* n + i] * 0;"),
     "half of these": (_CELL, "* n + i] * Y[i];", "* n + i] * 0.5 * Y[i];"),
-    "J at q_ref": (
-        _CELL,
-        "J_rest[c] = beside[(N + f) * N + c] + linear",
-        "J_rest[c] = linear",
-    ),
-    "J of the middle link at F": (
-        _CELL,
-        " + linear * away[0][c] + angular * away[1][c];",
-        ";",
-    ),
+    "J at q_ref": (_CELL, "J_rest[c] = beside[(N + f) * N + c] + linear", "J_rest[c] = linear"),
+    "J of the middle link at F": (_CELL, " + linear * away[0][c] + angular * away[1][c];", ";"),
     "W is W'": (_CELL, "x += z[y] * most;", ";"),
     "no terms of higher degree": (
         _CELL,
         "double x = at->V_rest[f * n + i] + J_rest[i]",
         "double x = J_rest[i]",
     ),
-    "J times the other W": (
-        _CELL,
-        "product(g, W + x, work->J",
-        "product(g, W + 5 - x, work->J",
-    ),
-    "n_ref' dq_ref without F": (
-        _CELL,
-        "add_product(g, &slope, eta + i, -1, y);",
-        ";",
-    ),
+    "J times the other W": (_CELL, "product(g, W + x, work->J", "product(g, W + 5 - x, work->J"),
+    "n_ref' dq_ref without F": (_CELL, "add_product(g, &slope, eta + i, -1, y);", ";"),
     "of the other sign": (
         _CELL,
         "add_product(g, &slope, eta + i, -1, y);",
         "add_product(g, &slope, eta + i, 1, y);",
     ),
     "no label": (_CELL, "v -= A[i * N + x] * w->label[x - 6].p[m];", ";"),
-    "no moment of the twists": (
-        _CELL,
-        "add_vectors(g, x, 1, moment, x), ",
-        "",
-    ),
+    "no moment of the twists": (_CELL, "add_vectors(g, x, 1, moment, x), ", ""),
     "the right Jacobian": (
         _CELL,
         "add_product(g, d, turned + i, -1, out + i);",
         "add_product(g, d, turned + i, 1, out + i);",
     ),
     "no second order of it": (_CELL, "add(g, out + i, -W[i], &y, out + i);", ";"),
-    "derivatives without their factor": (
-        _CELL,
-        "x->p[m] * power * unit",
-        "x->p[m] * unit",
-    ),
+    "derivatives without their factor": (_CELL, "x->p[m] * power * unit", "x->p[m] * unit"),
 }
 """What is wrong with V along F: a file, a piece of it, and what is put instead."""

@@ -25,9 +25,7 @@ def margin_at(J: np.ndarray, V: np.ndarray) -> float:
     return float(redundancy.leaf_margin(N[None], V[None])[0])
 
 
-def made_up(
-    library: ctypes.CDLL, seed: int, r: int = 1, width: float = 0.1
-) -> float | None:
+def made_up(library: ctypes.CDLL, seed: int, r: int = 1, width: float = 0.1) -> float | None:
     """Ratio of the bound to the margin at the corner of a box where all terms have the worst signs.
 
     With ``A J_c(q) = I − D`` and T ≥ 0 ≥ P nothing cancels: for r = 1 the bound is attained. Some

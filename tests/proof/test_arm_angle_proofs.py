@@ -104,9 +104,7 @@ def test_the_leaf_margin_of_joined_potentials_is_bounded(tmp_path: Path) -> None
 def design_over(angle: rp.PotentialBasis, region: rp.Box) -> rp.Design:
     A = np.zeros((angle.size, 1))
     A[0] = 1.0
-    return replace(
-        design_of(panda(), angle.weighted(A), region), potentials=angle, coefficients=A
-    )
+    return replace(design_of(panda(), angle.weighted(A), region), potentials=angle, coefficients=A)
 
 
 @pytest.mark.slow
@@ -187,8 +185,7 @@ def noticed(folder: Path, law: ModuleType = arm_angle) -> bool:
 
 
 @pytest.mark.parametrize(
-    "mutant",
-    [pytest.param(m, marks=SLOW if i > 1 else []) for i, m in enumerate(ARM_C)],
+    "mutant", [pytest.param(m, marks=SLOW if i > 1 else []) for i, m in enumerate(ARM_C)]
 )
 def test_a_wrong_term_in_c_is_noticed(
     mutant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -234,9 +231,7 @@ def test_boxes_against_ball_arithmetic(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["conventional", "stereographic"])
-def test_a_hundred_thousand_configurations_violate_nothing(
-    name: str, tmp_path: Path
-) -> None:
+def test_a_hundred_thousand_configurations_violate_nothing(name: str, tmp_path: Path) -> None:
     angle = ANGLES[name](tmp_path)
     design = design_over(angle, rp.Box(Q0, 0.3))
     proof = rp.prove(design, seconds=60)

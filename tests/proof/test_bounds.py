@@ -14,13 +14,7 @@ from arms import planar_task, sliding_task, spatial_task
 from kernels import columns, expanded, expansion, kernels, remainders
 from mimic_arm import MIMICS, arm
 from mutants import EXPANSION, POTENTIALS, POTENTIALS_C, SCREWS, C, wrong
-from proofs import (
-    design_of,
-    margins,
-    near_null_space,
-    regular_start,
-    smallest_singular_values,
-)
+from proofs import design_of, margins, near_null_space, regular_start, smallest_singular_values
 from second_order import crossed, made_up, ratios
 
 import repctl_pin as rp
@@ -36,22 +30,18 @@ TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "position": lambda folder: spatial_task(5, folder, seed=6),
     "two coordinates": lambda folder: spatial_task(4, folder, kind="xz", seed=7),
     "planar": lambda folder: planar_task((1.0, 0.9, 0.8, 0.7), folder),
-    "mimic joints": lambda folder: rp.Robot.load(arm(folder, MIMICS, n=9)).task(
-        "l9", "axis"
-    ),
+    "mimic joints": lambda folder: rp.Robot.load(arm(folder, MIMICS, n=9)).task("l9", "axis"),
     "another base": lambda _: rp.Robot.load("baxter", base="left_gripper").task(
         "right_gripper", "pose"
     ),
-    "absolute angles": lambda folder: (
-        lambda t: t.in_coordinates(rp.absolute_angles(t))
-    )(planar_task((1.0, 0.9, 0.8), folder)),
+    "absolute angles": lambda folder: (lambda t: t.in_coordinates(rp.absolute_angles(t)))(
+        planar_task((1.0, 0.9, 0.8), folder)
+    ),
 }
 
 
 @pytest.mark.parametrize("case", TASKS)
-def test_every_box_s_bounds_hold_at_its_corners_and_inside(
-    case: str, tmp_path: Path
-) -> None:
+def test_every_box_s_bounds_hold_at_its_corners_and_inside(case: str, tmp_path: Path) -> None:
     task = TASKS[case](tmp_path)
     q = regular_start(task)
     box = rp.Box(q, 0.1)
@@ -63,17 +53,11 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(
         half = width * rng.uniform(0.2, 1.0, Q.shape)
         found = problem.bounds(Q, half)
         some += np.count_nonzero(found.leaf_margin)
-        points = Q[:, None] + half[:, None] * np.sign(
-            rng.standard_normal((len(Q), 40, task.n))
-        )
-        points[:, 20:] = Q[:, None] + half[:, None] * rng.uniform(
-            -1, 1, (len(Q), 20, task.n)
-        )
+        points = Q[:, None] + half[:, None] * np.sign(rng.standard_normal((len(Q), 40, task.n)))
+        points[:, 20:] = Q[:, None] + half[:, None] * rng.uniform(-1, 1, (len(Q), 20, task.n))
         true = margins(design, points.reshape(-1, task.n)).reshape(len(Q), -1)
         assert (found.leaf_margin <= true.min(axis=1) + 1e-9).all()
-        sigma = smallest_singular_values(task, points.reshape(-1, task.n)).reshape(
-            len(Q), -1
-        )
+        sigma = smallest_singular_values(task, points.reshape(-1, task.n)).reshape(len(Q), -1)
         assert (found.sigma_min <= sigma.min(axis=1) + 1e-9).all()
         np.testing.assert_allclose(found.center, margins(design, Q), rtol=0.02)
         if width == 1e-9:
@@ -97,9 +81,7 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
             return np.asarray(columns(kernels(), links, theta)[0].T)
 
         J = columns_at(q)
-        still = np.linalg.qr(J[:, links.n :], mode="complete")[0][
-            :, links.N - links.n :
-        ]
+        still = np.linalg.qr(J[:, links.n :], mode="complete")[0][:, links.N - links.n :]
         ours, theirs = (
             np.linalg.svd(still.T @ J[:, : links.n])[2][: task.m],
             np.linalg.svd(task.jacobian(q))[2],
@@ -121,13 +103,9 @@ def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
     rng = np.random.default_rng(0)
     k, share = rng.integers(len(t) - 1, size=4000), rng.uniform(size=(4000, 1))
     edge = rng.uniform(-1, 1, (4000, 4))
-    edge[::2] /= np.abs(edge[::2]).max(
-        axis=1, keepdims=True
-    )  # half of them on the sides
+    edge[::2] /= np.abs(edge[::2]).max(axis=1, keepdims=True)  # half of them on the sides
     points = samples[k] + share * (samples[k + 1] - samples[k]) + tube.radius * edge
-    inside = (
-        ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).sum(axis=1)
-    )
+    inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).sum(axis=1)
     assert (inside >= 1).all() and inside.mean() < 1.5
 
 
@@ -157,9 +135,7 @@ def worst_ratio(task: rp.Task, library: ctypes.CDLL, count: int = 120) -> float:
     return worst
 
 
-def test_remainders_of_screws_are_bounded_and_the_bound_is_tight(
-    tmp_path: Path,
-) -> None:
+def test_remainders_of_screws_are_bounded_and_the_bound_is_tight(tmp_path: Path) -> None:
     library = kernels()
     planar = planar_task((1.0, 0.9, 0.8, 0.7), tmp_path)
     assert 0.9 < worst_ratio(planar, library) <= 1
@@ -175,8 +151,7 @@ SLOW = pytest.mark.slow
 def some(mutants: dict[str, tuple[str, str]], quick: int = 2) -> list[object]:
     """All mutants as parameters; the first ones are not slow."""
     return [
-        pytest.param(name, marks=[SLOW] if i >= quick else [])
-        for i, name in enumerate(mutants)
+        pytest.param(name, marks=[SLOW] if i >= quick else []) for i, name in enumerate(mutants)
     ]
 
 
@@ -214,9 +189,7 @@ LOOSER = ("V_c not taken out of P", "V's rest not projected", "M once")
 """Changes that no made-up box notices: they hardly change the bound."""
 
 
-@pytest.mark.parametrize(
-    "mutant", some({k: v for k, v in C.items() if k not in LOOSER})
-)
+@pytest.mark.parametrize("mutant", some({k: v for k, v in C.items() if k not in LOOSER}))
 def test_a_wrong_term_is_noticed(mutant: str) -> None:
     assert max(ratios(kernels(FILE, *C[mutant]), 30)) > HELD
 
@@ -226,23 +199,16 @@ def test_a_wrong_term_is_noticed(mutant: str) -> None:
 
 def curved(task: rp.Task, degree: int, width: float, rough: float = 0.2) -> rp.Design:
     """A design of strongly curved potentials, regular at the centre of its box."""
-    rng, q = (
-        np.random.default_rng(0),
-        task.reference + 0.3 * (task.n < 7) * np.arange(task.n),
-    )
+    rng, q = (np.random.default_rng(0), task.reference + 0.3 * (task.n < 7) * np.arange(task.n))
     potentials = rp.Polynomial(q, degree, width)
     A = rough * width * rng.standard_normal((potentials.size, task.r))
     A /= np.sqrt(potentials.size / task.n)
     D = potentials.gradients(q[None])[0]
-    A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[
-        0
-    ]
+    A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[0]
     return design_of(task, potentials.weighted(A), rp.Box(q, width))
 
 
-def boxes_of(
-    design: rp.Design, width: float, count: int
-) -> tuple[np.ndarray, np.ndarray]:
+def boxes_of(design: rp.Design, width: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Random boxes of a design, in which some joints stand still."""
     region, rng = design.region, np.random.default_rng(1)
     shape = count, design.task.n
@@ -263,17 +229,11 @@ def looked_at(design: rp.Design, width: float, count: int = 16) -> tuple[float, 
         way = rng.uniform(-1, 1, Q.shape)
         points = Q + half * (np.sign(way) if trial % 4 else way)
         least = np.minimum(least, margins(design, points))
-    return float((found.leaf_margin / least).max()), float(
-        (found.leaf_margin > 0).mean()
-    )
+    return float((found.leaf_margin / least).max()), float((found.leaf_margin > 0).mean())
 
 
 def gradients_off(
-    design: rp.Design,
-    width: float,
-    library: ctypes.CDLL,
-    *,
-    law: object = leaf_margin_bounds,
+    design: rp.Design, width: float, library: ctypes.CDLL, *, law: object = leaf_margin_bounds
 ) -> float:
     """The largest ratio of what V differs from its expansion by to its bound."""
     potentials, rng = design.inverse.potentials, np.random.default_rng(3)
@@ -281,9 +241,7 @@ def gradients_off(
     worst = 0.0
     for q, h in zip(*boxes_of(design, width, 12), strict=True):
         at = expanded(library, problem, q, h)
-        gauge = np.linalg.lstsq(
-            potentials.gradients(q[None])[0], at["V"].T, rcond=None
-        )[0]
+        gauge = np.linalg.lstsq(potentials.gradients(q[None])[0], at["V"].T, rcond=None)[0]
         for trial in range(16):
             way = rng.uniform(-1, 1, len(q))
             delta = h * (np.sign(way) if trial % 4 else way)
@@ -294,9 +252,7 @@ def gradients_off(
 
 
 @pytest.mark.parametrize("degree", [3, 4, 5, 6])
-def test_bounds_hold_and_are_nearly_attained_on_planar_arms(
-    degree: int, tmp_path: Path
-) -> None:
+def test_bounds_hold_and_are_nearly_attained_on_planar_arms(degree: int, tmp_path: Path) -> None:
     design = curved(planar_task((1.0, 0.9, 0.8), tmp_path), degree, 0.6)
     found = [looked_at(design, width) for width in (0.02, 0.1, 0.3)]
     assert max(ratio for ratio, _ in found) <= HELD
@@ -306,9 +262,7 @@ def test_bounds_hold_and_are_nearly_attained_on_planar_arms(
 
 
 @pytest.mark.parametrize("degree", [3, 4])
-def test_bounds_hold_and_are_nearly_attained_on_panda(
-    degree: int, panda_pose: rp.Task
-) -> None:
+def test_bounds_hold_and_are_nearly_attained_on_panda(degree: int, panda_pose: rp.Task) -> None:
     design = curved(panda_pose, degree, 0.3)
     found = [looked_at(design, width) for width in (0.02, 0.3)]
     assert max(ratio for ratio, _ in found) <= HELD
@@ -339,9 +293,7 @@ def test_a_wrong_bound_of_the_potentials_is_noticed(
 
 
 @pytest.mark.parametrize("mutant", some(POTENTIALS_C))
-def test_a_wrong_bound_of_the_potentials_in_c_is_noticed(
-    mutant: str, tmp_path: Path
-) -> None:
+def test_a_wrong_bound_of_the_potentials_in_c_is_noticed(mutant: str, tmp_path: Path) -> None:
     assert powers_off(tmp_path, kernels(FILE, *POTENTIALS_C[mutant])) > HELD
 
 
@@ -378,8 +330,7 @@ def problems(
 
 
 def expansions_off(
-    cases: list[tuple[leaf_margin_bounds.LeafMarginProblem, rp.Design]],
-    library: ctypes.CDLL,
+    cases: list[tuple[leaf_margin_bounds.LeafMarginProblem, rp.Design]], library: ctypes.CDLL
 ) -> float:
     """The largest relative difference of C's expansion of J_V from NumPy's."""
     most = 0.0
@@ -422,11 +373,7 @@ def test_boxes_against_ball_arithmetic(panda_design: rp.Design) -> None:
     Q = box.center + box.half_width * rng.uniform(-1, 1, (300, 7))
     half = 10 ** rng.uniform(-15, -1.5, (300, 1)) * np.ones((1, 7))
     found = problem.bounds(Q, half)
-    points = Q + half * np.where(
-        rng.uniform(size=(300, 1)) < 0.3, 0, rng.uniform(-1, 1, (300, 7))
-    )
+    points = Q + half * np.where(rng.uniform(size=(300, 1)) < 0.3, 0, rng.uniform(-1, 1, (300, 7)))
     assert (found.leaf_margin > 0).mean() > 0.9
     for q, bound in zip(points, found.leaf_margin, strict=True):
-        assert (
-            leaf_margin_in_balls(panda_design, q) > bound
-        )  # of balls: certain, or False
+        assert leaf_margin_in_balls(panda_design, q) > bound  # of balls: certain, or False

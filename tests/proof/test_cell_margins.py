@@ -43,9 +43,7 @@ def charts(folder: Path) -> dict[str, Any]:
         "position": chart_of(cell_of("position", 0.0, 0.05), MIDDLE, 2),
     }
     place = pin.SE3(middle().rotation, np.array([0.45, 0.1, 0.35]))
-    whole = rp.Sector(
-        panda(), place, radius=0.03, height=0.03, angle=0.1, half_angle=0.1, spin=0.1
-    )
+    whole = rp.Sector(panda(), place, radius=0.03, height=0.03, angle=0.1, half_angle=0.1, spin=0.1)
     q = rp.solve_ik(panda(), MIDDLE, place)
     found["sector"] = chart_of(whole, q)
     found["reduced sector"] = chart_of(whole.without(whole.symmetries), q)
@@ -81,9 +79,7 @@ def test_v_is_the_gradient_of_the_potentials_and_its_margin_the_price(
             across = np.linalg.norm(np.eye(task.n) - G @ J, 2)
             np.testing.assert_allclose(margin, 1 / across, rtol=1e-9)
             np.testing.assert_allclose(
-                np.linalg.norm(G @ np.linalg.pinv(np.linalg.pinv(J)), 2),
-                across,
-                rtol=1e-8,
+                np.linalg.norm(G @ np.linalg.pinv(np.linalg.pinv(J)), 2), across, rtol=1e-8
             )
             N = nullspace(J)
             np.testing.assert_allclose(leaf_margin(N, gradient), margin, rtol=1e-9)
@@ -190,7 +186,5 @@ def test_the_enclosures_of_gradients_are_not_wasteful(every: dict[str, Any]) -> 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("mutant", CELL_V)
-def test_a_wrong_term_of_the_gradients_is_noticed(
-    mutant: str, every: dict[str, Any]
-) -> None:
+def test_a_wrong_term_of_the_gradients_is_noticed(mutant: str, every: dict[str, Any]) -> None:
     assert most_used(every, kernels(*CELL_V[mutant])) > 1

@@ -137,9 +137,7 @@ KINDS = ("axis", "position", "yz")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_two_solutions_of_other_tasks_are_apart_as_bounded(
-    kind: str, tmp_path: Path
-) -> None:
+def test_two_solutions_of_other_tasks_are_apart_as_bounded(kind: str, tmp_path: Path) -> None:
     used = np.zeros(3)
     for task in (panda(kind), spatial_task(7, tmp_path, kind=kind, seed=3)):
         problem = problem_of(task)
@@ -149,9 +147,7 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(
     assert kind == "axis" or used[2] > 0.1
 
 
-def velocity_changes_off(
-    problem: cells.CellProof, library: ctypes.CDLL | None = None
-) -> float:
+def velocity_changes_off(problem: cells.CellProof, library: ctypes.CDLL | None = None) -> float:
     """The largest share of the bounds that the frame's velocity changes by, joint by joint: small
     steps of any sign."""
     library, whole, worst = library or kernels(), problem.chain, 0.0
@@ -183,10 +179,7 @@ def test_the_frame_s_velocity_changes_as_bounded(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "mutant",
-    [
-        pytest.param(m, marks=[pytest.mark.slow] if i else [])
-        for i, m in enumerate(COMMUTATOR)
-    ],
+    [pytest.param(m, marks=[pytest.mark.slow] if i else []) for i, m in enumerate(COMMUTATOR)],
 )
 def test_a_wrong_bound_of_two_solutions_is_noticed(mutant: str, tmp_path: Path) -> None:
     library = kernels("cell_bounds.c", *COMMUTATOR[mutant])
@@ -203,15 +196,11 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(mutant: str, tmp_path: Path) 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_wrong_term_in_c_changes_the_bounds() -> None:
-    right = cells.CellProof(
-        chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256)
-    )
+    right = cells.CellProof(chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256))
     right.see_from(right.chain.seen_from(4, 0.0))  # joints move it, not only turn it
     rng = np.random.default_rng(4)
     U = rng.uniform(-0.9, 0.9, (96, 6))
-    h = np.array([0.4, 0.2, 0.05])[np.arange(96) % 3, None] * rng.uniform(
-        0.3, 1, U.shape
-    )
+    h = np.array([0.4, 0.2, 0.05])[np.arange(96) % 3, None] * rng.uniform(0.3, 1, U.shape)
     bounds = right.bounds(U, h)
     for name, (file, piece, instead) in CELL_C.items():
         problem = copy(right)
@@ -226,9 +215,7 @@ def test_without_the_native_library_a_proof_over_a_cell_says_so(
     chart: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("REPCTL_NATIVE", "no")
-    with pytest.raises(
-        rp.InputError, match=r"requires the native library.*; unset REPCTL"
-    ):
+    with pytest.raises(rp.InputError, match=r"requires the native library.*; unset REPCTL"):
         cells.CellProof(chart)
 
 

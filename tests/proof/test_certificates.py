@@ -31,10 +31,7 @@ def task() -> rp.Task:
 @pytest.fixture(scope="module")
 def certified(task: rp.Task) -> rp.Design:
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        rp.Polynomial(Q_PANDA, 1, 0.3),
-        rp.Box(Q_PANDA, 0.2),
-        options=FEW,
+        rp.Pseudoinverse(task), rp.Polynomial(Q_PANDA, 1, 0.3), rp.Box(Q_PANDA, 0.2), options=FEW
     )
     return dataclasses.replace(design, proof=rp.prove(design, margin=0.5))
 
@@ -61,24 +58,16 @@ def test_a_proof_of_another_design_is_dropped(certified: rp.Design) -> None:
     proof, task = certified.proof, certified.task
     assert proof and f"proved > {0.5}" in certified.summary()
     turned = task.robot.task("panda_link8", "pose")
-    inverse = rp.RepeatableInverse(
-        turned, certified.inverse.potentials, region=certified.region
-    )
+    inverse = rp.RepeatableInverse(turned, certified.inverse.potentials, region=certified.region)
     for other in (
         over(certified, rp.Box(Q_PANDA, 0.25), proof=None),
         over(certified, rp.Box(Q_PANDA + 1e-6, 0.2), proof=None),
         over(certified, rp.Tube(Q_PANDA[None], 0.2), proof=None),
         with_potentials(
-            certified,
-            certified.potentials,
-            certified.coefficients * [1 + 1e-12],
-            proof=None,
+            certified, certified.potentials, certified.coefficients * [1 + 1e-12], proof=None
         ),
         with_potentials(
-            certified,
-            rp.Polynomial(Q_PANDA, 1, 0.31),
-            certified.coefficients,
-            proof=None,
+            certified, rp.Polynomial(Q_PANDA, 1, 0.31), certified.coefficients, proof=None
         ),
         dataclasses.replace(certified, inverse=inverse, proof=None),
     ):
@@ -99,9 +88,7 @@ def test_what_belongs_together_is_not_replaced_in_part(certified: rp.Design) -> 
     loading only."""
     task = certified.task
     other = rp.RepeatableInverse(
-        task,
-        certified.potentials.weighted(1.1 * certified.coefficients),
-        region=certified.region,
+        task, certified.potentials.weighted(1.1 * certified.coefficients), region=certified.region
     )
     elsewhere = rp.RepeatableInverse(task, certified.inverse.potentials)
     for change in (
@@ -115,18 +102,12 @@ def test_what_belongs_together_is_not_replaced_in_part(certified: rp.Design) -> 
         with pytest.raises(rp.InputError, match="cannot be changed in part") as error:
             dataclasses.replace(certified, **change)
         assert "\n" not in str(error.value)
-    for change in (
-        {"leaf_margin": 0.99},
-        {"proved": True, "boxes": 0},
-        {"subject": "x"},
-    ):
+    for change in ({"leaf_margin": 0.99}, {"proved": True, "boxes": 0}, {"subject": "x"}):
         with pytest.raises(rp.InputError, match="a proof cannot be changed in part"):
             dataclasses.replace(certified.proof, **change)
 
 
-def test_a_certificate_in_a_file_is_checked(
-    certified: rp.Design, tmp_path: Path
-) -> None:
+def test_a_certificate_in_a_file_is_checked(certified: rp.Design, tmp_path: Path) -> None:
     """Issue 37, item 2: certificates of other files, changed and old ones, each with a checksum
     that fits."""
     file = rp.save(certified, tmp_path / "d.json")
@@ -134,8 +115,7 @@ def test_a_certificate_in_a_file_is_checked(
     small = over(certified, certified.region.shrunk(0.5), proof=None)
     foreign = json.loads(
         rp.save(
-            dataclasses.replace(small, proof=rp.prove(small, margin=0.6)),
-            tmp_path / "small.json",
+            dataclasses.replace(small, proof=rp.prove(small, margin=0.6)), tmp_path / "small.json"
         ).read_text()
     )["proof"]
     old = {
@@ -145,12 +125,7 @@ def test_a_certificate_in_a_file_is_checked(
     }
     wide = content["region"] | {"half_width": [1.2] * 7}
     away = [[a + 1e-9] for (a,) in content["coefficients"]]
-    for change in (
-        {"proof": foreign},
-        {"proof": old},
-        {"region": wide},
-        {"coefficients": away},
-    ):
+    for change in ({"proof": foreign}, {"proof": old}, {"region": wide}, {"coefficients": away}):
         with pytest.warns(UserWarning, match=DROPPED):
             loaded = rp.load_design(rewritten(file, content | change))
         assert loaded.proof is None and "found, not proved" in loaded.summary()
@@ -189,9 +164,7 @@ def test_a_joint_left_out_of_the_limit_margin_is_named(
     assert rp.load_cell(file).proof.seal == proof.seal
 
 
-def test_a_proof_of_another_cell_is_dropped(
-    sector: rp.CellDesign, tmp_path: Path
-) -> None:
+def test_a_proof_of_another_cell_is_dropped(sector: rp.CellDesign, tmp_path: Path) -> None:
     """Issue 37, item 2, for cells and sectors."""
     content = json.loads(rp.save(sector, tmp_path / "s.json").read_text())
     chart = sector.function.chart
@@ -228,10 +201,7 @@ def test_a_proof_not_reached_states_no_bound_and_is_not_saved(
 
 
 def test_check_says_by_its_exit_code_that_a_proof_is_not_reached(
-    certified: rp.Design,
-    sector: rp.CellDesign,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    certified: rp.Design, sector: rp.CellDesign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Issue 37, item 5: 0 and a file whose certificate said otherwise, without a word of it."""
     for design in (certified, sector):
@@ -270,16 +240,7 @@ def test_a_design_without_the_proof_says_what_to_do(
     """Issue 37, item 5: the default degree was too high to be proved in a minute."""
     real = rp.prove
     monkeypatch.setattr(rp, "prove", lambda design, **_: real(design, seconds=1e-9))
-    arm = [
-        "design",
-        "planar3r",
-        "--region",
-        "0.2",
-        "--degree",
-        "3",
-        "--out",
-        str(tmp_path),
-    ]
+    arm = ["design", "planar3r", "--region", "0.2", "--degree", "3", "--out", str(tmp_path)]
     few = ["--samples", "256", "--held-out", "64", "--prove"]
     assert main([*arm, *few]) == 3
     said = " ".join(capsys.readouterr().out.split())

@@ -26,8 +26,7 @@ def rates(design: rp.Design, Q: np.ndarray, ratio: float) -> np.ndarray:
     G = np.linalg.inv(J_V)[:, :, : task.m]
     k = 3 if task.kind in ("pose", "axis", "position") else 2
     return np.asarray(
-        np.linalg.norm(G[:, :, :k], axis=2)
-        + ratio * np.linalg.norm(G[:, :, k:], axis=2)
+        np.linalg.norm(G[:, :, :k], axis=2) + ratio * np.linalg.norm(G[:, :, k:], axis=2)
     )
 
 
@@ -40,9 +39,7 @@ def cases(folder: Path) -> list[tuple[rp.Design, float]]:
         spatial_task(5, folder, kind="position", seed=4),
         planar_task([0.5, 0.4, 0.3, 0.2], folder),
         sliding_task(folder),
-        rp.Robot.load(arm(folder, {6: 'joint="j2" multiplier="0.5"'})).task(
-            "l7", "position"
-        ),
+        rp.Robot.load(arm(folder, {6: 'joint="j2" multiplier="0.5"'})).task("l7", "position"),
     ]
     out = []
     for i, task in enumerate(tasks):
@@ -57,9 +54,7 @@ def cases(folder: Path) -> list[tuple[rp.Design, float]]:
 
 
 def problem_of(design: rp.Design) -> leaf_margin_bounds.LeafMarginProblem:
-    return leaf_margin_bounds.leaf_margin_of(
-        design.task, design.inverse.potentials, design.region
-    )
+    return leaf_margin_bounds.leaf_margin_of(design.task, design.inverse.potentials, design.region)
 
 
 def test_bounds_of_the_inverse_hold_and_are_close(tmp_path: Path) -> None:
@@ -89,9 +84,7 @@ def sampled_radius(design: rp.Design, ratio: float) -> float:
     return float(sum(1 / 24 / np.maximum.accumulate(K)))
 
 
-def test_the_panda_s_radius_is_close_to_the_sampled_one(
-    panda_design: rp.Design,
-) -> None:
+def test_the_panda_s_radius_is_close_to_the_sampled_one(panda_design: rp.Design) -> None:
     closes = rp.prove(panda_design, margin=0.3, seconds=60).closes
     assert closes and closes.around == "start" and closes.kind == "pose"
     sampled = sampled_radius(panda_design, 3.0)
@@ -105,11 +98,7 @@ TIGHT = {
     "xarm7": ("link_eef", "pose", [0, -0.5, 0, 1.0, 0, 1.4, 0]),
     "baxter": ("right_gripper", "pose", [0, -0.4, 0, 1.0, 0, 0.9, 0]),
     "prr": ("tool", "xy", None),  # a rail
-    "tiago": (
-        "wrist_ft_tool_link",
-        "pose",
-        [0.25, 0.9, -0.4, -0.8, 1.6, -0.5, 0.6, 0.5],
-    ),
+    "tiago": ("wrist_ft_tool_link", "pose", [0.25, 0.9, -0.4, -0.8, 1.6, -0.5, 0.6, 0.5]),
     "planar4r": ("tool", "xy", [0.3, 0.7, 0.7, 0.7]),
 }
 """Frame, kind of task and start of robots."""
@@ -131,9 +120,7 @@ def test_radii_are_close_to_sampled_ones(name: str) -> None:
     assert 0.9 * sampled < closes.metres < 1.2 * sampled
 
 
-def test_wild_paths_within_the_radius_close(
-    tmp_path: Path, panda_design: rp.Design
-) -> None:
+def test_wild_paths_within_the_radius_close(tmp_path: Path, panda_design: rp.Design) -> None:
     rng = np.random.default_rng(1)
     designs = [design for design, _ in cases(tmp_path)]
     for design in [designs[0], designs[2], panda_design]:  # the others take seconds
@@ -141,9 +128,7 @@ def test_wild_paths_within_the_radius_close(
         if not proof.closes:
             assert proof.closes.reason
             continue
-        before, after, share = lifted_round(
-            design, proof.closes, 5, rng, paths=4, step=0.4
-        )
+        before, after, share = lifted_round(design, proof.closes, 5, rng, paths=4, step=0.4)
         assert np.abs(before - after).max() < 1e-9 and share < 1
 
 
@@ -154,9 +139,7 @@ def test_long_wild_paths_within_the_largest_radius_close(tmp_path: Path) -> None
     for design, _ in cases(tmp_path):
         closes = rp.prove(design, margin=0.01, seconds=2).closes
         for corners in (12, 90) if closes else ():
-            before, after, share = lifted_round(
-                design, closes, corners, rng, paths=50, step=0.3
-            )
+            before, after, share = lifted_round(design, closes, corners, rng, paths=50, step=0.3)
             assert np.abs(before - after).max() < 1e-9 and share < 1
 
 
@@ -212,9 +195,7 @@ def test_a_smaller_radius_is_proved_in_fewer_boxes(tmp_path: Path) -> None:
     design, _ = cases(tmp_path)[3]
     largest = rp.prove(design, margin=0.01, seconds=5).closes
     for share in (0.5, 0.1):
-        closes = rp.prove(
-            design, margin=0.01, seconds=5, closes=share * largest.metres
-        ).closes
+        closes = rp.prove(design, margin=0.01, seconds=5, closes=share * largest.metres).closes
         assert closes.metres >= share * largest.metres and closes.complete
         assert closes.boxes < largest.boxes / 10 and "asked" in closes.reason
 
@@ -241,9 +222,7 @@ def test_a_pose_is_inside_or_beyond_the_radius(panda_design: rp.Design) -> None:
     )
 
 
-def test_the_certificate_holds_the_radius(
-    panda_design: rp.Design, tmp_path: Path
-) -> None:
+def test_the_certificate_holds_the_radius(panda_design: rp.Design, tmp_path: Path) -> None:
     proof = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05))
     design = replace(panda_design, proof=proof)
     rp.save(design, tmp_path / "d.json")
@@ -271,9 +250,7 @@ def test_no_radius_says_why(panda_pose: rp.Task) -> None:
         (N, 1e-3, r"panda_joint\d may leave Ω, 0.001 rad away"),
         (J[:1] + 1e-3 * N, 0.1, "J_V is singular in Ω"),
     ):
-        design = design_of(
-            panda_pose, rp.Polynomial(q, 1).weighted(V.T), rp.Box(q, width)
-        )
+        design = design_of(panda_pose, rp.Polynomial(q, 1).weighted(V.T), rp.Box(q, width))
         closes = rp.prove(design, seconds=0.2).closes
         assert not closes and re.search(said, closes.words)
 

@@ -55,9 +55,7 @@ def cases(folder: Path) -> list[rp.Design]:
 
 
 def baxters_tray() -> rp.Design:
-    task = rp.Robot.load("baxter").task(
-        ["left_gripper", ("right_gripper", "pose", "left_gripper")]
-    )
+    task = rp.Robot.load("baxter").task(["left_gripper", ("right_gripper", "pose", "left_gripper")])
     basis = rp.Polynomial(HANDS, 1, 0.3)
     options = rp.FitOptions(samples=128, held_out=64)
     return rp.nearest_repeatable(
@@ -159,10 +157,7 @@ def test_wild_paths_of_both_hands_within_the_radius_close(tmp_path: Path) -> Non
         closes = rp.prove(design, margin=0.01, closes=0.001, seconds=3).closes
         assert closes, closes
         p, R = wild(closes, 8, rng)
-        begin = (
-            closes.positions.reshape(1, -1, 3),
-            closes.rotations.reshape(1, -1, 3, 3),
-        )
+        begin = (closes.positions.reshape(1, -1, 3), closes.rotations.reshape(1, -1, 3, 3))
         ahead = (np.concatenate([x, y[:1]]) for x, y in zip(begin, (p, R), strict=True))
         before, first = lift(design, closes.start, *ahead, 4)
         after, most = lift(design, before, p, R, 4)

@@ -36,23 +36,17 @@ def gen3(folder: Path) -> rp.Task:
     return rp.Robot.load(path).task("tool", "pose")
 
 
-def around_the_base(
-    task: rp.Task, q: np.ndarray, turns: int = 1
-) -> tuple[np.ndarray, np.ndarray]:
+def around_the_base(task: rp.Task, q: np.ndarray, turns: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Poses of the tool round the base's vertical axis, of constant orientation: positions
     (C + 1, 1, 3), rotations (C + 1, 1, 3, 3)."""
     pose = task.placement(q)
     a = np.linspace(0, 2 * np.pi * turns, 96 * turns + 1)
     x, y, z = pose.translation
-    p = np.stack(
-        [x * np.cos(a) - y * np.sin(a), x * np.sin(a) + y * np.cos(a), z + 0 * a], 1
-    )
+    p = np.stack([x * np.cos(a) - y * np.sin(a), x * np.sin(a) + y * np.cos(a), z + 0 * a], 1)
     return p[:, None], np.tile(pose.rotation, (len(a), 1, 1, 1))
 
 
-def ring_gap(
-    design: rp.Design, q: np.ndarray, turns: int = 1
-) -> tuple[float, float, bool]:
+def ring_gap(design: rp.Design, q: np.ndarray, turns: int = 1) -> tuple[float, float, bool]:
     """Follow the ring: how far from closed it is modulo 2π, the largest share of Ω used, and
     whether all of its poses are within the closing radius around the start."""
     p, R = around_the_base(design.task, q, turns)
@@ -71,14 +65,8 @@ def ring_gap(
 
 
 RINGS = {
-    "planar, r = 1": (
-        lambda _: rp.Robot.load("planar3r").task("tool", "xy"),
-        [0, 0.7, 0.5],
-    ),
-    "planar, r = 2": (
-        lambda _: rp.Robot.load("planar4r").task("tool", "xy"),
-        [0, 0.7, 0.5, 0.4],
-    ),
+    "planar, r = 1": (lambda _: rp.Robot.load("planar3r").task("tool", "xy"), [0, 0.7, 0.5]),
+    "planar, r = 2": (lambda _: rp.Robot.load("planar4r").task("tool", "xy"), [0, 0.7, 0.5, 0.4]),
     "Gen3": (gen3, [0, 0.6, 0.3, 1.7, 0.2, 0.8, 0]),
 }
 """Arms, and where their rings round the base begin."""
@@ -90,21 +78,15 @@ def test_a_tube_around_a_ring_that_does_not_close(case: str, tmp_path: Path) -> 
     make, start = RINGS[case]
     task, q = make(tmp_path), np.array(start, float)
     x, y, _ = task.placement(q).translation
-    path = rp.circle(
-        task, q, float(np.hypot(x, y)), start_angle=float(np.arctan2(y, x))
-    )
+    path = rp.circle(task, q, float(np.hypot(x, y)), start_angle=float(np.arctan2(y, x)))
     ways = rp.follow(rp.Pseudoinverse(task), path, q, cycles=1, steps=200).q
     options = rp.FitOptions(samples=1024, held_out=64)
     tube = rp.Tube(ways, 0.25)
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, tube, degree=2, options=options
-    )
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, tube, degree=2, options=options)
     closes = rp.prove(design, margin=0.01, closes=path, seconds=1).closes
     motion = rp.follow(design.inverse, path, q, cycles=1, steps=400).q
     gap = np.abs(motion[-1] - motion[0])
-    assert (
-        tube.ratio(motion).max() < 1 and np.sort(gap)[-2] > 0.1
-    )  # beside the turn of joint 1
+    assert tube.ratio(motion).max() < 1 and np.sort(gap)[-2] > 0.1  # beside the turn of joint 1
     assert not closes and "does not close" in closes.reason
 
 
@@ -125,10 +107,7 @@ def wide_design(seed: int, folder: Path) -> tuple[rp.Design, int] | None:
     if kind == 0:  # rings, and double ones
         a, b = rng.uniform(0.6, 1.6), rng.uniform(0.3, 1.2)
         wide = rng.uniform((3.2, 0.2, 0.2), (3.6, 0.55, 0.7))
-        task, box = (
-            rp.Robot.load("planar3r").task("tool", "xy"),
-            rp.Box((0, a, b), wide),
-        )
+        task, box = (rp.Robot.load("planar3r").task("tool", "xy"), rp.Box((0, a, b), wide))
         options = rp.FitOptions(samples=128, held_out=64)
         degree = int(rng.integers(1, 4))
         try:
@@ -140,9 +119,7 @@ def wide_design(seed: int, folder: Path) -> tuple[rp.Design, int] | None:
         return design, int(rng.integers(1, 3))
     if kind == 1:  # r = 2, round the base
         task = planar_task(rng.uniform(0.2, 0.6, 4).tolist(), folder)
-    elif (
-        kind == 2
-    ):  # arms that change their posture without a singularity, as cuspidal ones do
+    elif kind == 2:  # arms that change their posture without a singularity, as cuspidal ones do
         task = spatial_task(4, folder, kind="position", seed=seed)
     else:  # r = 2
         task = spatial_task(8, folder, kind="pose", seed=seed)

@@ -17,9 +17,7 @@ import repctl_pin as rp
 from repctl_pin.extensions.proof import leaf_margin_bounds, lifts
 
 
-def cases(
-    folder: Path,
-) -> list[tuple[leaf_margin_bounds.LeafMarginProblem, rp.Task, rp.Box]]:
+def cases(folder: Path) -> list[tuple[leaf_margin_bounds.LeafMarginProblem, rp.Task, rp.Box]]:
     out = []
     for seed, task in enumerate(
         [
@@ -41,9 +39,7 @@ def cases(
     return out
 
 
-def rounded(
-    problem: leaf_margin_bounds.LeafMarginProblem,
-) -> leaf_margin_bounds.LeafMarginProblem:
+def rounded(problem: leaf_margin_bounds.LeafMarginProblem) -> leaf_margin_bounds.LeafMarginProblem:
     """The same with so coarse an arithmetic that its rounding is seen in the bounds."""
     return replace(problem, eps=1e-6, round=1e6 * problem.round)
 
@@ -53,10 +49,7 @@ def norm(x: np.ndarray) -> np.ndarray:
 
 
 def in_numpy(
-    problem: leaf_margin_bounds.LeafMarginProblem,
-    q: np.ndarray,
-    h: np.ndarray,
-    ratio: float,
+    problem: leaf_margin_bounds.LeafMarginProblem, q: np.ndarray, h: np.ndarray, ratio: float
 ) -> np.ndarray | None:
     """Bounds (n,) in one box; None if J_V is not shown to be regular."""
     (chain,), n, N, eps = problem.chains, problem.n, problem.N, problem.eps
@@ -118,9 +111,7 @@ def differs(
         h = 10 ** rng.uniform(-3, -0.8, (K, 1)) * rng.uniform(0.2, 1, Q.shape)
         ratio = 2.0 if task.kind in ("pose", "axis") else 0.0
         ours = lifts.rate_bounds(problem, Q, h, np.ones_like(Q), ratio)[0]
-        theirs = [
-            in_numpy(problem, q, half, ratio) for q, half in zip(Q, h, strict=True)
-        ]
+        theirs = [in_numpy(problem, q, half, ratio) for q, half in zip(Q, h, strict=True)]
         both = [i for i, bound in enumerate(theirs) if bound is not None]
         assert len(both) > 0.2 * K
         for i in both:
@@ -129,9 +120,7 @@ def differs(
     return most
 
 
-def test_c_and_numpy_bound_the_same_rates(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_c_and_numpy_bound_the_same_rates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert differs(cases(tmp_path), kernels(), monkeypatch) < 1e-10
 
 

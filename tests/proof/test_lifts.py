@@ -24,10 +24,7 @@ MUTANTS = {
         "self.bound = np.full(self.low.shape, np.inf)",
         "self.bound = np.zeros(self.low.shape)",
     ),
-    "one joint decides a box": (
-        "joined[3]]).all(axis=1)",
-        "joined[3]]).any(axis=1)",
-    ),
+    "one joint decides a box": ("joined[3]]).all(axis=1)", "joined[3]]).any(axis=1)"),
     "boxes of a quarter": ("half = (high - low) / 2 *", "half = (high - low) / 4 *"),
     "one half of a box dropped": (
         "return low, high, self.place",
@@ -48,19 +45,13 @@ MUTANTS = {
     ),
     "the slowest joint": ("step = left.min(axis=1)", "step = left.max(axis=1)"),
     "joints that do not move": ("step[:, None] * finite", "0 * finite"),
-    "the best place": (
-        "worst = int(np.argmin(length))",
-        "worst = int(np.argmax(length))",
-    ),
+    "the best place": ("worst = int(np.argmin(length))", "worst = int(np.argmax(length))"),
     "more than the clearance": (
         "((places.clearance - width) /",
         "((2 * places.clearance - width) /",
     ),
     "no widest angle": ("min(radius, _WIDEST / self.ratio)", "radius"),
-    "rates of smaller boxes not kept": (
-        "rates = np.maximum.accumulate(rates, axis=1)",
-        "pass",
-    ),
+    "rates of smaller boxes not kept": ("rates = np.maximum.accumulate(rates, axis=1)", "pass"),
 }
 """What is wrong: a piece of lifts.py, and what is put in its place."""
 
@@ -77,9 +68,7 @@ def cases(folder: Path) -> list[tuple[rp.Design, float]]:
     return out
 
 
-def allowed(
-    design: rp.Design, places: Any, widths: np.ndarray, ratio: float
-) -> np.ndarray:
+def allowed(design: rp.Design, places: Any, widths: np.ndarray, ratio: float) -> np.ndarray:
     """Length that the largest sampled rates in the boxes allow at each place, (K,)."""
     rng, n = np.random.default_rng(1), design.task.n
     task, field, out = design.task, design.inverse.potentials, []
@@ -157,9 +146,7 @@ def is_sound(module: Any, given: list[tuple[rp.Design, float]]) -> bool:
 
 
 @pytest.mark.slow
-def test_lengths_of_rates_guessed_too_low(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lengths_of_rates_guessed_too_low(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert is_sound(wrong(monkeypatch, "lifts.py", "", ""), cases(tmp_path))
 
 

@@ -38,9 +38,7 @@ def test_a_circle_shrinks_and_so_do_the_motions_along_it(name: str) -> None:
         motion = rp.follow(inverse, loop, q0, cycles=1, steps=240)
         assert np.abs(motion.q[-1] - q0).max() < 1e-8
         half = rp.circle(task, q0, radius).placement(0.5)
-        half.translation = pose.translation + share * (
-            half.translation - pose.translation
-        )
+        half.translation = pose.translation + share * (half.translation - pose.translation)
         assert inverse.solve(half, q0) == pytest.approx(motion.q[120], abs=1e-7)
 
 
@@ -107,9 +105,7 @@ def test_both_hands_at_once() -> None:
 def test_wrong_arguments_are_named() -> None:
     inverse, problem = inverse_around("planar3r")
     with pytest.raises(rp.InputError, match="inverse"):
-        rp.path_certificate(
-            rp.Pseudoinverse(problem.task), problem.cycle, problem.start
-        )  # type: ignore[arg-type]
+        rp.path_certificate(rp.Pseudoinverse(problem.task), problem.cycle, problem.start)  # type: ignore[arg-type]
     with pytest.raises(rp.InputError, match="path"):
         rp.path_certificate(inverse, "circle", problem.start)  # type: ignore[arg-type]
     with pytest.raises(rp.InputError, match="start"):

@@ -25,16 +25,11 @@ def test_panda_s_box_is_proved_within_a_few_per_cent_of_the_sampled_margin(
     proof = rp.prove(panda_design, margin=0.5)
     assert proof and proof.proved and proof.leaf_margin >= 0.5 and proof.boxes < 20_000
     best = rp.prove(panda_design, seconds=20)
-    assert (
-        best
-        and 0.9 * panda_design.leaf_margin < best.leaf_margin < panda_design.leaf_margin
-    )
+    assert best and 0.9 * panda_design.leaf_margin < best.leaf_margin < panda_design.leaf_margin
     assert (
         0
         < best.sigma_min
-        < smallest_singular_values(
-            panda_design.task, panda_design.region.random(512, 0)
-        ).min()
+        < smallest_singular_values(panda_design.task, panda_design.region.random(512, 0)).min()
     )
     assert "proved: panda" in best.summary() and repr(best).startswith(
         "<Proof: proved, leaf margin > 0.7"
@@ -43,9 +38,7 @@ def test_panda_s_box_is_proved_within_a_few_per_cent_of_the_sampled_margin(
     assert margins(panda_design, Q).min() > best.leaf_margin
 
 
-def test_what_is_false_is_not_proved_and_the_place_is_shown(
-    panda_design: rp.Design,
-) -> None:
+def test_what_is_false_is_not_proved_and_the_place_is_shown(panda_design: rp.Design) -> None:
     proof = rp.prove(panda_design, margin=0.9)
     assert (
         not proof
@@ -67,33 +60,20 @@ def test_limit_margin_is_that_of_the_region(panda_design: rp.Design) -> None:
     assert proof and exact - 1e-12 < proof.limit_margin <= exact
 
 
-def test_a_tube_is_proved_with_all_that_lies_between_its_samples(
-    panda_design: rp.Design,
-) -> None:
+def test_a_tube_is_proved_with_all_that_lies_between_its_samples(panda_design: rp.Design) -> None:
     center = panda_design.region.center
-    samples = center + 0.3 * np.linspace(-1, 1, 5)[:, None] * np.array(
-        [1, -1, 1, -1, 1, -1, 1]
-    )
-    tube = rp.Tube(
-        samples, 0.01
-    )  # the samples are farther from each other than the radius
+    samples = center + 0.3 * np.linspace(-1, 1, 5)[:, None] * np.array([1, -1, 1, -1, 1, -1, 1])
+    tube = rp.Tube(samples, 0.01)  # the samples are farther from each other than the radius
     proof = rp.prove(panda_design, region=tube)
     between = (samples[1:] + samples[:-1]) / 2
     assert proof and not tube.contains(between).any()
     assert proof.leaf_margin < margins(panda_design, between).min()
-    assert (
-        proof.leaf_margin
-        > 0.9 * margins(panda_design, np.concatenate([between, samples])).min()
-    )
+    assert proof.leaf_margin > 0.9 * margins(panda_design, np.concatenate([between, samples])).min()
 
 
-def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(
-    panda_design: rp.Design,
-) -> None:
+def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(panda_design: rp.Design) -> None:
     task, box = panda_design.task, panda_design.region.shrunk(0.2)
-    region = rp.WorkspaceBox(
-        task, task.placement(box.center).translation, 0.05, within=box
-    )
+    region = rp.WorkspaceBox(task, task.placement(box.center).translation, 0.05, within=box)
     proof = rp.prove(panda_design, region=region, margin=0.8)
     assert proof
     assert proof.boxes == rp.prove(panda_design, region=box, margin=0.8).boxes
@@ -129,20 +109,15 @@ def planted(
         rp.redundancy.nullspace(task.jacobian(center)),
         rp.redundancy.nullspace(task.jacobian(at)),
     )
-    across = np.linalg.svd(N_at.T)[2][task.r :].T @ rng.standard_normal(
-        (task.n - task.r, task.r)
-    )
+    across = np.linalg.svd(N_at.T)[2][task.r :].T @ rng.standard_normal((task.n - task.r, task.r))
     V_at = across / np.linalg.norm(across)  # all of it in the row space of J
-    D = np.concatenate(
-        [potentials.gradients(center[None])[0], potentials.gradients(at[None])[0]]
-    )
+    D = np.concatenate([potentials.gradients(center[None])[0], potentials.gradients(at[None])[0]])
     A += np.linalg.lstsq(D, np.concatenate([N, V_at]) - D @ A, rcond=None)[0]
     return design_of(task, potentials.weighted(A), rp.Box(center, width))
 
 
 @pytest.mark.parametrize(
-    "seed",
-    [pytest.param(k, marks=[pytest.mark.slow] if k > 5 else []) for k in range(24)],
+    "seed", [pytest.param(k, marks=[pytest.mark.slow] if k > 5 else []) for k in range(24)]
 )
 def test_no_planted_singularity_is_proved_away(seed: int, tmp_path: Path) -> None:
     """A third inside the box, a third a little outside it, a third with none: the proof is never
@@ -159,9 +134,7 @@ def determinants_at(design: rp.Design, proof: rp.Proof) -> np.ndarray:
     return np.linalg.det(J_V)
 
 
-def check_planted(
-    seed: int, folder: Path, seconds: float = 0.25
-) -> tuple[float, float]:
+def check_planted(seed: int, folder: Path, seconds: float = 0.25) -> tuple[float, float]:
     """Hold a proof to a search of another kind: the margin that it proves, and the smallest that
     the search finds."""
     rng = np.random.default_rng(seed)
@@ -191,15 +164,12 @@ def check_planted(
             and proof.leaf_margin == 0
             and not rp.prove(design, margin=0, seconds=0.1, closes=False)
         )
-        if (
-            abs(where).max() < 0.9
-        ):  # nearer to an edge, one sign may have next to no room
+        if abs(where).max() < 0.9:  # nearer to an edge, one sign may have next to no room
             named = "singular between q = " in proof.reason
             assert named and np.prod(np.sign(determinants_at(design, proof))) < 0
     best = Q[np.argmin(found)]
-    for step in width * 0.5 ** np.arange(
-        1, 18
-    ):  # a search of another kind: shrinking random steps downhill
+    # a search of another kind: shrinking random steps downhill
+    for step in width * 0.5 ** np.arange(1, 18):
         tries = design.region.clip(best + step * rng.uniform(-1, 1, (64, task.n)))
         values = margins(design, tries)
         if values.min() < found.min():
@@ -231,15 +201,13 @@ def test_a_certificate_is_saved_with_the_design_and_holds_again(
     design = replace(panda_design, proof=proof)
     assert "at worst, proved > 0.6" in design.summary()
     loaded = rp.load(rp.save(design, tmp_path / "design.json"))
-    assert (
-        repr(loaded.proof) == repr(proof) and loaded.proof.summary() == proof.summary()
-    )
+    assert repr(loaded.proof) == repr(proof) and loaded.proof.summary() == proof.summary()
     again = rp.prove(loaded, margin=0.6)
     assert (again.leaf_margin, again.boxes) == (proof.leaf_margin, proof.boxes)
     without = rp.load(rp.save(panda_design, tmp_path / "design.json"))
-    assert without.proof is None and "proof" not in (
-        tmp_path / "design.json"
-    ).read_text(encoding="utf-8")
+    assert without.proof is None and "proof" not in (tmp_path / "design.json").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_the_commands_prove_and_check_what_they_saved(
@@ -267,9 +235,7 @@ def test_the_commands_prove_and_check_what_they_saved(
     assert main(["check", str(tmp_path / "out" / "design.json"), "--prove"]) == 0
     said = capsys.readouterr().out
     assert "(asked: " in said and said.startswith("proved")
-    assert "mutually exclusive" in refused(
-        capsys, "check", file, "--prove", "--region", "0.1"
-    )
+    assert "mutually exclusive" in refused(capsys, "check", file, "--prove", "--region", "0.1")
     assert "requires a saved design" in refused(capsys, "check", "panda", "--prove")
 
 

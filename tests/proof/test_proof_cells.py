@@ -22,10 +22,7 @@ def function_over(
 ) -> rp.CellDesign:
     cell = rp.Cell(task, placement, half_width, rotation)
     return rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        degree=3,
-        options=rp.FitOptions(samples=256, held_out=256),
+        rp.Pseudoinverse(task), cell, degree=3, options=rp.FitOptions(samples=256, held_out=256)
     )
 
 
@@ -57,11 +54,7 @@ def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> flo
     good = bounds.leaf_margin > 0
     used = 0.0
     for trial in range(12):
-        way = (
-            np.sign(rng.standard_normal(Uc.shape))
-            if trial % 2
-            else rng.uniform(-1, 1, Uc.shape)
-        )
+        way = np.sign(rng.standard_normal(Uc.shape)) if trial % 2 else rng.uniform(-1, 1, Uc.shape)
         points = chart.solve(Uc + half * way, np.zeros((count, task.r)))
         inside = (np.abs(points.Q - Q) / reach)[good]
         used = max(used, float(inside.max()))
@@ -70,9 +63,7 @@ def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> flo
         assert (leaf_margins(chart, points) >= bounds.leaf_margin - 1e-9).all()
         sigma = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)[:, -1]
         assert (sigma >= bounds.sigma_min - 1e-9).all()
-        assert (
-            task.limit_margin(points.Q).min(axis=1) >= bounds.limit_margin - 1e-9
-        ).all()
+        assert (task.limit_margin(points.Q).min(axis=1) >= bounds.limit_margin - 1e-9).all()
     assert used > 0.5
     return float(good.mean())
 
@@ -84,31 +75,21 @@ def test_the_function_stays_in_the_boxes_it_is_enclosed_in(
     assert check_enclosures(turned, 0.05) > 0.9
 
 
-def test_a_cell_is_proved_near_to_what_was_found(
-    places: rp.CellDesign, tmp_path: Path
-) -> None:
+def test_a_cell_is_proved_near_to_what_was_found(places: rp.CellDesign, tmp_path: Path) -> None:
     proof = rp.prove(places)
     assert proof and "is the only solution" in proof.what
     assert 0.9 * places.leaf_margin <= proof.leaf_margin <= places.leaf_margin + 1e-9
-    assert (
-        places.limit_margin_worst - 0.05
-        < proof.limit_margin
-        <= places.limit_margin_worst + 1e-6
-    )
+    assert places.limit_margin_worst - 0.05 < proof.limit_margin <= places.limit_margin_worst + 1e-6
     U = places.cell.sample(2048, 5)
     Q = places.function.batch(U)
     assert places.task.limit_margin(Q).min() >= proof.limit_margin
     certain = replace(places, proof=proof)
-    assert (
-        "proved > 0.9" in certain.summary() and "found, not proved" in places.summary()
-    )
+    assert "proved > 0.9" in certain.summary() and "found, not proved" in places.summary()
     loaded = rp.load(rp.save(certain, tmp_path / "cell.json"))
     assert repr(loaded.proof) == repr(proof)
 
 
-def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(
-    places: rp.CellDesign,
-) -> None:
+def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(places: rp.CellDesign) -> None:
     asked = places.limit_margin_worst + 0.02
     proof = rp.prove(places, limit_margin=asked)
     assert not proof and proof.reason.startswith("the limit margin there is")
@@ -118,12 +99,8 @@ def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(
 
 def test_a_cell_that_is_not_covered_is_not_proved(places: rp.CellDesign) -> None:
     chart = places.function.chart
-    beyond = rp.InverseFunction(
-        replace(chart, cell=places.cell.scaled(6.0)), keep_limits=False
-    )
-    proof = rp.prove(
-        replace(places, function=beyond), margin=0, limit_margin=-9.0, seconds=20
-    )
+    beyond = rp.InverseFunction(replace(chart, cell=places.cell.scaled(6.0)), keep_limits=False)
+    proof = rp.prove(replace(places, function=beyond), margin=0, limit_margin=-9.0, seconds=20)
     assert (
         not proof
         and proof.leaf_margin == 0
@@ -141,11 +118,7 @@ def test_an_arm_with_a_prismatic_joint_is_enclosed_too(tmp_path: Path) -> None:
     cell = rp.Cell(task, task.placement(q), 0.02, 0.02)
     desired = rp.Pseudoinverse(task)
     found = rp.nearest_inverse_function(
-        desired,
-        cell,
-        posture=q,
-        degree=2,
-        options=rp.FitOptions(samples=256, held_out=256),
+        desired, cell, posture=q, degree=2, options=rp.FitOptions(samples=256, held_out=256)
     )
     assert check_enclosures(found, 0.02, 12) > 0.5
 
@@ -274,9 +247,7 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
     rng, chart = np.random.default_rng(1), found.function.chart
     for _ in range(34):
         U = rng.uniform(-1, 1, (10_000, 6))
-        U[::2] = (
-            np.sign(U[::2]) * np.abs(U[::2]) ** 0.1
-        )  # half of them near the boundary
+        U[::2] = np.sign(U[::2]) * np.abs(U[::2]) ** 0.1  # half of them near the boundary
         points = chart.solve(U, np.zeros((len(U), 1)))
         assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
         s = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)

@@ -71,9 +71,7 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(tmp_path: Path) -> No
             half = width * rng.uniform(0.2, 1.0, Q.shape)
             found = problem.bounds(Q, half)
             way = rng.uniform(-1, 1, (24, *Q.shape))
-            points = Q + half * np.where(
-                np.arange(24)[:, None, None] % 2, way, np.sign(way)
-            )
+            points = Q + half * np.where(np.arange(24)[:, None, None] % 2, way, np.sign(way))
             true = margins(design, points.reshape(-1, 7)).reshape(24, -1).min(axis=0)
             sigma = smallest_singular_values(task, points.reshape(-1, 7))
             assert (found.leaf_margin <= true + 1e-9).all()
@@ -94,8 +92,7 @@ def test_whole_boxes_are_proved_and_samples_do_not_contradict(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "seed",
-    [pytest.param(k, marks=[pytest.mark.slow] if k else []) for k in range(6)],
+    "seed", [pytest.param(k, marks=[pytest.mark.slow] if k else []) for k in range(6)]
 )
 def test_no_planted_singularity_is_proved_away(seed: int, tmp_path: Path) -> None:
     task, rng = tasks(tmp_path)[1 + seed % 2], np.random.default_rng(seed)
@@ -110,10 +107,7 @@ def test_no_planted_singularity_is_proved_away(seed: int, tmp_path: Path) -> Non
 def off(problem: Any, library: object) -> float:
     """The largest relative difference of C's expansion of J_V from NumPy's."""
     h = np.full(7, 0.02)
-    ours, theirs = (
-        expanded(library, problem, Q0, h),
-        expansion(kernels(), problem, Q0, h),
-    )
+    ours, theirs = (expanded(library, problem, Q0, h), expansion(kernels(), problem, Q0, h))
     return max(
         float(np.abs(ours[name] - theirs[name]).max() / np.abs(theirs[name]).max())
         for name in ("A", "R", "B")
@@ -126,14 +120,8 @@ def test_frames_stand_one_below_the_other(tmp_path: Path) -> None:
 
 
 FRAMES = {
-    "one frame's rows": (
-        "columns(chain, theta, 6 * f,",
-        "columns(chain, theta, 0 * f,",
-    ),
-    "one frame's remainders": (
-        "const double *x = A[i] + 6 * f;",
-        "const double *x = A[i];",
-    ),
+    "one frame's rows": ("columns(chain, theta, 6 * f,", "columns(chain, theta, 0 * f,"),
+    "one frame's remainders": ("const double *x = A[i] + 6 * f;", "const double *x = A[i];"),
     "the first frame only": (
         "const Chain *chain = g->frame + f;",
         "const Chain *chain = g->frame;",

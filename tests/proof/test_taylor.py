@@ -86,9 +86,7 @@ def ratios(library: ctypes.CDLL) -> list[float]:
         z = power(library, 1, size, middle)
         w = np.sqrt(z.true)
         s = np.sin(w) / w
-        found += z.off(
-            EXPONENTIAL, np.cos(w), s, (1 - np.cos(w)) / w**2, (1 - s) / w**2
-        )
+        found += z.off(EXPONENTIAL, np.cos(w), s, (1 - np.cos(w)) / w**2, (1 - s) / w**2)
     rng = np.random.default_rng(0)
     for s in (0.5, -0.5, -1.0):
         for middle in rng.uniform(0.1, 3, 20):
@@ -107,10 +105,7 @@ def test_every_bound_of_a_taylor_model_is_attained() -> None:
 
 @pytest.mark.parametrize(
     "mutant",
-    [
-        pytest.param(m, marks=[pytest.mark.slow] if i > 1 else [])
-        for i, m in enumerate(TAYLOR)
-    ],
+    [pytest.param(m, marks=[pytest.mark.slow] if i > 1 else []) for i, m in enumerate(TAYLOR)],
 )
 def test_a_wrong_taylor_model_is_noticed(mutant: str) -> None:
     assert max(ratios(kernels("taylor.h", *TAYLOR[mutant]))) > 1 + 1e-5
@@ -163,6 +158,4 @@ def test_a_cell_s_function_and_gradients_hold_in_ball_arithmetic(count: int) -> 
 def float_sum(P: np.ndarray, T: np.ndarray) -> object:
     from flint import arb
 
-    return sum(
-        (arb(float(c)) * arb(float(x)) for c, x in zip(P, T, strict=True)), arb(0)
-    )
+    return sum((arb(float(c)) * arb(float(x)) for c, x in zip(P, T, strict=True)), arb(0))

@@ -16,11 +16,7 @@ RATE = 50.0
 """Rows of a log per second."""
 
 MOTIONS = (
-    *[
-        ("planar3r", radius, control)
-        for radius in (0.1, 0.2)
-        for control in ("J⁺", "weighted")
-    ],
+    *[("planar3r", radius, control) for radius in (0.1, 0.2) for control in ("J⁺", "weighted")],
     *[("ppr", 0.1, control) for control in ("J⁺", "weighted")],
     *[("panda", radius, "J⁺") for radius in (0.03, 0.1)],
     *[("planar7r", 0.3, control) for control in ("J⁺", "weighted")],
@@ -37,9 +33,7 @@ class Log:
         The log.
     """
 
-    def __init__(
-        self, motion: rp.Motion, *, noise: float = 1e-4, seed: int = 0
-    ) -> None:
+    def __init__(self, motion: rp.Motion, *, noise: float = 1e-4, seed: int = 0) -> None:
         rng = np.random.default_rng(seed)
         self.motion, self.period = motion, motion.t[-1] / motion.cycles
         clock = motion.t.copy()
@@ -50,15 +44,11 @@ class Log:
         for start in rng.uniform(0, t[-1], 3):
             t = t[(t < start) | (t > start + 0.7 * self.period)]
         self.t = t + 1e9  # as times of day are
-        self.q = self.at(self._when(t)) + noise * rng.standard_normal(
-            (len(t), motion.task.n)
-        )
+        self.q = self.at(self._when(t)) + noise * rng.standard_normal((len(t), motion.task.n))
 
     def at(self, when: np.ndarray) -> np.ndarray:
         """The joints of the motion itself."""
-        return np.stack(
-            [np.interp(when, self.motion.t, x) for x in self.motion.q.T], axis=1
-        )
+        return np.stack([np.interp(when, self.motion.t, x) for x in self.motion.q.T], axis=1)
 
     def _when(self, t: np.ndarray) -> np.ndarray:
         return np.interp(t, self._clock, self.motion.t)
@@ -73,9 +63,7 @@ class Log:
         task, drawn = self.motion.task, Drawn(self.motion.task.robot)
         placed = drawn.placements(task.to_robot(q))
         ways = [
-            np.einsum(
-                "Nij,Pj->PNi", placed[:, s, :3], np.c_[points, np.ones(len(points))]
-            )
+            np.einsum("Nij,Pj->PNi", placed[:, s, :3], np.c_[points, np.ones(len(points))])
             for s, points in enumerate(drawn.points)
             if drawn.links[s] == found.links[found.part]
         ]
@@ -89,9 +77,7 @@ class Log:
 def slopes(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The median of the slopes of all pairs, one pair after the other."""
     pairs = [(i, k) for i in range(len(t)) for k in range(i + 1, len(t))]
-    return np.median(
-        [(values[k] - values[i]) / (t[k] - t[i]) for i, k in pairs], axis=0
-    )
+    return np.median([(values[k] - values[i]) / (t[k] - t[i]) for i, k in pairs], axis=0)
 
 
 @pytest.fixture(scope="module")
@@ -99,9 +85,7 @@ def problems() -> dict[str, rp.Problem]:
     return {name: rp.Problem(name) for name in {name for name, *_ in MOTIONS}}
 
 
-def motion_of(
-    problem: rp.Problem, radius: float, control: str, cycles: int = 9
-) -> rp.Motion:
+def motion_of(problem: rp.Problem, radius: float, control: str, cycles: int = 9) -> rp.Motion:
     task = problem.task
     inverse = rp.Pseudoinverse(task)
     if control == "weighted":
@@ -125,9 +109,7 @@ def test_the_creep_of_a_log_is_that_of_the_motion(
     assert np.abs(found.joints.rate - joints).max() < 0.05 * np.abs(joints).max()
 
 
-def test_a_repeatable_controllers_log_has_no_creep(
-    problems: dict[str, rp.Problem],
-) -> None:
+def test_a_repeatable_controllers_log_has_no_creep(problems: dict[str, rp.Problem]) -> None:
     problem = problems["planar3r"]
     task = problem.task
     design = rp.nearest_repeatable(
@@ -136,9 +118,7 @@ def test_a_repeatable_controllers_log_has_no_creep(
         problem.region,
         options=rp.FitOptions(samples=256, held_out=256),
     )
-    motion = rp.follow(
-        design.inverse, problem.path, problem.start, cycles=9, steps=100, period=4.0
-    )
+    motion = rp.follow(design.inverse, problem.path, problem.start, cycles=9, steps=100, period=4.0)
     for seed in range(8):  # chance would find a creep in one log of 20
         log = Log(motion, seed=seed, noise=0.0 if seed == 0 else 1e-3)
         found = rp.audit((log.t, log.q), task)
@@ -190,25 +170,18 @@ def test_full_turns_of_a_joint_without_limits_are_no_creep() -> None:
     q = np.tile(task.reference, (len(t), 1))
     endless = int(np.flatnonzero(np.isinf(task.upper))[0])
     q[:, endless] += 2 * np.pi * t / 8
-    for log in (
-        q,
-        np.where(np.isinf(task.upper), (q + np.pi) % (2 * np.pi) - np.pi, q),
-    ):
+    for log in (q, np.where(np.isinf(task.upper), (q + np.pi) % (2 * np.pi) - np.pi, q)):
         found = rp.audit((t, log), task)
         assert found.repeats and not found.creeps, found.summary()
 
 
-def test_wrong_units_and_orders_are_named(
-    problems: dict[str, rp.Problem], tmp_path: Path
-) -> None:
+def test_wrong_units_and_orders_are_named(problems: dict[str, rp.Problem], tmp_path: Path) -> None:
     task = problems["panda"].task
     log = Log(motion_of(problems["panda"], 0.03, "J⁺", cycles=3))
     with pytest.raises(rp.InputError, match="look like degrees; pass degrees=True"):
         rp.audit((log.t, np.degrees(log.q)), task)
     assert rp.audit((log.t, np.degrees(log.q)), task, degrees=True).returns == 2
-    file = write(
-        tmp_path / "log.csv", [f"q{i}" for i in range(1, 8)], log.t, log.q[:, ::-1]
-    )
+    file = write(tmp_path / "log.csv", [f"q{i}" for i in range(1, 8)], log.t, log.q[:, ::-1])
     with pytest.raises(rp.InputError, match="in reversed order; name the columns"):
         rp.audit(file, task)
     file = write(tmp_path / "log.csv", task.joint_names[::-1], log.t, log.q[:, ::-1])
@@ -235,9 +208,7 @@ def test_logs_of_many_forms_are_the_same_log(
     forms = [
         write(tmp_path / "names.csv", names, log.t, log.q),
         write(tmp_path / "order.csv", ["j[0]", "j[1]", "j[2]"], log.t, log.q),
-        write(
-            tmp_path / "longer.csv", [f"/arm/{n}.position" for n in names], log.t, log.q
-        ),
+        write(tmp_path / "longer.csv", [f"/arm/{n}.position" for n in names], log.t, log.q),
         tmp_path / "table.npz",
         tmp_path / "single.npz",
     ]
@@ -253,23 +224,11 @@ def test_logs_of_many_forms_are_the_same_log(
     ("text", "said"),
     [
         ("a,b\n1,2\n", "no column of times among a, b; name one time, in s"),
-        (
-            "time,x\n1,2\n",
-            "no column is named as a joint; name the columns theta1, theta2",
-        ),
+        ("time,x\n1,2\n", "no column is named as a joint; name the columns theta1, theta2"),
         ("time,theta1,theta2\n1,2,3\n", "no column is named theta3"),
-        (
-            "time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,1\n1,1,1,1\n",
-            "line 4: time runs backwards",
-        ),
-        (
-            "time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,nan\n",
-            "1 rows with numbers, too few",
-        ),
-        (
-            "time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,x\n",
-            "line 3: 'x' is not a number",
-        ),
+        ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,1\n1,1,1,1\n", "line 4: time runs backwards"),
+        ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,nan\n", "1 rows with numbers, too few"),
+        ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,x\n", "line 3: 'x' is not a number"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(
@@ -307,9 +266,7 @@ def test_the_command_answers_in_24_rows_and_writes_its_files(
     assert said.count(" off") == 0 and "The elbow is not" not in said  # one measure
     assert (tmp_path / "repctl-out/arm/audit.png").stat().st_size > 10_000
     write(tmp_path / "deg.csv", task.joint_names, log.t, np.degrees(log.q))
-    assert "degrees; use --degrees" in refused(
-        capsys, "audit", "deg.csv", "--robot", "planar3r"
-    )
+    assert "degrees; use --degrees" in refused(capsys, "audit", "deg.csv", "--robot", "planar3r")
     part = log.t < log.t[0] + 3
     write(tmp_path / "short.csv", task.joint_names, log.t[part], log.q[part])
     assert main(["audit", "short.csv", "--robot", "planar3r"]) == 0

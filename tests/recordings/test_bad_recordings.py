@@ -41,16 +41,12 @@ def test_right_recordings_are_taken(
 ) -> None:
     noisy = poses * [1, 1, 1, 1.004, 1.004, 1.004, 1.004] + [1e-3, 0, 0, 0, 0, 0, 0]
     made = rp.Recording(panda_pose, joints=joints, poses=noisy)
-    assert (
-        np.abs(made.rotations @ made.rotations.swapaxes(1, 2) - np.eye(3)).max() < 1e-12
-    )
+    assert np.abs(made.rotations @ made.rotations.swapaxes(1, 2) - np.eye(3)).max() < 1e-12
     matrices = rp.Recording(panda_pose, poses=made.homogeneous.astype(np.float32))
     assert np.abs(matrices.rotations - made.rotations).max() < 1e-6
 
 
-def test_units_are_suspected(
-    panda_pose: rp.Task, joints: np.ndarray, poses: np.ndarray
-) -> None:
+def test_units_are_suspected(panda_pose: rp.Task, joints: np.ndarray, poses: np.ndarray) -> None:
     thousand = np.where(np.arange(7) < 3, 1000.0, 1.0)
     text = refused(panda_pose, poses=poses * thousand)
     assert "they look like millimetres; divide them by 1000" in text
@@ -64,9 +60,7 @@ def test_quaternions_that_are_none_are_refused(
 ) -> None:
     wrong = poses.copy()
     wrong[17, 3:] *= 1.3
-    with pytest.raises(
-        rp.InputError, match=r"a quaternion has length 1\.3, not 1"
-    ) as caught:
+    with pytest.raises(rp.InputError, match=r"a quaternion has length 1\.3, not 1") as caught:
         rp.Recording(panda_pose, poses=wrong)
     assert caught.value.at == 17
     rolled = poses[:, [0, 1, 2, 6, 3, 4, 5]]
@@ -83,19 +77,12 @@ def test_another_order_of_the_joints_is_found(
     order: list[int], panda_pose: rp.Task, joints: np.ndarray, poses: np.ndarray
 ) -> None:
     text = refused(panda_pose, joints=joints[:, order], poses=poses)
-    assert (
-        "the joints are in another order; give them in the order panda_joint1, " in text
-    )
+    assert "the joints are in another order; give them in the order panda_joint1, " in text
 
 
-def test_without_poses_limits_show_another_order(
-    panda_pose: rp.Task, joints: np.ndarray
-) -> None:
+def test_without_poses_limits_show_another_order(panda_pose: rp.Task, joints: np.ndarray) -> None:
     text = refused(panda_pose, joints=joints[:, ::-1])
-    assert (
-        "is outside its limits in 100 % of the frames; give the joints in the order"
-        in text
-    )
+    assert "is outside its limits in 100 % of the frames; give the joints in the order" in text
 
 
 def test_poses_of_another_frame_or_base_are_recognised(
@@ -107,17 +94,13 @@ def test_poses_of_another_frame_or_base_are_recognised(
     text = refused(panda_pose, joints=joints, poses=flange)
     assert "the poses are of a frame at (0.1, 0, 0.2) m in panda_hand_tcp" in text
     table = np.array([pin.SE3ToXYZQUAT(moved * x) for x in there])
-    assert "the poses are in another base frame" in refused(
-        panda_pose, joints=joints, poses=table
-    )
+    assert "the poses are in another base frame" in refused(panda_pose, joints=joints, poses=table)
     random = np.array([pin.SE3ToXYZQUAT(x) for x in reversed(there)])
     text = refused(panda_pose, joints=joints, poses=random)
     assert "forward kinematics of the joints misses the poses by" in text
 
 
-def test_times_increase_within_a_session(
-    panda_pose: rp.Task, joints: np.ndarray
-) -> None:
+def test_times_increase_within_a_session(panda_pose: rp.Task, joints: np.ndarray) -> None:
     times = 0.1 * np.arange(K)
     times[30:] -= 3.0
     text = refused(panda_pose, joints=joints, times=times)
@@ -125,9 +108,7 @@ def test_times_increase_within_a_session(
         "the time 0 s follows 2.9 s, but must increase within a session; sort the frames by time, "
         "or number the sessions"
     )
-    made = rp.Recording(
-        panda_pose, joints=joints, times=times, sessions=np.arange(K) // 30
-    )
+    made = rp.Recording(panda_pose, joints=joints, times=times, sessions=np.arange(K) // 30)
     assert made.names == ("0", "1")
     times[5] = np.nan
     assert "a time is not finite" in refused(panda_pose, joints=joints, times=times)
@@ -165,29 +146,20 @@ ROWS = "".join(f"{0.3 + 0.01 * i},0.8,0.8\n" for i in range(5))
         (PLANAR + ROWS + "0.1,0.2\n", "line 7: 2 fields, but the header has 3"),
         (PLANAR + ROWS + "0.1,x,0.2\n", "line 7: 'x' is not a number"),
         (PLANAR + ROWS + "0.1,nan,0.2\n", "line 7: theta2 is not a finite number"),
-        (
-            "time," + PLANAR + "0,1,1,1\n\n2,1,1,1\n1,1,1,1\n",
-            "line 5: the time 1 s follows 2 s",
-        ),
+        ("time," + PLANAR + "0,1,1,1\n\n2,1,1,1\n1,1,1,1\n", "line 5: the time 1 s follows 2 s"),
         ("theta1,theta2,theta3\n" + '0,"a\nb\n' * 2, "line"),
     ],
 )
-def test_csv_files_are_refused_with_the_line(
-    text: str, says: str, tmp_path: Path
-) -> None:
+def test_csv_files_are_refused_with_the_line(text: str, says: str, tmp_path: Path) -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     file = tmp_path / "demos.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(rp.InputError) as caught:
         rp.Recording.read(file, task)
-    assert says in str(caught.value) and str(caught.value).startswith(str(file)), (
-        caught.value
-    )
+    assert says in str(caught.value) and str(caught.value).startswith(str(file)), caught.value
 
 
-def test_other_files_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 no archive")
     np.savez(tmp_path / "b.npz", joints=np.zeros((3, 3)), time=np.zeros(2))
@@ -203,9 +175,7 @@ def test_other_files_are_refused(
             rp.Recording.read(tmp_path / name, task)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setattr("repctl_pin.errors.find_spec", lambda name: None)
-    with pytest.raises(
-        rp.InputError, match=r"requires pyarrow, which is not installed"
-    ):
+    with pytest.raises(rp.InputError, match=r"requires pyarrow, which is not installed"):
         rp.Recording.read(tmp_path / "f.parquet", task)
 
 
@@ -214,16 +184,12 @@ def test_a_frame_far_from_the_cell_is_refused_by_name(panda_pose: rp.Task) -> No
     q0 = np.array([0.3, 0.8, 0.8])
     few = rp.FitOptions(samples=64, held_out=64)
     cell = rp.Cell(task, task.placement(q0), 0.05)
-    design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, degree=1, options=few
-    )
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=few)
     far = rp.Recording(task, joints=q0 + 0.5 + 0.01 * np.arange(9)[:, None])
     with pytest.raises(rp.InputError, match="no frame has a configuration in the cell"):
         rp.relabel(far, design=design)
     with pytest.raises(rp.InputError, match="the recording is for"):
-        rp.relabel(
-            rp.Recording(panda_pose, joints=[panda_pose.reference]), design=design
-        )
+        rp.relabel(rp.Recording(panda_pose, joints=[panda_pose.reference]), design=design)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3, 2e-3])
@@ -239,12 +205,9 @@ def test_an_offset_of_tool_or_base_is_told_from_noise(
         rows = []
         for q in joints:
             error = pin.SE3(
-                pin.exp3(2 * noise * rng.standard_normal(3)),
-                noise * rng.standard_normal(3),
+                pin.exp3(2 * noise * rng.standard_normal(3)), noise * rng.standard_normal(3)
             )
-            rows.append(
-                pin.SE3ToXYZQUAT(before * panda_pose.placement(q) * after * error)
-            )
+            rows.append(pin.SE3ToXYZQUAT(before * panda_pose.placement(q) * after * error))
         return np.array(rows)
 
     none = pin.SE3.Identity()

@@ -51,19 +51,16 @@ def test_measured_positions_come_first(
     for file in (first, second):
         found = rp.audit(file, task)
         assert np.allclose(found.log.q, q)
-        assert found.notes[0].endswith(
-            f"joints from {names[1][0]} to {names[1][2]}"
-        ) or ("cmd_" in right and found.notes[0].endswith("not measured"))
+        assert found.notes[0].endswith(f"joints from {names[1][0]} to {names[1][2]}") or (
+            "cmd_" in right and found.notes[0].endswith("not measured")
+        )
 
 
 @pytest.mark.parametrize(
     ("forms", "said"),
     [
         (["d{}"], "there are no joint positions: the columns dq1, dq2, dq3"),
-        (
-            ["a.{}.position", "b.{}.position"],
-            "several columns may be the joint positions",
-        ),
+        (["a.{}.position", "b.{}.position"], "several columns may be the joint positions"),
         (["left_{}", "right_{}"], "left_q1 to left_q3; right_q1 to right_q3"),
     ],
 )
@@ -79,9 +76,7 @@ def test_other_columns_are_refused_with_the_list(
         rp.audit(file, task)
 
 
-@pytest.mark.parametrize(
-    ("unit", "count"), [("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)]
-)
+@pytest.mark.parametrize(("unit", "count"), [("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
 @pytest.mark.parametrize("begin", [0.0, 3000.0, 1.7e9])
 def test_units_of_time_are_told_apart(
     unit: str, count: float, begin: float, task: rp.Task, log: tuple, tmp_path: Path
@@ -102,9 +97,7 @@ def test_an_ambiguous_unit_is_refused_and_a_name_says_it(
     q = log[1][:1] + 1e-4 * (log[1] - log[1][:1])
     t = 0.3 * np.arange(len(q))
     file = saved(tmp_path / "log.csv", ["time", *JOINTS], t, q)
-    with pytest.raises(
-        rp.InputError, match="s or ms; name the column time_s or time_ms"
-    ):
+    with pytest.raises(rp.InputError, match="s or ms; name the column time_s or time_ms"):
         rp.audit(file, task)
     file = saved(tmp_path / "log.csv", ["time_s", *JOINTS], t, q)
     assert np.ptp(rp.audit(file, task).log.t) == pytest.approx(np.ptp(t))

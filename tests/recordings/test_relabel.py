@@ -43,13 +43,9 @@ def session(task: rp.Task, seed: int, elbow: float) -> np.ndarray:
 @pytest.fixture(scope="module")
 def recording(task: rp.Task) -> rp.Recording:
     """Four sessions from four elbows."""
-    Q = [
-        session(task, seed, elbow) for seed, elbow in enumerate((-0.4, -0.2, 0.2, 0.6))
-    ]
+    Q = [session(task, seed, elbow) for seed, elbow in enumerate((-0.4, -0.2, 0.2, 0.6))]
     sessions = np.repeat(["a", "b", "c", "d"], len(TIMES))
-    return rp.Recording(
-        task, joints=np.concatenate(Q), times=np.tile(TIMES, 4), sessions=sessions
-    )
+    return rp.Recording(task, joints=np.concatenate(Q), times=np.tile(TIMES, 4), sessions=sessions)
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +56,7 @@ def relabeled(recording: rp.Recording) -> rp.Relabeled:
 def test_equal_poses_get_equal_joints(relabeled: rp.Relabeled) -> None:
     task, recording = relabeled.recording.task, relabeled.recording
     assert relabeled.found.all() and not relabeled.gaps
-    assert (
-        np.abs(task.positions(relabeled.joints) - recording.positions)[:, :2].max()
-        < 1e-9
-    )
+    assert np.abs(task.positions(relabeled.joints) - recording.positions)[:, :2].max() < 1e-9
     F, c = relabeled.design.function, relabeled.leaf
     again = F.batch(recording.homogeneous, leaf=c)
     assert np.abs(again - relabeled.joints).max() < 1e-9
@@ -98,27 +91,18 @@ def test_a_leaf_that_would_break_a_limit_is_moved_towards_0(task: rp.Task) -> No
 def test_frames_outside_the_cell_are_listed_by_time(relabeled: rp.Relabeled) -> None:
     task, small = relabeled.recording.task, relabeled.design.cell.scaled(0.8)
     design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        small,
-        degree=1,
-        options=rp.FitOptions(samples=64, held_out=64),
+        rp.Pseudoinverse(task), small, degree=1, options=rp.FitOptions(samples=64, held_out=64)
     )
     done = rp.relabel(relabeled.recording, design=design)
     lost = np.flatnonzero(~done.found)
     assert (
-        0
-        < len(lost)
-        == sum(gap.frames for gap in done.gaps)
-        == np.isnan(done.joints[:, 0]).sum()
+        0 < len(lost) == sum(gap.frames for gap in done.gaps) == np.isnan(done.joints[:, 0]).sum()
     )
     assert {gap.why for gap in done.gaps} == {"outside the cell"}
     first, times = done.gaps[0], done.recording.times
     assert times is not None and first.start == times[lost[0]]
     assert first.session == done.recording.names[done.recording.session[lost[0]]]
-    assert (
-        f"session {first.session}: {first.start:g}" in done.summary()
-        or len(done.gaps) > 3
-    )
+    assert f"session {first.session}: {first.start:g}" in done.summary() or len(done.gaps) > 3
 
 
 def test_poses_without_joints_are_labelled(relabeled: rp.Relabeled) -> None:
@@ -208,9 +192,7 @@ def test_files_keep_their_other_columns(
     file = relabeled.save(tmp_path / f"new.{suffix}")
     again = rp.Recording.read(file, relabeled.recording.task)
     assert again.joints is not None and np.array_equal(again.joints, relabeled.joints)
-    assert again.names == ("a", "b", "c", "d") and np.array_equal(
-        again.times, np.tile(TIMES, 4)
-    )
+    assert again.names == ("a", "b", "c", "d") and np.array_equal(again.times, np.tile(TIMES, 4))
     done = rp.relabel(again, design=relabeled.design)
     second = done.save(tmp_path / f"second.{suffix}")
     if suffix == "csv":
@@ -228,8 +210,7 @@ def test_arrays_with_a_gripper_and_other_columns_are_kept(
     columns = {"observation.state": state, "extra": np.arange(len(Q))}
     np.savez(tmp_path / "a.npz", **columns, poses=poses, pose=names)
     done = rp.relabel(
-        rp.Recording.read(tmp_path / "a.npz", relabeled.recording.task),
-        design=relabeled.design,
+        rp.Recording.read(tmp_path / "a.npz", relabeled.recording.task), design=relabeled.design
     )
     with np.load(done.save(tmp_path / "b.npz")) as made:
         assert np.array_equal(made["extra"], np.arange(len(Q)))
@@ -238,12 +219,8 @@ def test_arrays_with_a_gripper_and_other_columns_are_kept(
         assert np.array_equal(made["observation.state"][:, :3], done.joints)
 
 
-def test_velocities_of_the_old_joints_are_dropped(
-    task: rp.Task, tmp_path: Path
-) -> None:
-    motion = rp.follow(
-        rp.Pseudoinverse(task), rp.circle(task, Q0, 0.1), Q0, cycles=1, steps=60
-    )
+def test_velocities_of_the_old_joints_are_dropped(task: rp.Task, tmp_path: Path) -> None:
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, Q0, 0.1), Q0, cycles=1, steps=60)
     file = rp.write_motion(motion, tmp_path / "motion.csv")
     done = rp.relabel(rp.Recording.read(file, task), options=FEW)
     assert "_velocity" not in done.save(tmp_path / "new.csv").read_text()
@@ -264,11 +241,7 @@ def test_the_command_answers_in_a_small_terminal(
     )
     assert small[0].count("\n") <= 22
     folder = Path("repctl-out/demos")
-    assert {f.name for f in folder.iterdir()} == {
-        "demos.csv",
-        "cell.json",
-        "report.html",
-    }
+    assert {f.name for f in folder.iterdir()} == {"demos.csv", "cell.json", "report.html"}
     assert "relabelled" in (folder / "report.html").read_text("utf-8")
     capsys.readouterr()
     assert main(["relabel", "demos.csv", "cell.json", "--json", "--out", "other"]) == 0
@@ -296,19 +269,12 @@ def test_the_page_shows_the_arms_before_and_after(
     assert page.index("The arm in several sessions") < page.index("In numbers")
 
 
-def test_data_of_the_old_joints_is_not_kept(
-    relabeled: rp.Relabeled, tmp_path: Path
-) -> None:
+def test_data_of_the_old_joints_is_not_kept(relabeled: rp.Relabeled, tmp_path: Path) -> None:
     """Issue 20, item 14: copies are relabelled, velocities and actions removed, and listed."""
     task, Q = relabeled.recording.task, relabeled.recording.joints
     assert Q is not None
     columns = {f"{name}.velocity": Q[:, 0] for name in task.joint_names}
-    columns |= {
-        "dq1": Q[:, 0],
-        "joint.vel": 0.1 * Q,
-        "qvel": 0.1 * Q,
-        "action": Q[::-1],
-    }
+    columns |= {"dq1": Q[:, 0], "joint.vel": 0.1 * Q, "qvel": 0.1 * Q, "action": Q[::-1]}
     kept = {"reward": np.arange(len(Q)), "gripper_pos": Q[:, 0], "ee_velocity": 0.1 * Q}
     np.savez(tmp_path / "a.npz", joints=Q, qpos=Q, **columns, **kept)
     recording = rp.Recording.read(tmp_path / "a.npz", task)

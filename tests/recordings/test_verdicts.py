@@ -55,9 +55,7 @@ def test_every_verdict_is_true(level: Level, gaps: bool, task: rp.Task) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("level", TRUTHS, ids=lambda level: level.__name__)
-def test_every_verdict_is_true_or_inconclusive_in_many_logs(
-    level: Level, task: rp.Task
-) -> None:
+def test_every_verdict_is_true_or_inconclusive_in_many_logs(level: Level, task: rp.Task) -> None:
     """Issue 37, item 12: 100 logs of each kind; of ten that repeat, at least nine are said to."""
     verdicts = []
     for seed in range(100, 200):
@@ -135,9 +133,7 @@ def test_a_motion_between_two_configurations_at_the_pose_is_seen(
 
 
 def test_sentence_json_and_page_agree(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Issue 37, item 12: one verdict everywhere."""
     monkeypatch.chdir(tmp_path)
@@ -156,9 +152,7 @@ def test_sentence_json_and_page_agree(
 
 
 def test_a_planted_link_is_replaced_not_followed(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Issue 37, item 13: ``--out`` does not write through symbolic links in the folder."""
     monkeypatch.chdir(tmp_path)

@@ -36,9 +36,7 @@ class Setting:
 
 
 @pytest.fixture(scope="module", params=[1, 2, 3, 4], ids=lambda r: f"r{r}")
-def setting(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Setting:
+def setting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Setting:
     return Setting(request.param, tmp_path_factory.mktemp("arms"))
 
 
@@ -50,10 +48,7 @@ def close(a: np.ndarray, b: np.ndarray) -> bool:
     """Equal to 1e-10 of their size, configuration by configuration."""
     axes = tuple(range(1, np.ndim(a)))
     return bool(
-        (
-            np.abs(a - b).max(axis=axes)
-            <= 1e-10 * np.maximum(1, np.abs(b).max(axis=axes))
-        ).all()
+        (np.abs(a - b).max(axis=axes) <= 1e-10 * np.maximum(1, np.abs(b).max(axis=axes))).all()
     )
 
 
@@ -63,26 +58,18 @@ def test_every_inverse_is_the_pseudoinverse_and_a_null_part(setting: Setting) ->
         size = np.linalg.norm(G, axis=(1, 2))[:, None, None]
         eye = np.broadcast_to(np.eye(3), (30, 3, 3))
         assert close(setting.J @ G / size, eye / size)
-        assert close(
-            redundancy.from_null_component(setting.J, setting.N, W), G
-        )  # (21), (22)
+        assert close(redundancy.from_null_component(setting.J, setting.N, W), G)  # (21), (22)
         n_G = t(setting.J) @ W - setting.N  # (23)
         assert close(t(G) @ n_G / size**2, np.zeros((30, 3, setting.r)))
 
 
-def test_the_distance_of_two_inverses_is_that_of_their_null_parts(
-    setting: Setting,
-) -> None:
+def test_the_distance_of_two_inverses_is_that_of_their_null_parts(setting: Setting) -> None:
     difference, null_part = setting.G_r - setting.G_d, setting.W_r - setting.W_d
     assert close(difference, setting.N @ t(null_part))  # (27)
     frobenius = np.linalg.norm(difference, axis=(1, 2))
-    assert close(
-        frobenius[:, None], np.linalg.norm(null_part, axis=(1, 2))[:, None]
-    )  # (28), (29)
+    assert close(frobenius[:, None], np.linalg.norm(null_part, axis=(1, 2))[:, None])  # (28), (29)
     spectral = np.linalg.norm(difference, 2, axis=(1, 2))
-    if (
-        setting.r == 1
-    ):  # the paper's norm is the spectral one: the same for an outer product
+    if setting.r == 1:  # the paper's norm is the spectral one: the same for an outer product
         assert close(spectral[:, None], frobenius[:, None])
     else:
         rank = min(3, setting.r)  # equal near an algorithmic singularity
@@ -95,20 +82,15 @@ def test_the_inverse_of_the_augmented_jacobian_block_by_block(setting: Setting) 
     whole = redundancy.augmented_inverse(setting.J, setting.V)  # (30), (37)
     left, right = whole[:, :, :3], whole[:, :, 3:]
     assert close(left, setting.G_r)  # (31), (32)
-    assert close(
-        right, setting.N @ np.linalg.inv(t(setting.V) @ setting.N)
-    )  # (31), its last columns
+    # (31), its last columns
+    assert close(right, setting.N @ np.linalg.inv(t(setting.V) @ setting.N))
     # any inverse G_d gives the same G_r: only V counts
-    plain = redundancy.repeatable_inverse(
-        redundancy.pseudoinverse(setting.J), setting.N, setting.V
-    )
+    plain = redundancy.repeatable_inverse(redundancy.pseudoinverse(setting.J), setting.N, setting.V)
     assert close(plain, setting.G_r)
 
 
 def test_the_null_part_of_a_repeatable_inverse_with_its_sign(setting: Setting) -> None:
-    formula = (
-        -t(setting.G_d) @ setting.V @ np.linalg.inv(t(setting.N) @ setting.V)
-    )  # (38)
+    formula = -t(setting.G_d) @ setting.V @ np.linalg.inv(t(setting.N) @ setting.V)  # (38)
     assert close(setting.W_r - setting.W_d, formula)
     if setting.r == 1:  # (33) is printed without the minus sign, which (34) cannot tell
         printed = t(setting.G_d) @ setting.V / (t(setting.N) @ setting.V)
@@ -121,17 +103,13 @@ def test_the_criterion_in_terms_of_coefficients(setting: Setting) -> None:
     if setting.r == 1:
         v, n, a = setting.V[:, :, 0], setting.N[:, :, 0], setting.A[:, 0]
         ratio = (
-            np.sum((t(setting.G_d) @ v[:, :, None]) ** 2, axis=(1, 2))
-            / np.sum(n * v, axis=1) ** 2
+            np.sum((t(setting.G_d) @ v[:, :, None]) ** 2, axis=(1, 2)) / np.sum(n * v, axis=1) ** 2
         )
         assert close(difference[:, None], ratio[:, None])  # (34)
-        gram = (
-            t(setting.D) @ setting.G_d @ t(setting.G_d) @ setting.D
-        )  # v_iᵀ G_d G_dᵀ v_j
+        gram = t(setting.D) @ setting.G_d @ t(setting.G_d) @ setting.D  # v_iᵀ G_d G_dᵀ v_j
         below = np.einsum("k,Kk->K", a, np.einsum("Ki,Kij->Kj", n, setting.D)) ** 2
-        assert close(
-            difference[:, None], (np.einsum("i,Kij,j->K", a, gram, a) / below)[:, None]
-        )  # (36)
+        # (36)
+        assert close(difference[:, None], (np.einsum("i,Kij,j->K", a, gram, a) / below)[:, None])
     E, F = t(setting.N) @ setting.D, t(setting.G_d) @ setting.D
     X = F @ setting.A @ np.linalg.inv(E @ setting.A)
     assert close(difference[:, None], np.sum(X**2, axis=(1, 2))[:, None])
@@ -141,9 +119,8 @@ def test_gradient_potentials_satisfy_the_bracket_condition(setting: Setting) -> 
     """(24), ``n_Gᵀ [g_a, g_b] = 0``, of the G that is evaluated: by differences that know nothing
     of potentials, and as the defects that the package reports."""
     G_r = rp.RepeatableInverse(setting.task, setting.potentials.weighted(setting.A))
-    clear = (
-        redundancy.leaf_margin(setting.N, setting.V) > 0.1
-    )  # away from algorithmic singularities
+    # away from algorithmic singularities
+    clear = redundancy.leaf_margin(setting.N, setting.V) > 0.1
     Q = setting.Q[clear][:6]
     assert len(Q) >= 4 and close(G_r.batch(Q), setting.G_r[clear][:6])
 

@@ -27,9 +27,7 @@ def test_pseudoinverse_obeys_the_penrose_identities(J: np.ndarray) -> None:
     assert np.abs(J @ G - np.eye(m)).max() < 1e-11
     assert np.abs(G @ J @ G - G).max() < 1e-11
     assert np.abs(G @ J - transpose(G @ J)).max() < 1e-11
-    assert np.allclose(
-        G, np.linalg.pinv(J), rtol=0, atol=1e-10
-    )  # an independent oracle
+    assert np.allclose(G, np.linalg.pinv(J), rtol=0, atol=1e-10)  # an independent oracle
 
 
 def test_weighted_pseudoinverse_is_the_formula_and_minimises_the_weighted_norm(
@@ -41,9 +39,7 @@ def test_weighted_pseudoinverse_is_the_formula_and_minimises_the_weighted_norm(
     M = B @ B.T + np.eye(n)
     G = redundancy.weighted_pseudoinverse(J, M)
     M_inv = np.linalg.inv(M)
-    assert np.allclose(
-        G, M_inv @ transpose(J) @ np.linalg.inv(J @ M_inv @ transpose(J)), atol=1e-9
-    )
+    assert np.allclose(G, M_inv @ transpose(J) @ np.linalg.inv(J @ M_inv @ transpose(J)), atol=1e-9)
     assert np.abs(J @ G - np.eye(m)).max() < 1e-10
     # least norm: M G is orthogonal to the null space
     assert np.abs(transpose(redundancy.nullspace(J)) @ M @ G).max() < 1e-9
@@ -94,12 +90,8 @@ def test_pseudoinverse_derivative_agrees_with_finite_differences(J: np.ndarray) 
     dG = redundancy.pseudoinverse_derivative(J[0], H)
     e = 1e-6
     for k in range(n):
-        plus, minus = (
-            redundancy.pseudoinverse(J[0] + s * e * H[:, :, k]) for s in (1, -1)
-        )
-        assert np.allclose(
-            dG[:, :, k], (plus - minus) / (2 * e), atol=1e-6 * np.abs(dG).max()
-        )
+        plus, minus = (redundancy.pseudoinverse(J[0] + s * e * H[:, :, k]) for s in (1, -1))
+        assert np.allclose(dG[:, :, k], (plus - minus) / (2 * e), atol=1e-6 * np.abs(dG).max())
 
 
 def test_null_component_and_inverse_are_each_others_reverse(J: np.ndarray) -> None:
@@ -113,9 +105,7 @@ def test_null_component_and_inverse_are_each_others_reverse(J: np.ndarray) -> No
     assert np.abs(transpose(G) @ n_G).max() < 1e-10
 
 
-def test_repeatable_inverse_is_the_first_block_of_the_augmented_inverse(
-    J: np.ndarray,
-) -> None:
+def test_repeatable_inverse_is_the_first_block_of_the_augmented_inverse(J: np.ndarray) -> None:
     rng = np.random.default_rng(11)
     m, n = J.shape[1:]
     V = rng.normal(size=(len(J), n, n - m))
@@ -123,21 +113,13 @@ def test_repeatable_inverse_is_the_first_block_of_the_augmented_inverse(
     G_d = redundancy.from_null_component(J, N, rng.normal(size=(len(J), m, n - m)))
     G_r = redundancy.repeatable_inverse(G_d, N, V)  # (32)
     scale = np.abs(G_r).max()
-    assert (
-        np.abs(G_r - redundancy.augmented_inverse(J, V)[:, :, :m]).max() < 1e-10 * scale
-    )  # (31)
+    assert np.abs(G_r - redundancy.augmented_inverse(J, V)[:, :, :m]).max() < 1e-10 * scale  # (31)
     assert np.abs(J @ G_r - np.eye(m)).max() < 1e-10 * scale
     assert np.abs(transpose(V) @ G_r).max() < 1e-10 * scale
-    one_V = redundancy.augmented_inverse(
-        J, V[0]
-    )  # one V at many configurations, and many V at one
-    assert np.array_equal(
-        one_V, redundancy.augmented_inverse(J, np.broadcast_to(V[0], V.shape))
-    )
+    one_V = redundancy.augmented_inverse(J, V[0])  # one V at many configurations, and many V at one
+    assert np.array_equal(one_V, redundancy.augmented_inverse(J, np.broadcast_to(V[0], V.shape)))
     one_J = redundancy.augmented_inverse(J[0], V)
-    assert np.array_equal(
-        one_J, redundancy.augmented_inverse(np.broadcast_to(J[0], J.shape), V)
-    )
+    assert np.array_equal(one_J, redundancy.augmented_inverse(np.broadcast_to(J[0], J.shape), V))
     # (38), with the minus sign that (33) lacks
     difference = redundancy.null_component(G_r, N) - redundancy.null_component(G_d, N)
     assert (
@@ -146,9 +128,7 @@ def test_repeatable_inverse_is_the_first_block_of_the_augmented_inverse(
     )
     # gauge: only the column space of V matters
     T = rng.normal(size=(n - m, n - m)) + 3 * np.eye(n - m)
-    assert (
-        np.abs(redundancy.repeatable_inverse(G_d, N, V @ T) - G_r).max() < 1e-9 * scale
-    )
+    assert np.abs(redundancy.repeatable_inverse(G_d, N, V @ T) - G_r).max() < 1e-9 * scale
 
 
 def test_leaf_margin_is_a_sine_free_of_gauge(J: np.ndarray) -> None:
@@ -181,9 +161,8 @@ def test_rank_loss_is_a_named_error() -> None:
     for function in (redundancy.pseudoinverse, redundancy.nullspace):
         with pytest.raises(SingularityError, match="1 of 5"):
             function(J)
-        with pytest.raises(
-            SingularityError, match="loses rank: the arm"
-        ):  # of one, none is counted
+        # of one, none is counted
+        with pytest.raises(SingularityError, match="loses rank: the arm"):
             function(J[2])
 
 
@@ -203,7 +182,5 @@ def test_regular_is_told_by_the_sine_between_rows() -> None:
 
 def test_the_null_vector_is_of_one_redundant_joint() -> None:
     for m, n in ((2, 2), (1, 3)):
-        with pytest.raises(
-            InputError, match=f"one column more than rows; J is {m} × {n}"
-        ):
+        with pytest.raises(InputError, match=f"one column more than rows; J is {m} × {n}"):
             redundancy.null_vector(np.ones((m, n)))

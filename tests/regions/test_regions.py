@@ -20,22 +20,16 @@ def test_gauss_grids_are_exact_on_polynomials(n: int) -> None:
     assert len(Q) == 6**n and np.isclose(w.sum(), 1)
     u = (Q - center) / half
     for power in range(0, 12, 2):  # mean of u^p over [−1, 1] is 1 / (p + 1)
-        assert np.isclose(
-            w @ np.prod(u**power, axis=1), (1 / (power + 1)) ** n, rtol=1e-12
-        )
+        assert np.isclose(w @ np.prod(u**power, axis=1), (1 / (power + 1)) ** n, rtol=1e-12)
 
 
 def test_sobol_nodes_fill_the_box_evenly_and_change_with_the_seed() -> None:
     box = rp.Box(Q0, 0.4)
     Q, w = box.nodes(1000, 0)
     assert len(Q) == 1024 and np.isclose(w.sum(), 1) and box.contains(Q).all()
-    counts = [
-        np.histogram((Q[:, j] - Q0[j]) / 0.4, bins=8, range=(-1, 1))[0]
-        for j in range(7)
-    ]
-    assert (
-        np.abs(np.array(counts) - 128).max() == 0
-    )  # a (t, m, s) net: every eighth holds its share
+    counts = [np.histogram((Q[:, j] - Q0[j]) / 0.4, bins=8, range=(-1, 1))[0] for j in range(7)]
+    # a (t, m, s) net: every eighth holds its share
+    assert np.abs(np.array(counts) - 128).max() == 0
     assert not np.isclose(box.random(1024, 1), Q).any()
 
 
@@ -46,9 +40,7 @@ def test_density_moves_the_mean() -> None:
         rp.Tube(np.zeros((1, 5)), 1.0, density=lambda Q: 1 + Q[:, 0]),
     ):
         Q, w = box.nodes(4096, 0)
-        assert (
-            np.isclose(w.sum(), 1) and abs(w @ Q[:, 0] - 1 / 3) < 1e-3
-        )  # ∫ u (1 + u) / 2 = 1/3
+        assert np.isclose(w.sum(), 1) and abs(w @ Q[:, 0] - 1 / 3) < 1e-3  # ∫ u (1 + u) / 2 = 1/3
 
 
 def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) -> None:
@@ -56,9 +48,7 @@ def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) 
     options = {"degree": 1, "options": rp.FitOptions(samples=2048, held_out=2048)}
     desired = rp.Pseudoinverse(panda_pose)
     plain = rp.nearest_repeatable(desired, None, rp.Box(Q0, 0.4), **options)
-    here = rp.Box(
-        Q0, 0.4, density=lambda Q: np.exp(-20 * np.sum((Q - corner) ** 2, axis=1))
-    )
+    here = rp.Box(Q0, 0.4, density=lambda Q: np.exp(-20 * np.sum((Q - corner) ** 2, axis=1)))
     leaning = rp.nearest_repeatable(desired, None, here, **options)
     Q = rp.Box(corner, 0.1).random(256, 0)
     near, far = (
@@ -70,9 +60,7 @@ def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) 
 
 def test_a_tube_follows_its_samples(panda_pose: rp.Task) -> None:
     path = rp.circle(panda_pose, Q0, radius=0.1, normal="yz")
-    cycle = rp.follow(
-        rp.Pseudoinverse(panda_pose), path, Q0, cycles=1, steps=200
-    ).cycle(0)
+    cycle = rp.follow(rp.Pseudoinverse(panda_pose), path, Q0, cycles=1, steps=200).cycle(0)
     tube = rp.Tube(cycle, 0.1)
     Q, w = tube.nodes(4096, 0)
     nearest = np.abs(Q[:, None] - tube.samples).max(axis=2).min(axis=1)
@@ -109,11 +97,7 @@ def test_a_workspace_box_is_a_mean_over_positions_and_self_motions() -> None:
     region = rp.WorkspaceBox(task, middle, 0.2, within=within)
     Q, w = region.nodes(16_384, 0)
     p = task.positions(Q)[:, :2]
-    assert (
-        np.abs(p - middle).max() <= 0.2
-        and within.contains(Q).all()
-        and region.contains(Q).all()
-    )
+    assert np.abs(p - middle).max() <= 0.2 and within.contains(Q).all() and region.contains(Q).all()
     # each position's self-motion has a length; the weighted density over x is proportional to it
     cells = 3
     which = np.clip(((p - middle + 0.2) / 0.4 * cells).astype(int), 0, cells - 1)
@@ -152,9 +136,7 @@ def fibre_length(task: rp.Task, at: np.ndarray, within: rp.Box) -> float:
 def test_a_design_over_a_workspace_box() -> None:
     task = rp.Robot.load("planar3r").task(None, "xy")
     within = rp.Box([0.2, 1.2, 0.9], 0.5)
-    region = rp.WorkspaceBox(
-        task, task.positions(within.center[None])[0, :2], 0.2, within=within
-    )
+    region = rp.WorkspaceBox(task, task.positions(within.center[None])[0, :2], 0.2, within=within)
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         None,
@@ -186,9 +168,7 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         degree=1,
         options=rp.FitOptions(held_out=4096),
     ).inside_limits
-    expected = (
-        Q0[3] + 0.9 - panda_pose.lower[3]
-    ) / 1.8  # joint 4 alone goes over its lower limit
+    expected = (Q0[3] + 0.9 - panda_pose.lower[3]) / 1.8  # joint 4 alone goes over its lower limit
     assert abs(share - expected) < 2e-3 < 1 - expected
 
 
@@ -219,9 +199,9 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
             "0 everywhere",
         ),
         (
-            lambda: rp.Box(
-                [0.0], 1.0, density=lambda Q: np.full(len(Q), np.nan)
-            ).weights(np.zeros((3, 1))),
+            lambda: rp.Box([0.0], 1.0, density=lambda Q: np.full(len(Q), np.nan)).weights(
+                np.zeros((3, 1))
+            ),
             "finite",
         ),
         (

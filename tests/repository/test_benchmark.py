@@ -24,9 +24,7 @@ def module(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 @pytest.mark.parametrize("page", ["docs/benchmark.md", "docs/which.md"])
-def test_the_tables_are_those_of_the_numbers(
-    page: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_tables_are_those_of_the_numbers(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pages = module("pages", monkeypatch)
     rows, said = pages.read()
     text = (ROOT / page).read_text(encoding="utf-8")
@@ -52,11 +50,7 @@ def test_what_the_loops_do_on_the_circle(
     scenes: list, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """J⁺ drifts as rp.follow says; the repeatable inverse adds nothing in its second cycle."""
-    ours, cycles, scene = (
-        module("ours", monkeypatch),
-        module("cycles", monkeypatch),
-        scenes[0],
-    )
+    ours, cycles, scene = (module("ours", monkeypatch), module("cycles", monkeypatch), scenes[0])
     loops = {
         "pinv": ours.pinv_loop(scene),
         "program": ours.quadratic_program(scene),
@@ -64,8 +58,7 @@ def test_what_the_loops_do_on_the_circle(
     }
     found = {name: cycles.joints_of(step, scene, 2)[0] for name, step in loops.items()}
     rows = {
-        name: cycles.measure(scene, name, Q, found["pinv"], 0.0, "")
-        for name, Q in found.items()
+        name: cycles.measure(scene, name, Q, found["pinv"], 0.0, "") for name, Q in found.items()
     }
     path = rp.circle(scene.task, scene.q0, 0.1, start_angle=np.pi)
     exact = rp.follow(rp.Pseudoinverse(scene.task), path, scene.q0, cycles=1, steps=200)
@@ -91,13 +84,9 @@ def test_paths_of_torm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Issue 37, item 24: closed, with the lengths of CppFlow's files, inside the limits."""
     torm, robots = module("torm", monkeypatch), module("robots", monkeypatch)
     task = robots.chain_task("fetch", *torm.fetch_joints(), tmp_path)
-    assert task.placement(np.zeros(7)).translation == pytest.approx(
-        [1.1281, 0, 0.78601]
-    )
+    assert task.placement(np.zeros(7)).translation == pytest.approx([1.1281, 0, 0.78601])
     expected = {"circle": (1.57, 0), "square": (1.52, 0), "rotation": (0, 2 * np.pi)}
-    for scene, (length, turn) in zip(
-        torm.scenes_of(task, 1000), expected.values(), strict=True
-    ):
+    for scene, (length, turn) in zip(torm.scenes_of(task, 1000), expected.values(), strict=True):
         assert scene.dt == 0.02
         assert np.abs(task.error(scene.q0, scene.targets[-1])).max() < 1e-9
         assert task.limit_margin(scene.q0).min() > 0

@@ -19,16 +19,15 @@ import repctl_pin as rp
 from repctl_pin.saving.schema import DesignFile
 
 ROOT = Path(__file__).parents[2]
+# run with its examples
 PAGES = [
     page
     for page in sorted((ROOT / "docs").rglob("*.md"))
     if "reference" not in page.relative_to(ROOT).parts
-]  # run with its examples
+]
 
 
-def test_the_site_builds_strictly(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_site_builds_strictly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Dead links and names that do not exist are warnings, and warnings are errors."""
     pytest.importorskip("mkdocs")
     from mkdocs.commands.build import build
@@ -38,9 +37,7 @@ def test_the_site_builds_strictly(
     monkeypatch.setenv("REPCTL_LIVE", "no")
     monkeypatch.chdir(ROOT)
     build(load_config("mkdocs.yml", strict=True, site_dir=str(tmp_path)))
-    assert (tmp_path / "theory" / "index.html").read_text(encoding="utf-8").count(
-        "<math"
-    ) > 20
+    assert (tmp_path / "theory" / "index.html").read_text(encoding="utf-8").count("<math") > 20
     commands = (tmp_path / "commands" / "index.html").read_text(encoding="utf-8")
     assert "--allow-violations" in commands and "<!-- commands -->" not in commands
     home = (tmp_path / "index.html").read_text(encoding="utf-8")
@@ -49,9 +46,7 @@ def test_the_site_builds_strictly(
         list((ROOT / "examples" / "pictures").glob("*.png"))
     )
     pages = (file.read_text(encoding="utf-8") for file in tmp_path.rglob("*.html"))
-    assert not any(
-        re.search("<!-- (live: |robots)", page) or "](../" in page for page in pages
-    )
+    assert not any(re.search("<!-- (live: |robots)", page) or "](../" in page for page in pages)
 
 
 def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
@@ -62,25 +57,18 @@ def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
     assert marked | set(live["ROBOTS"]) == set(live["PAGES"])
     assert text.count("<!-- robots -->") == 1 and len(live["ROBOTS"]) == 12
     home = SimpleNamespace(
-        is_homepage=True,
-        file=SimpleNamespace(dest_uri="index.html", src_uri="index.md"),
+        is_homepage=True, file=SimpleNamespace(dest_uri="index.html", src_uri="index.md")
     )
-    assert 'src="live/panda.html"' in live["on_page_markdown"](
-        "<!-- live: panda -->", page=home
-    )
+    assert 'src="live/panda.html"' in live["on_page_markdown"]("<!-- live: panda -->", page=home)
     choice = live["on_page_markdown"]("<!-- robots -->", page=home)
     offered = re.findall(r'<option value="live/(\w+)\.html">', choice)
     assert offered == list(live["ROBOTS"]) and choice.count("<iframe") == 1
     made = live["studied"]("planar3r", cycles=1, steps=40, degree=1)
-    assert (
-        made.startswith("<!DOCTYPE html>") and "http://" not in made.split("<script")[0]
-    )
+    assert made.startswith("<!DOCTYPE html>") and "http://" not in made.split("<script")[0]
 
 
 def test_links_to_the_repository_follow_its_one_address() -> None:
-    hook = runpy.run_path(str(ROOT / "docs" / "hooks" / "repository.py"))[
-        "on_page_markdown"
-    ]
+    hook = runpy.run_path(str(ROOT / "docs" / "hooks" / "repository.py"))["on_page_markdown"]
     page = SimpleNamespace(file=SimpleNamespace(src_uri="how-to/a.md"))
     text = "[b](../b.md) and [script](../../examples/c.py)"
     without, at = (
@@ -97,9 +85,9 @@ def test_the_page_of_the_command_line_says_when_to_use_each() -> None:
     """Their help is put there from the parser when the site is built."""
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     helps = runpy.run_path(str(ROOT / "docs" / "hooks" / "commands.py"))["commands"]()
-    assert sorted(
-        re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| ", text, flags=re.MULTILINE)
-    ) == sorted(helps)
+    assert sorted(re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| ", text, flags=re.MULTILINE)) == sorted(
+        helps
+    )
     for name, words in helps.items():
         assert words.startswith(f"usage: repctl {name} ") and "\x1b" not in words
 
@@ -109,18 +97,10 @@ def test_the_reference_names_everything_public() -> None:
     listed = [
         name
         for page in pages
-        for name in re.findall(
-            r"^::: (\S+)$", page.read_text("utf-8"), flags=re.MULTILINE
-        )
+        for name in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), flags=re.MULTILINE)
     ]
-    public = [
-        getattr(rp, name)
-        for name in dir(rp)
-        if name not in ("redundancy", "__version__")
-    ]
-    assert sorted(listed) == sorted(
-        f"{thing.__module__}.{thing.__qualname__}" for thing in public
-    )
+    public = [getattr(rp, name) for name in dir(rp) if name not in ("redundancy", "__version__")]
+    assert sorted(listed) == sorted(f"{thing.__module__}.{thing.__qualname__}" for thing in public)
     index = (ROOT / "docs" / "reference" / "index.md").read_text("utf-8")
     table = re.findall(r"^\| \[.*?\| (.*) \|$", index, flags=re.MULTILINE)
     named = re.findall(r"`(\w+)`", " ".join(table))
@@ -168,12 +148,8 @@ def test_the_python_of_a_page_with_jax_runs(page: Path, tmp_path: Path) -> None:
 
 
 def test_the_schema_of_a_design_file_is_the_decoders() -> None:
-    pytest.importorskip(
-        "msgspec", minversion="0.22"
-    )  # earlier ones write a schema in other words
-    schema = json.loads(
-        (ROOT / "docs" / "design.schema.json").read_text(encoding="utf-8")
-    )
+    pytest.importorskip("msgspec", minversion="0.22")  # earlier ones write a schema in other words
+    schema = json.loads((ROOT / "docs" / "design.schema.json").read_text(encoding="utf-8"))
     assert schema == msgspec.json.schema(DesignFile)
 
 
@@ -189,28 +165,17 @@ def redraw(names: list[str], folder: Path) -> None:
 def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
     """Those of the examples are held to their scripts by test_examples.py."""
     kept = sorted((ROOT / "docs" / "figures").glob("*.png"))
-    assert [file.stem for file in kept] == [
-        "cell",
-        "closing",
-        "drift",
-        "proofs",
-        "ring",
-        "states",
-    ]
+    assert [file.stem for file in kept] == ["cell", "closing", "drift", "proofs", "ring", "states"]
     assert all(file.stat().st_size < 150_000 for file in kept)
     linked = re.findall(
         r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     )
-    assert len(linked) == 6 and all(
-        (ROOT / "docs" / name).resolve().is_file() for name in linked
-    )
+    assert len(linked) == 6 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)
     redraw(["drift", "ring", "states"], tmp_path)
 
 
 @pytest.mark.slow
-def test_the_dear_figures_of_the_theory_are_what_the_package_draws(
-    tmp_path: Path,
-) -> None:
+def test_the_dear_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
     redraw(["cell", "proofs"], tmp_path)
 
 

@@ -22,13 +22,9 @@ SHELF = """<robot name="workcell"><link name="shelf"><collision><origin xyz="0.4
 
 def commands(page: Path) -> list[str]:
     """The commands in a page's blocks for the shell, without their comments."""
-    blocks = re.findall(
-        r"```(?:bash|console)\n(.*?)```", page.read_text("utf-8"), flags=re.DOTALL
-    )
+    blocks = re.findall(r"```(?:bash|console)\n(.*?)```", page.read_text("utf-8"), flags=re.DOTALL)
     lines = [line.partition(" #")[0] for block in blocks for line in block.splitlines()]
-    return [
-        found[1] for line in lines if (found := re.match(r"repctl (.*)", line.strip()))
-    ]
+    return [found[1] for line in lines if (found := re.match(r"repctl (.*)", line.strip()))]
 
 
 PAGES = {
@@ -52,9 +48,7 @@ def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        "repctl_pin.design.nearest._MOST_DEGREE", 2
-    )  # the same in less time
+    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)  # the same in less time
     shutil.copy(ROOT / "examples" / "my_arm.urdf", tmp_path)
     Path("workcell.urdf").write_text(SHELF, encoding="utf-8")
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
@@ -64,9 +58,7 @@ def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
     places = seam.point(0.0) + np.array([[0, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0.1]])
     np.savetxt("poses.csv", [*places, places[0]], delimiter=",")
     start, control = np.array(task.reference), rp.Pseudoinverse(task)
-    motion = rp.follow(
-        control, rp.circle(task, start, 0.05), start, cycles=3, steps=100
-    )
+    motion = rp.follow(control, rp.circle(task, start, 0.05), start, cycles=3, steps=100)
     rp.write_motion(motion, "demos.csv")
     small = fit_terminals(monkeypatch)
     for command in PAGES[page]:
@@ -74,17 +66,7 @@ def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
             not command.startswith("export") or not Path("design.json").exists()
         ):
             robot = "my_arm.urdf" if "my_arm" in command else "panda"
-            made = [
-                "design",
-                robot,
-                "--degree",
-                "1",
-                "--region",
-                "0.3",
-                "--out",
-                ".",
-                "--quiet",
-            ]
+            made = ["design", robot, "--degree", "1", "--region", "0.3", "--out", ".", "--quiet"]
             assert main(made) == 0
         small.clear()
         assert main(shlex.split(command)) == 0, command

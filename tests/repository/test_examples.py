@@ -25,11 +25,7 @@ import repctl_pin as rp
 ROOT = EXAMPLES.parent
 PAGE = (EXAMPLES / "README.md").read_text(encoding="utf-8")
 SHOWN = dict(
-    re.findall(
-        r"```bash\n(python examples/.*?)\n```\n\n```text\n(.*?)```",
-        PAGE,
-        flags=re.DOTALL,
-    )
+    re.findall(r"```bash\n(python examples/.*?)\n```\n\n```text\n(.*?)```", PAGE, flags=re.DOTALL)
 )
 """The text shown under each command."""
 
@@ -40,16 +36,13 @@ def start(command: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Run ``python examples/NAME.py …`` in this process; return the names it leaves behind."""
     script, *arguments = shlex.split(command.removeprefix("python "))
     monkeypatch.setattr(sys, "argv", [script, *arguments])
-    monkeypatch.syspath_prepend(
-        str(EXAMPLES)
-    )  # where python looks first when it runs a script from there
+    # where python looks first when it runs a script from there
+    monkeypatch.syspath_prepend(str(EXAMPLES))
     return runpy.run_path(str(ROOT / script), run_name="__main__")
 
 
 @pytest.fixture
-def run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Run:
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
     """Run a command of the page in an empty folder, and hold what it prints against what the page
     shows."""
     monkeypatch.chdir(tmp_path)
@@ -79,9 +72,8 @@ def size_of(file: Path) -> tuple[int, int]:
 def test_every_example_is_on_the_page_and_run_here() -> None:
     files = {file.stem for file in EXAMPLES.glob("*.py")}
     assert set(re.findall(r"^## (\w+)\.py: ", PAGE, flags=re.MULTILINE)) == files
-    assert {command.split("/")[1].partition(".py")[0] for command in SHOWN} == files - {
-        "gallery"
-    }  # test_gallery.py
+    # test_gallery.py
+    assert {command.split("/")[1].partition(".py")[0] for command in SHOWN} == files - {"gallery"}
     source = Path(__file__).read_text(encoding="utf-8")
     assert all(f'run("{command}")' in source for command in SHOWN)
 
@@ -99,11 +91,7 @@ def test_every_picture_of_the_page_is_there_and_small() -> None:
 def test_survey(run: Run) -> None:
     """The short form's lines are those of docs/survey.md."""
     _, told = run("python examples/survey.py ppr planar3r")
-    table = (
-        (ROOT / "docs" / "survey.md")
-        .read_text(encoding="utf-8")
-        .split("<!-- survey -->")[1]
-    )
+    table = (ROOT / "docs" / "survey.md").read_text(encoding="utf-8").split("<!-- survey -->")[1]
     assert len(told.splitlines()) == 4
     assert all(line in steady(table) for line in steady(told))
 
@@ -140,10 +128,7 @@ def test_audit_pink(run: Run) -> None:
     drifts = told.split("\n\n")[0].splitlines()[2:]
     lines = {line.split("  ")[0]: line.split()[-3:] for line in drifts}
     first, last = ({name: float(row[i]) for name, row in lines.items()} for i in (0, 1))
-    assert (
-        last["pink"] > 2 * first["pink"] > 0.05
-        and abs(last["pink"] / last["J⁺"] - 1) < 0.01
-    )
+    assert last["pink"] > 2 * first["pink"] > 0.05 and abs(last["pink"] / last["J⁺"] - 1) < 0.01
     assert last["pink + repeatable"] < 1e-3
     assert abs(last["pink + repeatable"] - first["pink + repeatable"]) < 1e-6
 
@@ -153,12 +138,7 @@ def test_a_short_run_of_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     come back."""
     pytest.importorskip("mujoco")
     module = example("physics")
-    for name, value in {
-        "PERIOD": 1.5,
-        "CYCLES": 4,
-        "PUSH_CYCLE": 3,
-        "DT": 4e-3,
-    }.items():
+    for name, value in {"PERIOD": 1.5, "CYCLES": 4, "PUSH_CYCLE": 3, "DT": 4e-3}.items():
         monkeypatch.setattr(module, name, value)
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     q0 = np.array(task.reference)
@@ -169,9 +149,7 @@ def test_a_short_run_of_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     path = rp.circle(task, q0, radius=0.05, normal="x")
     off = {}
     for name, control in module.controls(design, path, q0).items():
-        ends = module.ten_cycles(task, path, q0, control)[
-            :: round(module.PERIOD / module.DT)
-        ]
+        ends = module.ten_cycles(task, path, q0, control)[:: round(module.PERIOD / module.DT)]
         off[name] = np.linalg.norm(ends[4] - ends[2])
     assert off["nearest repeatable"] < 1e-2 < 3e-2 < off["J⁺"]
     monkeypatch.setattr(module, "DT", 2e-3)
@@ -186,11 +164,7 @@ def test_physics(run: Run) -> None:
     pytest.importorskip("mujoco")
     found = run("python examples/physics.py")[0]["found"]
     assert found["nearest repeatable"][3:].max() < 1e-3 < 0.05 < found["J⁺"][3:].min()
-    assert (
-        found["joints"].max() > 0.3
-        and found["joints"][-1] < 1e-3
-        and found["hand"].max() < 5e-3
-    )
+    assert found["joints"].max() > 0.3 and found["joints"][-1] < 1e-3 and found["hand"].max() < 5e-3
 
 
 @pytest.mark.slow
@@ -235,9 +209,8 @@ def the_panda_is_understood(found: Any) -> None:
     plain, repeatable = found.verdicts
     assert not plain and repeatable and plain.defect > 1
     off = np.abs(found.measured / found.predicted - 1)
-    assert (
-        off[0] < 0.02 and (np.diff(off) > 0).all()
-    )  # the smaller the loop, the better the prediction
+    # the smaller the loop, the better the prediction
+    assert off[0] < 0.02 and (np.diff(off) > 0).all()
     assert found.repeatable.max() < 1e-8 < 1e-4 < found.measured.min()
     assert found.defect.min() > 1 and found.defect_repeatable.max() < 1e-12
     assert found.designs[2].cost < found.designs[1].cost < 0.6
@@ -268,15 +241,11 @@ def test_table_one_and_the_solver_beside_it() -> None:
     """On fewer intervals and nodes: Table I is that of the paper, the solver finds its k."""
     module = example("nearest_ppr")
     task = rp.Robot.load("ppr").task("tool", "xy")
-    symmetric = [
-        module.answer(task, -b, b, (1, 2), 128) for b in (1.0, np.pi / 2, 2.0, np.pi)
-    ]
+    symmetric = [module.answer(task, -b, b, (1, 2), 128) for b in (1.0, np.pi / 2, 2.0, np.pi)]
     check_table_one(module.table_one(symmetric).splitlines()[2:6], solved=False)
     a, b = module.INTERVALS[0]
     answer = module.answer(task, a, b, (3, 5), 512)
-    assert answer.search.unique and answer.search.cost == pytest.approx(
-        answer.cost, rel=1e-9
-    )
+    assert answer.search.unique and answer.search.cost == pytest.approx(answer.cost, rel=1e-9)
     assert answer.solver_k == pytest.approx(answer.k, rel=1e-2, abs=1e-2)
 
 
@@ -290,17 +259,13 @@ def check_table_one(rows: list[str], *, solved: bool) -> None:
         ["π", "0", "any value", "(49)", "(48)", "any value"],
     ]
     if solved:
-        assert cells[0][6] == "0.00000" and all(
-            row[6] in ("–", "singular") for row in cells[1:]
-        )
+        assert cells[0][6] == "0.00000" and all(row[6] in ("–", "singular") for row in cells[1:])
 
 
 @pytest.mark.slow
 def test_nearest_ppr(run: Run) -> None:
     names, told = run("python examples/nearest_ppr.py")
-    check_table_one(
-        told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6], solved=True
-    )
+    check_table_one(told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6], solved=True)
     assert "J⁺: not repeatable" in told and told.count(": repeatable") == 3
 
     result = names["found"]
@@ -311,9 +276,7 @@ def test_nearest_ppr(run: Run) -> None:
             assert isinstance(answer.solver[5], rp.Design)
             assert answer.solver_k == pytest.approx(answer.k, rel=1e-4, abs=1e-4)
         if answer.b - answer.a > np.pi - 1e-9:
-            assert (
-                not answer.converged
-            )  # no polynomial has the pole of the best potential
+            assert not answer.converged  # no polynomial has the pole of the best potential
     assert result.all_joints[4].cost <= 0.0187
 
 
@@ -323,9 +286,8 @@ def test_leaves_of_nearest_ppr_are_level_sets() -> None:
     seen = np.isfinite(points[..., 2])
     assert seen.sum() > 20
     level = module.paper_potential(np.array([0, 0, 0.2]))
-    assert (
-        np.abs(module.paper_potential(points[seen]) - level).max() < 1e-3
-    )  # linear in cells of 1/60 rad
+    # linear in cells of 1/60 rad
+    assert np.abs(module.paper_potential(points[seen]) - level).max() < 1e-3
     with pytest.raises(rp.SingularityError, match="graph"):
         module.leaves(lambda Q: np.cos(3 * Q[..., 2]), (0.2,), 3)
 
@@ -350,16 +312,11 @@ def test_the_largest_square_of_the_paper() -> None:
 def test_ten_squares(run: Run) -> None:
     names, told = run("python examples/ten_squares.py")
     result = names["found"]
-    assert [file.name for file in result.figures] == [
-        f"figure_{n:02d}.png" for n in range(4, 13)
-    ]
+    assert [file.name for file in result.figures] == [f"figure_{n:02d}.png" for n in range(4, 13)]
     assert all(min(size_of(file)) > 400 for file in result.figures)
     assert "1.37361851, −0.92758245, −4.32948" in told
     assert (
-        np.abs(
-            result.squares["J⁺"][-1].q[-1] - [1.37361851, -0.92758245, -4.32948200]
-        ).max()
-        < 1e-7
+        np.abs(result.squares["J⁺"][-1].q[-1] - [1.37361851, -0.92758245, -4.32948200]).max() < 1e-7
     )
 
     points = result.points
@@ -381,9 +338,7 @@ def test_ten_squares(run: Run) -> None:
     for s in (0.5, 5.0, 9.5, 13.0, 15.5):
         i = int(np.argmin(np.abs(one.s - s)))
         assert (
-            np.abs(
-                result.task.placement(one.q[i]).translation - names["place"](one.s[i])
-            ).max()
+            np.abs(result.task.placement(one.q[i]).translation - names["place"](one.s[i])).max()
             < 1e-8
         )
     difference, bound = names["penalty"](result)

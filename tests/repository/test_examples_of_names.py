@@ -17,9 +17,7 @@ import repctl_pin as rp
 NAMES = [name for name in dir(rp) if name not in ("redundancy", "__version__")]
 SHARED = re.search(
     r"```python\n(.*?)```",
-    (Path(__file__).parents[2] / "docs" / "reference" / "index.md").read_text(
-        encoding="utf-8"
-    ),
+    (Path(__file__).parents[2] / "docs" / "reference" / "index.md").read_text(encoding="utf-8"),
     flags=re.DOTALL,
 )
 
@@ -90,9 +88,7 @@ def test_numbers_have_units_and_arrays_have_shapes(name: str) -> None:
     for head, body in re.findall(
         r"^(\w.*)\n((?:[ ]{4}.*\n?)+)", inspect.getdoc(thing) or "", flags=re.MULTILINE
     ):
-        entries |= {
-            key.strip(): f"{head} {body}" for key in head.split(":")[0].split(",")
-        }
+        entries |= {key.strip(): f"{head} {body}" for key in head.split(":")[0].split(",")}
     for key, parameter in inspect.signature(thing).parameters.items():
         kind = str(parameter.annotation)
         if not re.search(r"Array|float", kind) or "Callable" in kind:

@@ -20,19 +20,12 @@ PICTURES = ROOT / "examples" / "pictures"
 @pytest.mark.slow
 def test_the_script_makes_a_picture(tmp_path: Path) -> None:
     require_browser()
-    command = [
-        sys.executable,
-        str(ROOT / "examples" / "gallery.py"),
-        "ppr",
-        "--out",
-        str(tmp_path),
-    ]
+    command = [sys.executable, str(ROOT / "examples" / "gallery.py"), "ppr", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"wrote .*ppr\.png \(\d+ kB\)\n", done.stdout)
     made, kept = (
-        np.asarray(Image.open(d / "ppr.png").convert("RGB"), float)
-        for d in (tmp_path, PICTURES)
+        np.asarray(Image.open(d / "ppr.png").convert("RGB"), float) for d in (tmp_path, PICTURES)
     )
     assert made.shape == kept.shape
     # another machine draws edges and letters a little differently, not another picture
@@ -47,13 +40,8 @@ def test_kept_pictures_are_small_and_show_both_arms() -> None:
     for file in files:
         assert file.stat().st_size <= 150_000, file.name
         image = np.asarray(Image.open(file).convert("RGB"), int)
-        where = [
-            np.argwhere(np.abs(image - colour).max(axis=-1) < 24)
-            for colour in (orange, blue)
-        ]
-        assert min(map(len, where)) > 0.0005 * image.shape[0] * image.shape[1], (
-            file.name
-        )
+        where = [np.argwhere(np.abs(image - colour).max(axis=-1) < 24) for colour in (orange, blue)]
+        assert min(map(len, where)) > 0.0005 * image.shape[0] * image.shape[1], file.name
         apart = (where[1].mean(axis=0) - where[0].mean(axis=0)) / image.shape[:2]
         assert apart.max() > 0.2, file.name
 

@@ -24,16 +24,7 @@ LEFT_OUT = [
     "matplotlib",
     "meshcat",
 ]
-LEFT_OUT += [
-    "networkx",
-    "rtree",
-    "shapely",
-    "toppra",
-    "tornado",
-    "tqdm",
-    "trimesh",
-    "umsgpack",
-]
+LEFT_OUT += ["networkx", "rtree", "shapely", "toppra", "tornado", "tqdm", "trimesh", "umsgpack"]
 LOOP = """
 import sys
 sys.modules.update(dict.fromkeys(sys.argv[2:]))  # None: as if they were not installed
@@ -73,22 +64,14 @@ def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
     task = rp.Robot.load(arm).task("tool0", "pose")
     box = rp.Box(task.reference, 0.2)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        None,
-        box,
-        degree=1,
-        options=rp.FitOptions(samples=64, held_out=64),
+        rp.Pseudoinverse(task), None, box, degree=1, options=rp.FitOptions(samples=64, held_out=64)
     )
     rp.save(design, tmp_path / "design.json")
     command = [sys.executable, "-c", LOOP, str(arm), *LEFT_OUT]
     path = os.environ | {
-        "PYTHONPATH": os.pathsep.join(
-            [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-        )
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     }
-    done = subprocess.run(
-        command, cwd=tmp_path, env=path, capture_output=True, text=True
-    )
+    done = subprocess.run(command, cwd=tmp_path, env=path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert [
         line.split("requires")[0] + line.split("`pip install ")[1]
@@ -108,18 +91,12 @@ def test_the_commands_of_the_page_ask_for_what_the_package_does() -> None:
     (line,) = re.findall(r"^pip install (.*numpy.*)$", page, flags=re.MULTILINE)
     asked = re.findall(r'"(.*?)"', line)
     (listed,) = re.findall(
-        r"^dependencies = \[(.*?)^\]",
-        (ROOT / "pyproject.toml").read_text("utf-8"),
-        re.M | re.S,
+        r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text("utf-8"), re.M | re.S
     )
-    wants = [
-        text for text in re.findall(r'"(.*?)"', listed) if not text.startswith("tomli")
-    ]
+    wants = [text for text in re.findall(r'"(.*?)"', listed) if not text.startswith("tomli")]
     assert set(asked) < set(wants)
     modules = {"pycollada": "collada", "pillow": "PIL"}
-    others = {
-        re.split(r"[>=]", text)[0].replace("-", "_") for text in set(wants) - set(asked)
-    }
+    others = {re.split(r"[>=]", text)[0].replace("-", "_") for text in set(wants) - set(asked)}
     assert {modules.get(name, name) for name in others} <= set(LEFT_OUT)
 
 
@@ -130,8 +107,7 @@ def test_what_is_there_is_not_asked_for(
     assert "mutually exclusive" in refused(capsys, *command)
     monkeypatch.setitem(sys.modules, "meshcat", None)  # as if it were not installed
     assert refused(capsys, *command) == (
-        "repctl: repctl cell requires meshcat, which is not installed; "
-        "run `pip install meshcat`\n"
+        "repctl: repctl cell requires meshcat, which is not installed; run `pip install meshcat`\n"
     )
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert refused(capsys, *command) == (

@@ -31,10 +31,7 @@ def test_a_notebook_holds_its_script_whole(script: Path) -> None:
     assert text == HOOK["notebook"](script)  # the same each time
     book = json.loads(text)
     assert book["cells"][0]["cell_type"] == "markdown"
-    mine = [
-        ast.dump(node)
-        for node in ast.parse(script.read_text(encoding="utf-8")).body[1:-1]
-    ]
+    mine = [ast.dump(node) for node in ast.parse(script.read_text(encoding="utf-8")).body[1:-1]]
     assert [ast.dump(node) for node in ast.parse(code(book)).body][: len(mine)] == mine
 
 
@@ -51,10 +48,7 @@ def test_the_code_of_a_notebook_runs_and_prints(
     for cell in json.loads(HOOK["notebook"](script))["cells"]:
         if cell["cell_type"] == "code":
             source = "".join(cell["source"])
-            for many, few in (
-                ("default=10)", "default=2)"),
-                ("default=500,", "default=100,"),
-            ):
+            for many, few in (("default=10)", "default=2)"), ("default=500,", "default=100,")):
                 source = source.replace(many, few)
             exec(source, names)
     shown = SHOWN[f"python examples/{script.name}"].splitlines()
@@ -75,31 +69,17 @@ def test_a_notebook_runs_and_prints_what_the_script_prints(
 
     if script.stem == "audit_pink":
         pytest.importorskip("pink")
-    for name in (
-        "JUPYTER_CONFIG_DIR",
-        "JUPYTER_DATA_DIR",
-        "JUPYTER_RUNTIME_DIR",
-        "IPYTHONDIR",
-    ):
+    for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
         monkeypatch.setenv(name, str(tmp_path / name.lower()))
     book = reads(HOOK["notebook"](script), as_version=4)
-    done = NotebookClient(book, kernel_name="python3", timeout=900).execute(
-        cwd=str(tmp_path)
-    )
-    outputs = [
-        output
-        for cell in done.cells
-        if cell.cell_type == "code"
-        for output in cell.outputs
-    ]
+    done = NotebookClient(book, kernel_name="python3", timeout=900).execute(cwd=str(tmp_path))
+    outputs = [output for cell in done.cells if cell.cell_type == "code" for output in cell.outputs]
     told = "".join(
         output.text
         for output in outputs
         if output.output_type == "stream" and output.name == "stdout"
     )
-    if (
-        f"python examples/{script.name}" in SHOWN
-    ):  # the survey's is the table of docs/survey.md
+    if f"python examples/{script.name}" in SHOWN:  # the survey's is the table of docs/survey.md
         assert steady(told) == steady(SHOWN[f"python examples/{script.name}"])
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]
     assert bool(pictures) == (".savefig(" in script.read_text(encoding="utf-8"))

@@ -32,23 +32,14 @@ OWN = [ROOT / "examples" / name for name in ("my_arm.urdf", "loop.csv")]
 
 STUDY = {
     f"repctl-out/my_arm/{name}"
-    for name in (
-        "animation.html",
-        "drift.png",
-        "joints.png",
-        "motion.csv",
-        "control.json",
-    )
+    for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "control.json")
 }
 WRITES = {
     "inspect my_arm.urdf": set(),
     "study my_arm.urdf --report": STUDY | {"repctl-out/my_arm/report.html"},
     "study my_arm.urdf --path loop.csv": STUDY,
     "follow repctl-out/my_arm/control.json --robot my_arm.urdf --csv motion.csv --yaml "
-    "trajectory.yaml": {
-        "motion.csv",
-        "trajectory.yaml",
-    },
+    "trajectory.yaml": {"motion.csv", "trajectory.yaml"},
     "check my_arm.urdf": set(),
     "design my_arm.urdf --region 0.4": {
         "repctl-out/my_arm/design.png",
@@ -56,10 +47,7 @@ WRITES = {
     },
     "export repctl-out/my_arm/design.json --robot my_arm.urdf --out c": {
         *(f"c/arm_control{end}" for end in (".h", ".c", ".hpp", "_kdl.hpp")),
-        *(
-            f"c/{name}"
-            for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")
-        ),
+        *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
     },
     "cell my_arm.urdf --half-width 0.05": {
         f"repctl-out/my_arm/cell.{end}" for end in ("html", "json", "png")
@@ -76,9 +64,7 @@ def blocks(language: str) -> list[str]:
 def commands() -> list[str]:
     lines = [line for block in blocks("bash") for line in block.splitlines()]
     return [
-        part.split("#")[0].strip()
-        for line in lines
-        for part in re.findall(r"\brepctl (.*)", line)
+        part.split("#")[0].strip() for line in lines for part in re.findall(r"\brepctl (.*)", line)
     ]
 
 
@@ -94,9 +80,7 @@ def test_the_two_commands_are_there() -> None:
         for line in block.splitlines()
         if line.startswith("python3 -m venv")
     ]
-    assert install[0].endswith("repctl study panda") and install[1].endswith(
-        "python -m pytest"
-    )
+    assert install[0].endswith("repctl study panda") and install[1].endswith("python -m pytest")
 
 
 def test_three_commands_lead_to_ones_own_report() -> None:
@@ -137,9 +121,7 @@ def test_the_commands_for_ones_own_arm_are_these() -> None:
     assert all(f"(examples/{file.name})" in README for file in OWN)
 
 
-def run_in(
-    folder: Path, chain: list[str], capsys: pytest.CaptureFixture[str]
-) -> list[str]:
+def run_in(folder: Path, chain: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
     """Run commands one after the other; each writes its files and no others."""
     printed = []
     for command in chain:
@@ -159,13 +141,8 @@ JOINTS = [f"joint{i}" for i in range(1, 8)]
 
 def check_study(text: str, path: str) -> None:
     """A study's answer: the start it took, its path, and which strategies drift."""
-    assert re.search(
-        rf"^my_arm tool0, pose, r = 1: {path}, \d+ cycles$", text, flags=re.MULTILINE
-    )
-    assert (
-        "note: the start is the reference pose\n" in text
-        or "more notes: --full\n" in text
-    )
+    assert re.search(rf"^my_arm tool0, pose, r = 1: {path}, \d+ cycles$", text, flags=re.MULTILINE)
+    assert "note: the start is the reference pose\n" in text or "more notes: --full\n" in text
     usual, _, repeatable = answered(text, "joints off")
     assert float(usual) > 0.1 and repeatable == "0"
     assert answered(text, "first cycle closes")[::2] == ["no", "yes"]
@@ -233,27 +210,19 @@ def test_the_commands_for_ones_own_arm_run(
     """In the README's order, with the two files it says to copy; later commands of a chain use what
     earlier ones wrote. What figures show is a matter of tests/show."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        "repctl_pin.design.nearest._MOST_DEGREE", 2
-    )  # the same in less time
+    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)  # the same in less time
     in_three_cycles(monkeypatch)
     few = some_of_them()
     monkeypatch.setattr("repctl_pin.model.catalogue.table", lambda: few)
     fit_terminals(monkeypatch)
     for file in OWN:
         shutil.copy(file, tmp_path)
-    printed = dict(
-        zip(chains()[last], run_in(tmp_path, chains()[last], capsys), strict=True)
-    )
+    printed = dict(zip(chains()[last], run_in(tmp_path, chains()[last], capsys), strict=True))
     for command, text in printed.items():
         if command.startswith("inspect"):
-            assert (
-                "frame tool0, moved by 7: joint1, " in text and "  pose r = 1, " in text
-            )
+            assert "frame tool0, moved by 7: joint1, " in text and "  pose r = 1, " in text
         elif command.startswith("study"):
-            path = (
-                "loop.csv" if "loop.csv" in command else "circle of radius 0.1 m in xy"
-            )
+            path = "loop.csv" if "loop.csv" in command else "circle of radius 0.1 m in xy"
             check_study(text, path)
         elif "control.json" in command:
             check_follow(tmp_path, text)
@@ -287,17 +256,13 @@ def test_the_gallerys_commands_run(
     shutil.copy(OWN[0], tmp_path)
     assert main([*shlex.split(command), "--full"]) == 0
     table = capsys.readouterr().out
-    assert (
-        drifts(table, "J⁺")[1] > 0.03 and drifts(table, "nearest repeatable")[1] < 1e-7
-    )
+    assert drifts(table, "J⁺")[1] > 0.03 and drifts(table, "nearest repeatable")[1] < 1e-7
 
 
 def stamps(folder: Path) -> dict[str, int]:
     """When each file of a folder was written."""
     return {
-        str(f.relative_to(folder)): f.stat().st_mtime_ns
-        for f in folder.rglob("*")
-        if f.is_file()
+        str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()
     }
 
 
@@ -320,23 +285,17 @@ def test_the_main_jobs_table_is_what_the_command_prints(
     assert set(stamps(tmp_path)) == written(full)
 
 
-def test_the_python_runs_and_its_arm_comes_back(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_python_runs_and_its_arm_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """With fewer nodes and steps, which change no claim; docs/how-to/python.md has the rest."""
     few = rp.FitOptions(samples=512, held_out=256)
-    monkeypatch.setattr(
-        rp, "nearest_repeatable", partial(rp.nearest_repeatable, options=few)
-    )
+    monkeypatch.setattr(rp, "nearest_repeatable", partial(rp.nearest_repeatable, options=few))
     monkeypatch.setattr(rp, "follow", partial(rp.follow, steps=200))
     (code,) = blocks("python")
     names: dict = {}
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         exec(code, names)
-    drifting, closed = (
-        float(line.split()[0]) for line in out.getvalue().splitlines()[-2:]
-    )
+    drifting, closed = (float(line.split()[0]) for line in out.getvalue().splitlines()[-2:])
     assert drifting > 0.1 and closed < 1e-8
     inverse, q0 = names["design"].inverse, names["q0"]
     xdot = names["path"].twist(0.0)
@@ -362,9 +321,7 @@ def test_the_arm_to_copy_is_sound() -> None:
     work from."""
     robot = rp.Robot.load(OWN[0])
     assert (
-        robot.warnings == ()
-        and robot.description.meshes == ()
-        and robot.default_frame == "tool0"
+        robot.warnings == () and robot.description.meshes == () and robot.default_frame == "tool0"
     )
     task = robot.task("tool0", "pose")
     upright = task.placement(np.zeros(7))

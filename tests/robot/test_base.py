@@ -24,10 +24,7 @@ def baxter() -> rp.Robot:
 def test_one_hand_seen_from_the_other(baxter: rp.Robot, kind: str) -> None:
     task, still = baxter.task(TO, kind), rp.Robot.load("baxter")
     left, right = still.task(FROM), still.task(TO)
-    assert task.n == 14 and task.joint_names == (
-        *left.joint_names[::-1],
-        *right.joint_names,
-    )
+    assert task.n == 14 and task.joint_names == (*left.joint_names[::-1], *right.joint_names)
     q = task.reference + 0.3 * np.random.default_rng(1).normal(size=14)
     expected = left.placement(q[:7][::-1]).inverse() * right.placement(q[7:])
     assert np.allclose(task.placement(q).homogeneous, expected.homogeneous, atol=1e-13)
@@ -36,15 +33,11 @@ def test_one_hand_seen_from_the_other(baxter: rp.Robot, kind: str) -> None:
         moved = task.error(q - d, task.placement(q + d)) / (2 * e)
         assert np.allclose(moved, J[:, k], atol=2e-9 if kind != "axis" else 1e-5)
         assert np.allclose(
-            H[:, :, k],
-            (task.jacobian(q + d) - task.jacobian(q - d)) / (2 * e),
-            atol=2e-9,
+            H[:, :, k], (task.jacobian(q + d) - task.jacobian(q - d)) / (2 * e), atol=2e-9
         )
 
 
-def test_the_inertia_is_that_of_the_whole_robot_with_its_root_still(
-    baxter: rp.Robot,
-) -> None:
+def test_the_inertia_is_that_of_the_whole_robot_with_its_root_still(baxter: rp.Robot) -> None:
     task, still = baxter.task(TO), rp.Robot.load("baxter")
     q = task.reference + 0.3 * np.random.default_rng(2).normal(size=14)
     M, left, right = task.inertias([q])[0], still.task(FROM), still.task(TO)
@@ -61,9 +54,7 @@ def test_joint_origins_lie_on_the_joints(baxter: rp.Robot) -> None:
     expected = [to_base * p for p in left.joint_origins(q[6::-1])][::-1]
     assert np.allclose(task.joint_origins(q)[:7], expected, atol=1e-12)
     axes = task.axes(q)
-    assert np.allclose(
-        axes[:7], -(left.axes(q[6::-1]) @ to_base.rotation.T)[::-1], atol=1e-12
-    )
+    assert np.allclose(axes[:7], -(left.axes(q[6::-1]) @ to_base.rotation.T)[::-1], atol=1e-12)
 
 
 def test_a_frame_above_its_base_and_the_default_frame(baxter: rp.Robot) -> None:
@@ -72,9 +63,7 @@ def test_a_frame_above_its_base_and_the_default_frame(baxter: rp.Robot) -> None:
     q = np.array(base.reference)
     left = rp.Robot.load("baxter").task(FROM)
     assert np.allclose(
-        base.placement(q).homogeneous,
-        left.placement(q[::-1]).inverse().homogeneous,
-        atol=1e-13,
+        base.placement(q).homogeneous, left.placement(q[::-1]).inverse().homogeneous, atol=1e-13
     )
 
 
@@ -84,23 +73,14 @@ def test_the_drawing_is_measured_from_the_base_too(baxter: rp.Robot) -> None:
     task, visuals = baxter.task(TO), Visuals.of(baxter)
     Q = task.reference + 0.2 * np.random.default_rng(3).normal(size=(3, 14))
     placed = visuals.placements(task.to_robot(Q))
-    base = [
-        k
-        for k, shape in enumerate(visuals.shapes)
-        if shape.link == "l_gripper_r_finger"
-    ]
+    base = [k for k, shape in enumerate(visuals.shapes) if shape.link == "l_gripper_r_finger"]
     assert base and np.ptp(placed[:, base], axis=0).max() < 1e-12  # it stands still
-    shape = next(
-        k for k, s in enumerate(visuals.shapes) if s.link == "right_upper_shoulder"
-    )
+    shape = next(k for k, s in enumerate(visuals.shapes) if s.link == "right_upper_shoulder")
     other = baxter.task("right_upper_shoulder", "pose")
     own = Visuals.of(rp.Robot.load("baxter"))
     on_link = (
         np.linalg.inv(
-            rp.Robot.load("baxter")
-            .task("right_upper_shoulder")
-            .placement(Q[0, 7:8])
-            .homogeneous
+            rp.Robot.load("baxter").task("right_upper_shoulder").placement(Q[0, 7:8]).homogeneous
         )
         @ (own.placements(task.to_robot(Q[:1]))[0, shape])
     )
@@ -118,9 +98,7 @@ def test_a_relative_cycle_closes(baxter: rp.Robot) -> None:
         rp.Box(q0, 0.1),
         options=rp.FitOptions(samples=256, held_out=512),
     )
-    motion = rp.follow(
-        design.inverse, rp.circle(task, q0, radius=0.03), q0, cycles=2, steps=100
-    )
+    motion = rp.follow(design.inverse, rp.circle(task, q0, radius=0.03), q0, cycles=2, steps=100)
     assert motion.drift[-1] < 1e-7 and motion.tracking_error.max() < 1e-7
 
 
@@ -138,16 +116,9 @@ def test_joints_of_several_numbers_are_joints_of_one(tmp_path: Path, kind: str) 
     path = tmp_path / "rover.urdf"
     path.write_text(PLANAR.format(kind=kind, axis="0 0 1"))
     robot = rp.Robot.load(path)
-    suffixes = (
-        ["x", "y", "yaw"]
-        if kind == "planar"
-        else ["x", "y", "z", "yaw", "pitch", "roll"]
-    )
+    suffixes = ["x", "y", "yaw"] if kind == "planar" else ["x", "y", "z", "yaw", "pitch", "roll"]
     assert robot.joint_names == (*(f"drive_{s}" for s in suffixes), "arm")
-    assert (
-        f"joint 'drive' is {kind}: read as drive_x, drive_y"
-        in robot.description.notes[0]
-    )
+    assert f"joint 'drive' is {kind}: read as drive_x, drive_y" in robot.description.notes[0]
     q = np.linspace(0.3, -0.8, len(robot.joint_names))
     model = pin.buildModelFromUrdf(str(path))
     if kind == "planar":
@@ -167,15 +138,11 @@ def test_joints_of_several_numbers_are_joints_of_one(tmp_path: Path, kind: str) 
     )
 
 
-def test_a_planar_joint_moves_across_its_axis_and_turns_about_it(
-    tmp_path: Path,
-) -> None:
+def test_a_planar_joint_moves_across_its_axis_and_turns_about_it(tmp_path: Path) -> None:
     a = np.array([0.48, -0.6, 0.64])
     path = tmp_path / "rover.urdf"
     path.write_text(
-        PLANAR.format(kind="planar", axis="0.48 -0.6 0.64").replace(
-            'rpy="0.1 0.2 0.3"', ""
-        )
+        PLANAR.format(kind="planar", axis="0.48 -0.6 0.64").replace('rpy="0.1 0.2 0.3"', "")
     )
     task = rp.Robot.load(path).task("cart", "pose")
     J = task.jacobian(np.array([0.2, -0.3, 0.9]))
@@ -183,8 +150,6 @@ def test_a_planar_joint_moves_across_its_axis_and_turns_about_it(
         a @ J[:3, :2], 0, atol=1e-12
     )
     assert np.allclose(J[3:, 2], a, atol=1e-12)
-    path.write_text(
-        PLANAR.format(kind="planar", axis="0 0 1").replace('<axis xyz="0 0 1"/>', "")
-    )
+    path.write_text(PLANAR.format(kind="planar", axis="0 0 1").replace('<axis xyz="0 0 1"/>', ""))
     with pytest.raises(rp.InputError, match="planar joint requires an <axis>"):
         rp.Robot.load(path)

@@ -26,9 +26,7 @@ def chain(tmp_path: Path) -> rp.Task:
 
 def test_two_balls_and_a_box(chain: rp.Task) -> None:
     bodies = rp.Bodies(chain)
-    assert set(bodies.pairs) == {("base", "b"), ("base", "tip")} and bodies.missing == (
-        "lost.stl",
-    )
+    assert set(bodies.pairs) == {("base", "b"), ("base", "tip")} and bodies.missing == ("lost.stl",)
     straight = bodies.nearest(np.zeros(3))
     assert straight.links == ("base", "b") and straight.distance == pytest.approx(
         1.5 - 0.1 - 0.1, abs=1e-6
@@ -40,15 +38,12 @@ def test_two_balls_and_a_box(chain: rp.Task) -> None:
         abs(tip) - 0.2, abs=1e-6
     )
     both = bodies.distances(np.array([q, np.zeros(3), q]))
-    assert np.allclose(
-        both, [found.distance, straight.distance, found.distance], atol=1e-9
-    )
+    assert np.allclose(both, [found.distance, straight.distance, found.distance], atol=1e-9)
 
 
 def test_bodies_that_overlap_are_below_zero(chain: rp.Task) -> None:
-    q = np.array(
-        [0.0, 2 * np.pi / 3, 2 * np.pi / 3]
-    )  # an equilateral triangle: both balls in one place
+    # an equilateral triangle: both balls in one place
+    q = np.array([0.0, 2 * np.pi / 3, 2 * np.pi / 3])
     assert rp.Bodies(chain).nearest(q).distance < -0.1
 
 
@@ -58,17 +53,12 @@ def test_what_always_touches_is_asked_inside_the_limits_in_any_coordinates(
     text = (tmp_path / "chain.urdf").read_text()
     for j in (1, 2):  # folded to a triangle, whatever they do: both balls in one place
         at = text.index(f'"j{j}"')
-        text = text[:at] + text[at:].replace(
-            'lower="-3" upper="3"', 'lower="2.07" upper="2.12"', 1
-        )
+        text = text[:at] + text[at:].replace('lower="-3" upper="3"', 'lower="2.07" upper="2.12"', 1)
     (tmp_path / "chain.urdf").write_text(text)
     task = rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position")
     absolute = rp.Bodies(task.in_coordinates(rp.absolute_angles(task)))
     assert ("base", "tip") in rp.Bodies(task).touching
-    assert (absolute.touching, absolute.pairs) == (
-        rp.Bodies(task).touching,
-        rp.Bodies(task).pairs,
-    )
+    assert (absolute.touching, absolute.pairs) == (rp.Bodies(task).touching, rp.Bodies(task).pairs)
 
 
 CELL = """<robot name="cell"><link name="room"/>
@@ -84,9 +74,9 @@ def test_surroundings_stand_where_their_root_is(chain: rp.Task, tmp_path: Path) 
     """A wall ahead of the tip, and a post over the root whose link has a name that the robot has
     too."""
     (tmp_path / "cell.urdf").write_text(CELL.format(kind="fixed"))
-    task = rp.Robot.load(
-        tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf"
-    ).task("tip", "position")
+    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task(
+        "tip", "position"
+    )
     bodies, alone = rp.Bodies(task), rp.Bodies(chain)
     assert bodies.standing == {"wall", "surroundings/base"}
     assert set(bodies.pairs) >= {
@@ -95,23 +85,16 @@ def test_surroundings_stand_where_their_root_is(chain: rp.Task, tmp_path: Path) 
         ("b", "wall"),
         ("tip", "surroundings/base"),
     }
-    straight = bodies.nearest(
-        np.zeros(3)
-    )  # the tip's ball ends at 3.1 m, the wall begins at 3.5 m
-    assert straight.links == ("tip", "wall") and straight.distance == pytest.approx(
-        0.4, abs=1e-6
-    )
-    q = np.array(
-        [2.9, 1.9, 2.0]
-    )  # folded, far from the wall: the post is nearer than the root's ball
+    straight = bodies.nearest(np.zeros(3))  # the tip's ball ends at 3.1 m, the wall begins at 3.5 m
+    assert straight.links == ("tip", "wall") and straight.distance == pytest.approx(0.4, abs=1e-6)
+    # folded, far from the wall: the post is nearer than the root's ball
+    q = np.array([2.9, 1.9, 2.0])
     tip = abs(sum(np.exp(1j * angle) for angle in np.cumsum(q)))
     assert bodies.nearest(q).links == ("tip", "surroundings/base")
     assert np.isclose(bodies.nearest(q).distance, np.hypot(tip, 0.3) - 0.35, atol=1e-6)
     assert bodies.nearest(q).distance < alone.nearest(q).distance
     task = task.robot.task("tip", "xy")
-    motion = rp.follow(
-        rp.Pseudoinverse(task), rp.circle(task, q, 0.05), q, cycles=1, steps=20
-    )
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q, 0.05), q, cycles=1, steps=20)
     assert motion.body_distance == pytest.approx(bodies.distances(motion.q))
 
 
@@ -121,9 +104,7 @@ def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None
     trimesh.creation.torus(0.4, 0.1).export(tmp_path / "ring.stl")
     text = (tmp_path / "chain.urdf").read_text()
     ring = '<origin xyz="3 0 0"/><geometry><mesh filename="ring.stl"/></geometry>'
-    text = text.replace(
-        '<origin xyz="0 0 0"/><geometry><sphere radius="0.1"/></geometry>', ring, 1
-    )
+    text = text.replace('<origin xyz="0 0 0"/><geometry><sphere radius="0.1"/></geometry>', ring, 1)
     (tmp_path / "chain.urdf").write_text(text)
     bodies = rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position"))
     touching = bodies.nearest(np.zeros(3))
@@ -135,16 +116,10 @@ def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None
 
 def surrounded(tmp_path: Path, *shapes: str, at: str = "3 0 0") -> rp.Bodies:
     """The chain's bodies beside one link of some shapes."""
-    collisions = "".join(
-        f"<collision><geometry>{shape}</geometry></collision>" for shape in shapes
-    )
+    collisions = "".join(f"<collision><geometry>{shape}</geometry></collision>" for shape in shapes)
     joint = '<joint name="j" type="fixed"><parent link="room"/><child link="wall"/>'
-    link = (
-        f'<robot name="cell"><link name="room"/><link name="wall">{collisions}</link>'
-    )
-    (tmp_path / "cell.urdf").write_text(
-        f'{link}{joint}<origin xyz="{at}"/></joint></robot>'
-    )
+    link = f'<robot name="cell"><link name="room"/><link name="wall">{collisions}</link>'
+    (tmp_path / "cell.urdf").write_text(f'{link}{joint}<origin xyz="{at}"/></joint></robot>')
     robot = rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf")
     return rp.Bodies(robot.task("tip", "position"))
 
@@ -153,26 +128,17 @@ def walls(*places: tuple[float, float]) -> trimesh.Trimesh:
     """Boxes of 0.2 m by 8 m by 2 m along x or y at places (x, 0) or (0, y), in one mesh."""
     sizes = [(0.2, 8, 2) if y == 0 else (8, 0.2, 2) for _, y in places]
     boxes = [trimesh.creation.box(size) for size in sizes]
-    moved = [
-        box.apply_translation([x, y, 0])
-        for box, (x, y) in zip(boxes, places, strict=True)
-    ]
+    moved = [box.apply_translation([x, y, 0]) for box, (x, y) in zip(boxes, places, strict=True)]
     return trimesh.util.concatenate(moved)
 
 
-def test_a_room_in_one_mesh_is_as_near_as_its_walls(
-    chain: rp.Task, tmp_path: Path
-) -> None:
+def test_a_room_in_one_mesh_is_as_near_as_its_walls(chain: rp.Task, tmp_path: Path) -> None:
     """Its hull holds the whole arm, at every configuration; a post through the elbow is seen
     too."""
     places = ((3.5, 0.0), (-3.5, 0.0), (0.0, 3.5), (0.0, -3.5))
     walls(*places).export(tmp_path / "room.stl")
     bodies = surrounded(tmp_path, '<mesh filename="room.stl"/>', at="0 0 0")
-    assert (
-        bodies.touching == ()
-        and ("tip", "wall") in bodies.pairs
-        and bodies.notes[1:] == []
-    )
+    assert bodies.touching == () and ("tip", "wall") in bodies.pairs and bodies.notes[1:] == []
     Q = np.random.default_rng(4).uniform(-3, 3, (60, 3))
     tips = np.exp(1j * np.cumsum(Q, axis=1)).sum(axis=1)
     walls_at = 3.3 - np.maximum(abs(tips.real), abs(tips.imag))  # of the tip's ball
@@ -209,38 +175,25 @@ def test_a_hollow_mesh_has_no_inside_and_a_full_one_has(
     q = np.zeros(3)
     far = surrounded(tmp_path, '<mesh filename="shell.stl"/>', at="3 0 0")
     assert far.nearest(q).distance == pytest.approx(0.3 if roof else 0.4, abs=1e-6)
-    assert (
-        surrounded(tmp_path, '<mesh filename="block.stl"/>', at="3 0 0")
-        .nearest(q)
-        .distance
-        < 0
-    )
+    assert surrounded(tmp_path, '<mesh filename="block.stl"/>', at="3 0 0").nearest(q).distance < 0
     bent = trimesh.util.concatenate([block, trimesh.creation.box((0.1, 4, 0.1))])
     bent.export(tmp_path / "bent.stl")  # its surface is not its hull's
-    inside = surrounded(tmp_path, '<mesh filename="bent.stl"/>', at="3.3 0 0").nearest(
-        q
-    )
+    inside = surrounded(tmp_path, '<mesh filename="bent.stl"/>', at="3.3 0 0").nearest(q)
     assert inside.links == ("tip", "wall") and inside.distance < 0
 
 
-def test_a_ball_wholly_inside_a_link_touches_it(
-    panda_pose: rp.Task, tmp_path: Path
-) -> None:
+def test_a_ball_wholly_inside_a_link_touches_it(panda_pose: rp.Task, tmp_path: Path) -> None:
     """16 mm in a link whose surface is a mesh: not in its hull only, and not on its surface."""
     trimesh.creation.torus(0.4, 0.1).export(tmp_path / "ring.stl")
     chain_with_bodies(tmp_path)
     text = (tmp_path / "chain.urdf").read_text()
     at = '<origin xyz="1 0 0"/><geometry><sphere radius="0.1"/></geometry>'  # the tip's
-    text = text.replace(
-        at, '<origin xyz="1 0 0"/><geometry><mesh filename="ring.stl"/></geometry>'
-    )
+    text = text.replace(at, '<origin xyz="1 0 0"/><geometry><mesh filename="ring.stl"/></geometry>')
     (tmp_path / "chain.urdf").write_text(text)
     small = '<sphere radius="0.016"/>'
     within = surrounded(tmp_path, small, at="3.4 0 0").nearest(np.zeros(3))
     assert within.links == ("tip", "wall") and within.distance < 0
-    assert (
-        surrounded(tmp_path, small, at="3 0 0").nearest(np.zeros(3)).distance == 0
-    )  # in the hole
+    assert surrounded(tmp_path, small, at="3 0 0").nearest(np.zeros(3)).distance == 0  # in the hole
     trimesh.creation.icosphere(1, 0.016).export(tmp_path / "small.stl")
     assert (
         surrounded(tmp_path, '<mesh filename="small.stl"/>', at="3.4 0 0")
@@ -250,15 +203,11 @@ def test_a_ball_wholly_inside_a_link_touches_it(
     )
 
 
-def test_pairs_that_an_srdf_rules_out_are_looked_at_for_contact(
-    panda_pose: rp.Task,
-) -> None:
+def test_pairs_that_an_srdf_rules_out_are_looked_at_for_contact(panda_pose: rp.Task) -> None:
     """MoveIt's file for the panda rules out its hand and link 5, whose meshes meet where q6 is
     small."""
     bodies, q = rp.Bodies(panda_pose), np.array(panda_pose.reference)
-    assert (
-        bodies.disabled == () and ("panda_link5", "panda_hand") in bodies.only_contact
-    )
+    assert bodies.disabled == () and ("panda_link5", "panda_hand") in bodies.only_contact
     assert bodies.nearest(q).distance > 0.1  # though links 5 and 7 are 2 cm apart
     q[5:] = 0.2, 0.0
     assert bodies.nearest(q).distance < 0 and "panda_link5" in bodies.nearest(q).links
@@ -275,16 +224,10 @@ def test_no_contact_of_the_meshes_is_missed(name: str, count: int) -> None:
     assert touch.sum() >= count
     assert (touch == (bodies.distances(Q) < 0)).all()
     named = looked_at | {
-        frozenset(pair)
-        for pair in (*bodies.adjacent, *bodies.disabled, *bodies.touching)
+        frozenset(pair) for pair in (*bodies.adjacent, *bodies.disabled, *bodies.touching)
     }
     links = {link for pair in named for link in pair}
-    moved = [
-        frozenset((a, b))
-        for a in bodies._model.links
-        for b in bodies._model.links
-        if a < b
-    ]
+    moved = [frozenset((a, b)) for a in bodies._model.links for b in bodies._model.links if a < b]
     carried = dict(zip(bodies._model.links, bodies._model._joint, strict=True))
     assert links and all(
         pair in named for pair in moved if len({carried[link] for link in pair}) == 2
@@ -296,15 +239,11 @@ def test_baxters_padded_neighbours_are_counted_and_left_out() -> None:
     task = rp.Robot.load("baxter").task()
     bodies = rp.Bodies(task)
     assert ("left_upper_shoulder", "left_upper_elbow") in bodies.disabled
-    assert bodies.notes[0].startswith(
-        f"{len(bodies.disabled)} pairs of links overlap and are not"
-    )
+    assert bodies.notes[0].startswith(f"{len(bodies.disabled)} pairs of links overlap and are not")
     assert ("torso", "left_upper_forearm_visual") in bodies.only_contact
 
 
-def test_no_shape_is_dropped_however_many_there_are(
-    chain: rp.Task, tmp_path: Path
-) -> None:
+def test_no_shape_is_dropped_however_many_there_are(chain: rp.Task, tmp_path: Path) -> None:
     """1,500 boxes far away, then one on the tip's ball."""
     far = [
         f'<collision><origin xyz="0 {20 + k} 0"/><geometry><box size="1 1 1"/></geometry>'
@@ -318,8 +257,7 @@ def test_no_shape_is_dropped_however_many_there_are(
     bodies = rp.Bodies(robot.task("tip", "position"))
     assert bodies.nearest(np.zeros(3)).distance < -0.1
     assert any(
-        "the surroundings have 1501 shapes: all are measured" in note
-        for note in bodies.notes
+        "the surroundings have 1501 shapes: all are measured" in note for note in bodies.notes
     )
     own = (
         (tmp_path / "chain.urdf")
@@ -358,20 +296,14 @@ def test_shapes_that_cannot_be_measured_are_said_to_be_what_they_are(
 ) -> None:
     """Surroundings are refused; the robot's own are in its notes."""
     shape, why = UNUSABLE[case]
-    (tmp_path / "torn.stl").write_bytes(
-        b"\x00" * 80 + b"\xff\xff\xff\x7f" + b"\x01" * 30
-    )
+    (tmp_path / "torn.stl").write_bytes(b"\x00" * 80 + b"\xff\xff\xff\x7f" + b"\x01" * 30)
     (tmp_path / "torn.dae").write_text("<COLLADA")
     (tmp_path / "empty.obj").write_text("v 0 0 0\n")
     trimesh.creation.icosphere(2, 1.0).export(tmp_path / "ball.stl")
     with pytest.raises(rp.InputError, match=why) as error:
         surrounded(tmp_path, shape)
     assert "\n" not in str(error.value) and "link 'wall'" in str(error.value)
-    text = (
-        (tmp_path / "chain.urdf")
-        .read_text()
-        .replace('<mesh filename="lost.stl"/>', shape)
-    )
+    text = (tmp_path / "chain.urdf").read_text().replace('<mesh filename="lost.stl"/>', shape)
     (tmp_path / "chain.urdf").write_text(text)
     own = rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position"))
     assert (
@@ -398,9 +330,7 @@ def test_a_flat_box_is_a_plate(chain: rp.Task, tmp_path: Path) -> None:
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.3, abs=1e-6)
 
 
-def test_bodies_of_the_same_joints_are_made_once(
-    chain: rp.Task, tmp_path: Path
-) -> None:
+def test_bodies_of_the_same_joints_are_made_once(chain: rp.Task, tmp_path: Path) -> None:
     """Whatever task asks for them; a mesh that changes, or other joints, make others."""
     mesh = tmp_path / "lost.stl"  # the chain's own
     trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
@@ -443,14 +373,12 @@ def test_a_flat_mesh_is_a_thin_body(chain: rp.Task, tmp_path: Path) -> None:
     distance library."""
     corners = [[0, -0.5, -0.5], [0, 0.5, -0.5], [0, 0.5, 0.5], [0, -0.5, 0.5]]
     trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).export(tmp_path / "flat.stl")
-    sign = CELL.format(kind="fixed").replace(
-        '<box size="0.2 4 4"/>', '<mesh filename="flat.stl"/>'
-    )
+    sign = CELL.format(kind="fixed").replace('<box size="0.2 4 4"/>', '<mesh filename="flat.stl"/>')
     (tmp_path / "cell.urdf").write_text(sign)
     bodies = rp.Bodies(
-        rp.Robot.load(
-            tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf"
-        ).task("tip", "position")
+        rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task(
+            "tip", "position"
+        )
     )
     assert bodies.nearest(np.zeros(3)).links == ("tip", "wall")
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.5, abs=2e-4)
@@ -483,9 +411,7 @@ BAD_CELLS = {
     "empty": ('<robot name="cell"><link name="room"/></robot>', "have no <collision>"),
     "torn": (CELL[:200], "cell.urdf"),
     "mesh": (
-        CELL.format(kind="fixed").replace(
-            '<sphere radius="0.25"/>', '<mesh filename="no.stl"/>'
-        ),
+        CELL.format(kind="fixed").replace('<sphere radius="0.25"/>', '<mesh filename="no.stl"/>'),
         "'no.stl'",
     ),
 }
@@ -499,20 +425,15 @@ def test_surroundings_that_cannot_be_used_are_refused(
     (tmp_path / "cell.urdf").write_text(text)
     with pytest.raises(rp.InputError, match=why) as error:
         rp.Bodies(
-            rp.Robot.load(
-                tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf"
-            ).task("tip", "position")
+            rp.Robot.load(tmp_path / "chain.urdf", surroundings=tmp_path / "cell.urdf").task(
+                "tip", "position"
+            )
         )
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [("panda", 20), ("tiago", 4), ("spatial", 20)],
-)
-def test_balls_and_boxes_bound_every_pair_from_below(
-    name: str, count: int, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize(("name", "count"), [("panda", 20), ("tiago", 4), ("spatial", 20)])
+def test_balls_and_boxes_bound_every_pair_from_below(name: str, count: int, tmp_path: Path) -> None:
     """Also on arms with prismatic joints, of any direction."""
     if name == "spatial":
         ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
@@ -536,11 +457,7 @@ def test_balls_and_boxes_bound_every_pair_from_below(
 
 
 def full_mesh_distances(
-    task: rp.Task,
-    pairs: set[frozenset[str]],
-    Q: np.ndarray,
-    *,
-    only_contact: bool = False,
+    task: rp.Task, pairs: set[frozenset[str]], Q: np.ndarray, *, only_contact: bool = False
 ) -> np.ndarray:
     """The same pairs on the meshes as the files hold them, by Pinocchio's own reader; or −inf for
     contact, else inf."""
@@ -548,11 +465,7 @@ def full_mesh_distances(
     model = pin.buildModelFromXML(robot.description.xml)
     names = [model.names[i] for i in range(1, model.njoints)]
     shapes = pin.buildGeomFromUrdf(
-        model,
-        str(robot.description.path),
-        pin.COLLISION,
-        None,
-        list(robot.package_dirs),
+        model, str(robot.description.path), pin.COLLISION, None, list(robot.package_dirs)
     )
     link = [model.frames[body.parentFrame].name for body in shapes.geometryObjects]
     for b in range(shapes.ngeoms):
@@ -612,9 +525,7 @@ def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
     """From 0.117 m in cycle 1 to contact within ten; the repeatable inverse keeps the first cycle's
     distance."""
     path = rp.circle(panda_pose, q_panda, radius=0.1, normal="z")
-    motion = rp.follow(
-        rp.Pseudoinverse(panda_pose), path, q_panda, cycles=10, steps=100
-    )
+    motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=10, steps=100)
     assert motion.body_distance[:101].min() == pytest.approx(0.1175, abs=5e-4)
     assert motion.body_distance[:651].min() > 0.03 and motion.first_touch is not None
     when, nearest = motion.nearest_bodies
@@ -624,12 +535,10 @@ def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
         and nearest.distance == pytest.approx(motion.body_distance.min())
         and "panda_link5" in nearest.links
     )
-    ours = rp.follow(
-        panda_design.inverse, path, q_panda, cycles=10, steps=100
-    ).body_distance
-    assert ours.min() == pytest.approx(
-        0.1192, abs=5e-4
-    ) and ours.min() == pytest.approx(ours[:101].min(), abs=1e-6)
+    ours = rp.follow(panda_design.inverse, path, q_panda, cycles=10, steps=100).body_distance
+    assert ours.min() == pytest.approx(0.1192, abs=5e-4) and ours.min() == pytest.approx(
+        ours[:101].min(), abs=1e-6
+    )
 
 
 def test_an_arm_without_bodies() -> None:

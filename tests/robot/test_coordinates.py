@@ -56,29 +56,20 @@ def test_every_method_takes_psi(pair: tuple[rp.Task, rp.Task, np.ndarray]) -> No
             other.placement(p).homogeneous, task.placement(q).homogeneous, atol=1e-12
         )
         assert np.allclose(other.error(p, target), task.error(q, target), atol=1e-12)
-        assert np.allclose(
-            other.task_velocity(p, twist), task.task_velocity(q, twist), atol=1e-12
-        )
+        assert np.allclose(other.task_velocity(p, twist), task.task_velocity(q, twist), atol=1e-12)
         assert np.allclose(other.joint_origins(p), task.joint_origins(q), atol=1e-12)
         assert np.allclose(other.jacobian(p), task.jacobian(q) @ T, atol=1e-12)
     assert np.allclose(other.positions(psi), task.positions(Q), atol=1e-12)
     assert np.allclose(other.to_robot(psi), task.to_robot(Q), atol=1e-12)
-    assert np.allclose(
-        other.jacobians(psi), [other.jacobian(p) for p in psi], atol=1e-14
-    )
-    assert np.allclose(
-        other.inertias(psi), [T.T @ M @ T for M in task.inertias(Q)], atol=1e-12
-    )
+    assert np.allclose(other.jacobians(psi), [other.jacobian(p) for p in psi], atol=1e-14)
+    assert np.allclose(other.inertias(psi), [T.T @ M @ T for M in task.inertias(Q)], atol=1e-12)
 
 
 def test_the_hessian_in_psi_agrees_with_finite_differences(
     pair: tuple[rp.Task, rp.Task, np.ndarray],
 ) -> None:
     _, other, T = pair
-    psi, e = (
-        np.linalg.solve(T, other.robot.task(None, other.kind).reference) + 0.05,
-        1e-6,
-    )
+    psi, e = (np.linalg.solve(T, other.robot.task(None, other.kind).reference) + 0.05, 1e-6)
     H = other.hessian(psi)
     for k, d in enumerate(np.eye(7)):
         slope = (other.jacobian(psi + e * d) - other.jacobian(psi - e * d)) / (2 * e)
@@ -102,31 +93,21 @@ def test_a_motion_is_the_same_in_both(prr: rp.Task) -> None:
     q0 = np.array([0.2, 1.0, -1.5])
     M = np.linalg.inv(T @ T.T)
     path = rp.circle(prr, q0, 0.3)
-    here = rp.follow(
-        rp.WeightedInverse(prr, (M + M.T) / 2), path, q0, cycles=2, steps=60
-    )
-    there = rp.follow(
-        rp.Pseudoinverse(other), path, np.linalg.solve(T, q0), cycles=2, steps=60
-    )
+    here = rp.follow(rp.WeightedInverse(prr, (M + M.T) / 2), path, q0, cycles=2, steps=60)
+    there = rp.follow(rp.Pseudoinverse(other), path, np.linalg.solve(T, q0), cycles=2, steps=60)
     assert np.abs(there.q @ T.T - here.q).max() < 1e-10
     assert here.drift[-1] > 1e-3  # it does move
 
 
-def test_limits_are_stated_where_they_are_exact_and_tested_on_the_joints(
-    prr: rp.Task,
-) -> None:
+def test_limits_are_stated_where_they_are_exact_and_tested_on_the_joints(prr: rp.Task) -> None:
     T = rp.absolute_angles(prr)
     task = prr.in_coordinates(T)
     assert task.joint_names == ("d1", "ψ2", "ψ3")
-    assert task.lower[:2].tolist() == prr.lower[:2].tolist() and np.isneginf(
-        task.lower[2]
+    assert task.lower[:2].tolist() == prr.lower[:2].tolist() and np.isneginf(task.lower[2])
+    assert task.upper[:2].tolist() == prr.upper[:2].tolist() and np.isposinf(task.upper[2])
+    assert task.velocity_limit[:2].tolist() == prr.velocity_limit[:2].tolist() and np.isposinf(
+        task.velocity_limit[2]
     )
-    assert task.upper[:2].tolist() == prr.upper[:2].tolist() and np.isposinf(
-        task.upper[2]
-    )
-    assert task.velocity_limit[:2].tolist() == prr.velocity_limit[
-        :2
-    ].tolist() and np.isposinf(task.velocity_limit[2])
     assert np.allclose(T @ task.reference, prr.reference)
     high = prr.upper[2]
     assert task.check([0, 1.0, 1.0 + high - 0.01]) is not None
@@ -140,12 +121,8 @@ def test_limits_are_stated_where_they_are_exact_and_tested_on_the_joints(
 
 def test_a_negative_factor_swaps_the_limits(prr: rp.Task) -> None:
     task = prr.in_coordinates(np.diag([1.0, -2.0, 0.5]))
-    assert np.allclose(
-        task.lower, [prr.lower[0], -prr.upper[1] / 2, prr.lower[2] / 0.5]
-    )
-    assert np.allclose(
-        task.upper, [prr.upper[0], -prr.lower[1] / 2, prr.upper[2] / 0.5]
-    )
+    assert np.allclose(task.lower, [prr.lower[0], -prr.upper[1] / 2, prr.lower[2] / 0.5])
+    assert np.allclose(task.upper, [prr.upper[0], -prr.lower[1] / 2, prr.upper[2] / 0.5])
     assert np.allclose(task.velocity_limit, prr.velocity_limit / [1, 2, 0.5])
 
 
@@ -165,9 +142,7 @@ def test_an_axis_that_points_the_other_way_counts_negative(tmp_path: Path) -> No
     assert np.abs(other.placement(psi).translation[:2] - x).max() < 1e-12
 
 
-def test_what_is_no_change_of_coordinates_is_refused(
-    prr: rp.Task, tmp_path: Path
-) -> None:
+def test_what_is_no_change_of_coordinates_is_refused(prr: rp.Task, tmp_path: Path) -> None:
     with pytest.raises(rp.InputError, match="invertible"):
         prr.in_coordinates(np.ones((3, 3)))
     with pytest.raises(rp.InputError, match=r"(3, 3)"):
@@ -210,12 +185,7 @@ def test_limits_are_those_of_the_joints(prr: rp.Task) -> None:
         rp.WeightedInverse(prr, (M + M.T) / 2), path, q0, cycles=2, steps=60, period=0.2
     )
     there = rp.follow(
-        rp.Pseudoinverse(task),
-        path,
-        np.linalg.solve(T, q0),
-        cycles=2,
-        steps=60,
-        period=0.2,
+        rp.Pseudoinverse(task), path, np.linalg.solve(T, q0), cycles=2, steps=60, period=0.2
     )
     assert here.limit_margin.min() < -0.01 and here.speed_ratio > 1.5
     assert np.allclose(there.limit_margin, here.limit_margin, atol=1e-8)
@@ -259,6 +229,5 @@ def test_limits_are_the_joints_own_in_any_coordinates(
         rp.Cell(other, other.placement(region.center), 0.1)
     doubled = task.in_coordinates(2 * np.eye(7))  # a gear ratio mixes nothing
     assert np.allclose(
-        rp.LimitWeight(doubled)(task.reference / 2),
-        rp.LimitWeight(task)(task.reference),
+        rp.LimitWeight(doubled)(task.reference / 2), rp.LimitWeight(task)(task.reference)
     )

@@ -22,9 +22,7 @@ def robot(tmp_path: Path) -> rp.Robot:
     return rp.Robot.load(arm(tmp_path, MIMICS))
 
 
-def pinocchios(
-    robot: rp.Robot, q: np.ndarray
-) -> tuple[pin.Model, pin.Data, np.ndarray]:
+def pinocchios(robot: rp.Robot, q: np.ndarray) -> tuple[pin.Model, pin.Data, np.ndarray]:
     """Pinocchio's own mimic model, evaluated at the robot's q."""
     model = pin.buildModelFromUrdf(str(robot.description.path), True)
     full = pin.neutral(model)
@@ -43,22 +41,16 @@ def test_task_is_that_of_pinocchios_mimic_model(robot: rp.Robot, kind: str) -> N
     q = np.array([0.4, -0.7, 0.9, 0.3])
     model, data, full = pinocchios(robot, q)
     frame = model.getFrameId("l7", pin.FrameType.BODY)
-    assert np.allclose(
-        task.placement(q).homogeneous, data.oMf[frame].homogeneous, atol=1e-14
-    )
+    assert np.allclose(task.placement(q).homogeneous, data.oMf[frame].homogeneous, atol=1e-14)
     J = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     columns = [model.joints[model.getJointId(name)].idx_v for name in task.joint_names]
     if kind != "axis":
         assert np.allclose(task.jacobian(q), J[task.rows][:, columns], atol=1e-14)
     assert np.allclose(
-        task.jacobians([q, 0.5 * q]),
-        [task.jacobian(q), task.jacobian(0.5 * q)],
-        atol=1e-15,
+        task.jacobians([q, 0.5 * q]), [task.jacobian(q), task.jacobian(0.5 * q)], atol=1e-15
     )
     assert np.allclose(
-        task.inertias([q])[0],
-        pin.crba(model, data, full)[np.ix_(columns, columns)],
-        atol=1e-12,
+        task.inertias([q])[0], pin.crba(model, data, full)[np.ix_(columns, columns)], atol=1e-12
     )
     for k, d in enumerate(1e-6 * np.eye(4)):
         slope = (task.jacobian(q + d) - task.jacobian(q - d)) / 2e-6
@@ -81,25 +73,19 @@ def test_in_other_coordinates_and_in_a_control_step(robot: rp.Robot) -> None:
 
 
 def test_limits_keep_followers_inside_theirs(tmp_path: Path) -> None:
-    joints = {
-        "j3": {"lower": -0.5, "upper": 0.8, "speed": 0.2},
-        "j6": {"lower": 3, "upper": 4},
-    }
+    joints = {"j3": {"lower": -0.5, "upper": 0.8, "speed": 0.2}, "j6": {"lower": 3, "upper": 4}}
     robot = rp.Robot.load(arm(tmp_path, MIMICS, **joints))
     lower, upper, speed = (
         dict(zip(robot.joint_names, v, strict=True))
         for v in (robot.lower, robot.upper, robot.velocity_limit)
     )
-    assert (lower["j2"], upper["j2"], speed["j2"]) == pytest.approx(
-        (-1.0, 1.6, 0.4)
-    )  # j3 = 0.3 − j2/2
+    # j3 = 0.3 − j2/2
+    assert (lower["j2"], upper["j2"], speed["j2"]) == pytest.approx((-1.0, 1.6, 0.4))
     assert (lower["j5"], upper["j5"]) == (-2, 2)
-    assert [
-        "of joint 'j6' ignored: no position of 'j5'" in note for note in robot.warnings
-    ] == [True]
-    assert (robot.reference >= robot.lower).all() and (
-        robot.reference <= robot.upper
-    ).all()
+    assert ["of joint 'j6' ignored: no position of 'j5'" in note for note in robot.warnings] == [
+        True
+    ]
+    assert (robot.reference >= robot.lower).all() and (robot.reference <= robot.upper).all()
 
 
 def test_a_follower_of_a_follower_whose_leader_comes_last(tmp_path: Path) -> None:
@@ -138,8 +124,7 @@ def test_a_held_leader_holds_its_followers(tmp_path: Path) -> None:
     )
     chosen = free.task("l7", "position", joints=["j1", "j5", "j7"])
     assert np.allclose(
-        chosen.placement(np.delete(q, 1)).homogeneous,
-        free.task("l7").placement(q).homogeneous,
+        chosen.placement(np.delete(q, 1)).homogeneous, free.task("l7").placement(q).homogeneous
     )
 
 
@@ -160,17 +145,13 @@ def test_a_cycle_closes_and_an_active_joint_drives_both(robot: rp.Robot) -> None
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.3), rp.Box(q0, 0.3)
     )
-    motion = rp.follow(
-        design.inverse, rp.circle(task, q0, radius=0.05), q0, cycles=2, steps=200
-    )
+    motion = rp.follow(design.inverse, rp.circle(task, q0, radius=0.05), q0, cycles=2, steps=200)
     assert motion.drift[-1] < 1e-8 and motion.tracking_error.max() < 1e-8
     tip = pinocchios(robot, motion.q[100])[1].oMf[-1].translation
     assert np.allclose(tip, task.positions(motion.q[100:101])[0], atol=1e-12)
 
 
-def test_inspect_says_who_drives_whom(
-    robot: rp.Robot, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_says_who_drives_whom(robot: rp.Robot, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(robot.description.path)]) == 0
     text = capsys.readouterr().out
     assert "mimic joints: j3 (follows j2), j4 (follows j1), j6 (follows j5)" in text
@@ -187,7 +168,5 @@ def test_c_computes_the_same(robot: rp.Robot, base: str | None) -> None:
     plain = in_numpy(design.inverse)
     xdot = np.array([0.1, -0.2])
     assert np.allclose(
-        plain.velocity(q0 + 0.05, xdot),
-        design.inverse.velocity(q0 + 0.05, xdot),
-        atol=1e-12,
+        plain.velocity(q0 + 0.05, xdot), design.inverse.velocity(q0 + 0.05, xdot), atol=1e-12
     )

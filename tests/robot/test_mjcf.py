@@ -114,12 +114,8 @@ def agree(robot: rp.Robot, model: Any, mujoco: Any, at: str, site: str = "") -> 
     data = mujoco.MjData(model)
     ids = [model.joint(name).id for name in task.joint_names]
     limited = model.jnt_limited[ids].astype(bool)
-    assert np.array_equal(
-        task.lower, np.where(limited, model.jnt_range[ids, 0], -np.inf)
-    )
-    assert np.array_equal(
-        task.upper, np.where(limited, model.jnt_range[ids, 1], np.inf)
-    )
+    assert np.array_equal(task.lower, np.where(limited, model.jnt_range[ids, 0], -np.inf))
+    assert np.array_equal(task.upper, np.where(limited, model.jnt_range[ids, 1], np.inf))
     for q in np.random.default_rng(0).uniform(-1.5, 1.5, (20, task.n)):
         data.qpos[model.jnt_qposadr[ids]] = q
         mujoco.mj_kinematics(model, data)
@@ -139,9 +135,7 @@ def agree(robot: rp.Robot, model: Any, mujoco: Any, at: str, site: str = "") -> 
         assert np.abs(task.jacobian(q) - J[:, model.jnt_dofadr[ids]]).max() < 1e-12
 
 
-@pytest.mark.parametrize(
-    ("text", "body", "site"), [(PANDA, "hand", "tcp"), (ODD, "palm", "grasp")]
-)
+@pytest.mark.parametrize(("text", "body", "site"), [(PANDA, "hand", "tcp"), (ODD, "palm", "grasp")])
 def test_it_has_the_jacobian_of_mujoco(
     text: str, body: str, site: str, tmp_path: Path, mujoco: Any
 ) -> None:
@@ -153,9 +147,7 @@ def test_it_has_the_jacobian_of_mujoco(
         agree(robot, model, mujoco, body, site)
 
 
-def test_it_is_the_panda_of_the_catalogue(
-    tmp_path: Path, panda: rp.Robot, mujoco: Any
-) -> None:
+def test_it_is_the_panda_of_the_catalogue(tmp_path: Path, panda: rp.Robot, mujoco: Any) -> None:
     """The file has its rounded hand: the flange is that of the URDF."""
     one = rp.Robot.load(written(tmp_path, PANDA)).task("link7")
     other = panda.task("panda_link7")
@@ -187,9 +179,7 @@ def test_the_fingers_of_a_gripper_are_coupled(tmp_path: Path, mujoco: Any) -> No
     assert any("tendon" in note for note in robot.description.notes)
 
 
-def test_a_weld_to_a_target_of_the_user_is_left_out(
-    tmp_path: Path, mujoco: Any
-) -> None:
+def test_a_weld_to_a_target_of_the_user_is_left_out(tmp_path: Path, mujoco: Any) -> None:
     """Learning environments pull the hand to a mocap body, which closes no loop."""
     target = '<body name="goal" mocap="true"><site name="aim"/></body>'
     text = PANDA.replace("<worldbody>", f"<worldbody>{target}")
@@ -200,9 +190,7 @@ def test_a_weld_to_a_target_of_the_user_is_left_out(
         assert any("mocap body" in note for note in robot.description.notes)
 
 
-def test_mjcf_has_no_speed_limits_and_no_words_about_them(
-    tmp_path: Path, mujoco: Any
-) -> None:
+def test_mjcf_has_no_speed_limits_and_no_words_about_them(tmp_path: Path, mujoco: Any) -> None:
     robot = rp.Robot.load(written(tmp_path, PANDA))
     assert np.isinf(robot.task("tcp").velocity_limit).all()
     assert not any("speed" in note for note in robot.description.notes)
@@ -220,9 +208,7 @@ def test_a_study_runs_on_it(tmp_path: Path, mujoco: Any) -> None:
     q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
     few = rp.FitOptions(samples=256, held_out=128)
     box = rp.Box(q0, 0.3)
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=1, options=few
-    )
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, options=few)
     motion = rp.follow(design.inverse, rp.circle(task, q0, 0.05), q0, cycles=2)
     assert motion.drift[-1] < 1e-9
 
@@ -230,8 +216,7 @@ def test_a_study_runs_on_it(tmp_path: Path, mujoco: Any) -> None:
 BALL = '<body><joint type="ball" name="wrist" range="0 1"/><geom size="0.1"/></body>'
 WELD = '<equality><weld name="loop" body1="hand" body2="link0"/></equality>'
 CURVED = (
-    '<equality><joint name="odd" joint1="joint1" joint2="joint2" polycoef="0 1 1 0 0"/>'
-    "</equality>"
+    '<equality><joint name="odd" joint1="joint1" joint2="joint2" polycoef="0 1 1 0 0"/></equality>'
 )
 
 

@@ -11,10 +11,7 @@ TASKS = {
     "both hands of talos": ("talos", HANDS),
     "kinds that differ": ("talos", [(HANDS[0], "axis"), (HANDS[1], "position")]),
     "a lift and two arms": ("pr2", ["l_gripper_tool_frame", "r_gripper_tool_frame"]),
-    "a tray": (
-        "talos",
-        [(HANDS[0], "position"), (HANDS[1], "pose", "gripper_left_base_link")],
-    ),
+    "a tray": ("talos", [(HANDS[0], "position"), (HANDS[1], "pose", "gripper_left_base_link")]),
     "arms that share nothing": ("baxter", ["left_gripper", "right_gripper"]),
 }
 
@@ -40,10 +37,7 @@ def test_the_hessian_is_the_derivative_of_the_jacobian(task):
 def test_the_jacobian_is_minus_the_derivative_of_the_error(task):
     for q in configurations(task, 2):
         target, steps = task.placements(q), 1e-6 * np.eye(task.n)
-        slopes = [
-            (task.error(q - d, target) - task.error(q + d, target)) / 2e-6
-            for d in steps
-        ]
+        slopes = [(task.error(q - d, target) - task.error(q + d, target)) / 2e-6 for d in steps]
         np.testing.assert_allclose(task.jacobian(q), np.stack(slopes, -1), atol=1e-7)
 
 
@@ -67,10 +61,7 @@ def test_batches_equal_single_evaluations(task):
     for many, one in (
         (task.jacobians(Q), [task.jacobian(q) for q in Q]),
         (task.hessians(Q), [task.hessian(q) for q in Q]),
-        (
-            task.errors(Q, targets),
-            [task.error(q, x) for q, x in zip(Q, targets, strict=True)],
-        ),
+        (task.errors(Q, targets), [task.error(q, x) for q, x in zip(Q, targets, strict=True)]),
         (
             task.positions(Q),
             [np.concatenate([x.translation for x in task.placements(q)]) for q in Q],
@@ -90,9 +81,7 @@ def test_the_jacobian_is_that_of_pinocchio():
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         rows.append(pin.computeFrameJacobian(whole, data, q_whole, frame, world))
     columns = [whole.getJointId(name) - 1 for name in task.joint_names]
-    np.testing.assert_allclose(
-        task.jacobian(q), np.vstack(rows)[:, columns], atol=1e-13
-    )
+    np.testing.assert_allclose(task.jacobian(q), np.vstack(rows)[:, columns], atol=1e-13)
 
 
 def test_one_frame_in_a_list_is_the_task_of_this_frame():
@@ -107,9 +96,7 @@ def test_one_frame_in_a_list_is_the_task_of_this_frame():
 def test_coordinates_turn_the_joints_of_all_frames(task):
     T = np.eye(task.n) + np.tri(task.n, k=-1) * 0.2
     turned, psi = task.in_coordinates(T), 0.1 * np.ones(task.n)
-    np.testing.assert_allclose(
-        turned.jacobian(psi), task.jacobian(T @ psi) @ T, atol=1e-12
-    )
+    np.testing.assert_allclose(turned.jacobian(psi), task.jacobian(T @ psi) @ T, atol=1e-12)
 
 
 def test_frames_that_share_no_joint_are_told():

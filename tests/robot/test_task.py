@@ -11,12 +11,7 @@ from arms import KINDS
 
 import repctl_pin as rp
 
-ARMS = [
-    "panda",
-    "kinova",
-    "tiago",
-    "talos",
-]  # n = 7, 6 (continuous joints), 8 (a lift), 9
+ARMS = ["panda", "kinova", "tiago", "talos"]  # n = 7, 6 (continuous joints), 8 (a lift), 9
 
 
 def some_q(task: rp.Task, seed: int = 0) -> np.ndarray:
@@ -30,9 +25,7 @@ def robot(request: pytest.FixtureRequest) -> rp.Robot:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_jacobian_and_hessian_agree_with_finite_differences(
-    robot: rp.Robot, kind: str
-) -> None:
+def test_jacobian_and_hessian_agree_with_finite_differences(robot: rp.Robot, kind: str) -> None:
     task = robot.task(None, kind)
     q, e = some_q(task), 1e-6
     J, H = task.jacobian(q), task.hessian(q)
@@ -40,9 +33,7 @@ def test_jacobian_and_hessian_agree_with_finite_differences(
     for k, d in enumerate(np.eye(task.n)):
         # J is the differential of f: of the task error between neighbours
         moved = (task.error(q - e * d, task.placement(q + e * d))) / (2 * e)
-        if (
-            kind != "axis"
-        ):  # the axis rows are written in the frame's own axes, which move too
+        if kind != "axis":  # the axis rows are written in the frame's own axes, which move too
             assert np.allclose(moved, J[:, k], atol=2e-9)
         else:
             half = task.error(q, task.placement(q + e * d)) / e
@@ -58,9 +49,7 @@ def test_hessian_agrees_with_pinocchio(robot: rp.Robot) -> None:
     model, data = task.model, task.model.createData()
     frame = model.getFrameId(task.frame, pin.FrameType.BODY)
     pin.computeJointJacobians(model, data, q)
-    pin.computeForwardKinematicsDerivatives(
-        model, data, q, np.zeros(task.n), np.zeros(task.n)
-    )
+    pin.computeForwardKinematicsDerivatives(model, data, q, np.zeros(task.n), np.zeros(task.n))
     for k, e_k in enumerate(np.eye(task.n)):
         pin.computeJointJacobiansTimeVariation(model, data, q, e_k)
         slope = pin.getFrameJacobianTimeVariation(
@@ -90,9 +79,7 @@ def test_a_task_moves_its_frame_as_the_whole_robot_does(robot: rp.Robot) -> None
     task = robot.task(None, "pose")
     q = some_q(task, 2)
     data = robot.model.createData()
-    pin.framesForwardKinematics(
-        robot.model, data, robot.coupling.joints(task.to_robot(q))
-    )
+    pin.framesForwardKinematics(robot.model, data, robot.coupling.joints(task.to_robot(q)))
     whole = data.oMf[robot.model.getFrameId(task.frame, pin.FrameType.BODY)]
     assert np.allclose(whole.homogeneous, task.placement(q).homogeneous, atol=1e-14)
 
@@ -106,23 +93,17 @@ def test_joints_can_be_chosen_and_locked(panda: rp.Robot) -> None:
     assert names[2] not in task.joint_names and task.n == 6
     full = panda.task("panda_hand_tcp", "pose")
     q = np.delete(full.reference, 2)
-    assert np.allclose(
-        task.placement(q).homogeneous, full.placement(full.reference).homogeneous
-    )
+    assert np.allclose(task.placement(q).homogeneous, full.placement(full.reference).homogeneous)
 
 
 def test_base_holds_a_link_still_and_measures_in_it() -> None:
     whole = rp.Robot.load("tiago").task("wrist_ft_tool_link", "pose")
-    arm = rp.Robot.load("tiago", base="torso_lift_link").task(
-        "wrist_ft_tool_link", "pose"
-    )
+    arm = rp.Robot.load("tiago", base="torso_lift_link").task("wrist_ft_tool_link", "pose")
     assert arm.n == whole.n - 1
     q = some_q(whole, 3)
     lift = rp.Robot.load("tiago").task("torso_lift_link", "pose")
     expected = lift.placement(q[:1]).inverse() * whole.placement(q)
-    assert np.allclose(
-        arm.placement(q[1:]).homogeneous, expected.homogeneous, atol=1e-12
-    )
+    assert np.allclose(arm.placement(q[1:]).homogeneous, expected.homogeneous, atol=1e-12)
     R = lift.placement(q[:1]).rotation
     turned = np.kron(np.eye(2), R.T) @ whole.jacobian(q)[:, 1:]
     assert np.allclose(arm.jacobian(q[1:]), turned, atol=1e-12)
@@ -142,22 +123,16 @@ def test_continuous_joints_are_one_number_without_limits() -> None:
 
 
 def test_references_lie_within_limits(robot: rp.Robot) -> None:
-    assert (robot.reference >= robot.lower).all() and (
-        robot.reference <= robot.upper
-    ).all()
+    assert (robot.reference >= robot.lower).all() and (robot.reference <= robot.upper).all()
 
 
-def test_inertia_is_symmetric_positive_and_gives_the_kinetic_energy(
-    panda_pose: rp.Task,
-) -> None:
+def test_inertia_is_symmetric_positive_and_gives_the_kinetic_energy(panda_pose: rp.Task) -> None:
     q, v = some_q(panda_pose), np.random.default_rng(0).normal(size=7)
     M = panda_pose.inertias(q[None])[0]
     assert np.array_equal(M, M.T) and np.linalg.eigvalsh(M)[0] > 0
     data = panda_pose.model.createData()
     assert np.isclose(
-        0.5 * v @ M @ v,
-        pin.computeKineticEnergy(panda_pose.model, data, q, v),
-        rtol=1e-12,
+        0.5 * v @ M @ v, pin.computeKineticEnergy(panda_pose.model, data, q, v), rtol=1e-12
     )
 
 
@@ -166,14 +141,10 @@ def test_axis_error_turns_the_tool_axis_the_short_way(panda: rp.Robot) -> None:
     q = np.array(task.reference)
     here = task.placement(q)
     spun = pin.SE3(here.rotation @ pin.exp3(np.array([0, 0, 1.0])), here.translation)
-    assert (
-        np.abs(task.error(q, spun)).max() < 1e-12
-    )  # turning about the tool axis costs nothing
+    assert np.abs(task.error(q, spun)).max() < 1e-12  # turning about the tool axis costs nothing
     tilted = pin.SE3(here.rotation @ pin.exp3(np.array([0.3, 0, 0])), here.translation)
     assert np.allclose(task.error(q, tilted), [0, 0, 0, 0.3, 0], atol=1e-12)
-    flipped = pin.SE3(
-        here.rotation @ pin.exp3(np.array([np.pi, 0, 0])), here.translation
-    )
+    flipped = pin.SE3(here.rotation @ pin.exp3(np.array([np.pi, 0, 0])), here.translation)
     assert np.isclose(np.linalg.norm(task.error(q, flipped)[3:]), np.pi)
 
 
@@ -188,9 +159,7 @@ def test_bad_names_get_one_helpful_line(panda: rp.Robot) -> None:
         rp.InputError, match="no frame 'panda_hand_tpc'; did you mean 'panda_hand_tcp'"
     ):
         panda.task("panda_hand_tpc")
-    with pytest.raises(
-        rp.InputError, match="no task kind 'poses'; choose from pose, axis"
-    ):
+    with pytest.raises(rp.InputError, match="no task kind 'poses'; choose from pose, axis"):
         panda.task("panda_hand_tcp", "poses")
     with pytest.raises(rp.InputError, match="no joint 'panda_joint9'; did you mean"):
         panda.task("panda_hand_tcp", joints=["panda_joint9"])
@@ -200,17 +169,13 @@ def test_bad_names_get_one_helpful_line(panda: rp.Robot) -> None:
         panda.task("panda_link0", "position")
     with pytest.raises(rp.InputError, match="did you mean"):
         rp.Robot.load("pandda")
-    with pytest.raises(
-        rp.InputError, match="no frame 'left_grippr'; did you mean 'left_gripper'"
-    ):
+    with pytest.raises(rp.InputError, match="no frame 'left_grippr'; did you mean 'left_gripper'"):
         rp.Robot.load("baxter", base="left_grippr")
 
 
 def test_bad_configurations_get_one_helpful_line(panda_pose: rp.Task) -> None:
     q = np.array(panda_pose.reference)
-    with pytest.raises(
-        rp.InputError, match="3 numbers, but 'panda_hand_tcp' is moved by 7"
-    ):
+    with pytest.raises(rp.InputError, match="3 numbers, but 'panda_hand_tcp' is moved by 7"):
         panda_pose.check(q[:3])
     with pytest.raises(rp.InputError, match="panda_joint2.* not a finite"):
         panda_pose.check(np.where(np.arange(7) == 1, np.nan, q))

@@ -56,9 +56,7 @@ def all_joints(robot: rp.Robot, model: pin.Model, q: np.ndarray) -> np.ndarray:
 def test_placements_are_pinocchios(name: str) -> None:
     robot, model, geometry = loaded(name)
     visuals = Visuals.of(robot)
-    assert {s.name for s in visuals.shapes} == {
-        g.name for g in geometry.geometryObjects
-    }
+    assert {s.name for s in visuals.shapes} == {g.name for g in geometry.geometryObjects}
     Q = configurations(robot)
     placements = visuals.placements(Q)
     assert placements.shape == (len(Q), len(visuals.shapes), 4, 4)
@@ -83,16 +81,12 @@ def test_scales_and_colours_are_pinocchios(name: str) -> None:
     for shape in Visuals.of(robot).shapes:
         theirs = geometry.geometryObjects[geometry.getGeometryId(shape.name)]
         if shape.kind == "mesh":
-            np.testing.assert_allclose(
-                shape.scale, theirs.meshScale, err_msg=shape.name
-            )
+            np.testing.assert_allclose(shape.scale, theirs.meshScale, err_msg=shape.name)
             assert shape.path is not None
             assert shape.path == Path(theirs.meshPath).resolve()
             mirrored += np.prod(shape.scale) < 0
         if theirs.overrideMaterial:
-            np.testing.assert_allclose(
-                shape.color, theirs.meshColor, atol=1e-6, err_msg=shape.name
-            )
+            np.testing.assert_allclose(shape.color, theirs.meshColor, atol=1e-6, err_msg=shape.name)
         elif shape.kind == "mesh" and shape.path is not None:
             assert (shape.color is None) == (shape.path.suffix.lower() != ".stl")
     assert (mirrored > 0) == (name == "talos")
@@ -150,10 +144,7 @@ def test_missing_mesh_is_listed_and_its_link_drawn_as_a_tube(tmp_path: Path) -> 
     name = "package://nowhere/upper.stl"
     robot = arm(tmp_path, upper=f'<mesh filename="{name}"/>')
     visuals = Visuals.of(robot)
-    by_link = {
-        link: {s.name for s in visuals.shapes if s.link == link}
-        for link in robot.frames
-    }
+    by_link = {link: {s.name for s in visuals.shapes if s.link == link} for link in robot.frames}
     assert by_link["base"] == {"base_0"}
     assert by_link["upper"] == {"slide_tube", "turn_joint"}
     Q = configurations(robot)
@@ -166,9 +157,7 @@ def test_missing_mesh_is_listed_and_its_link_drawn_as_a_tube(tmp_path: Path) -> 
 
 
 def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> None:
-    robot = arm(
-        tmp_path, text=re.sub(r"<visual>.*?</visual>", "", ARM, flags=re.DOTALL)
-    )
+    robot = arm(tmp_path, text=re.sub(r"<visual>.*?</visual>", "", ARM, flags=re.DOTALL))
     visuals = Visuals.of(robot)
     shapes = {s.name: k for k, s in enumerate(visuals.shapes)}
     assert set(shapes) == {
@@ -187,10 +176,7 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
     expected = {
         "turn_tube": [np.zeros(3), upper.translation],
         "slide_tube": [upper.translation, joint.translation],
-        "slide_rail": [
-            joint * np.array([-0.1, 0, 0]),
-            joint * np.array([0.5, 0, 0]),
-        ],  # its limits
+        "slide_rail": [joint * np.array([-0.1, 0, 0]), joint * np.array([0.5, 0, 0])],  # its limits
         "end_tube": [rod.translation, rod * np.array([0, 0.2, 0])],
     }
     for name, points in expected.items():
@@ -198,12 +184,9 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
         np.testing.assert_allclose(
             ends(visuals.shapes[k], placed[k]), points, atol=1e-12, err_msg=name
         )
-    np.testing.assert_allclose(
-        placed[shapes["turn_joint"]][:3, 2], [0, 1, 0], atol=1e-12
-    )  # along its axis
-    np.testing.assert_allclose(
-        placed[shapes["slide_slider"]][:3, 3], rod.translation, atol=1e-12
-    )
+    # along its axis
+    np.testing.assert_allclose(placed[shapes["turn_joint"]][:3, 2], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(placed[shapes["slide_slider"]][:3, 3], rod.translation, atol=1e-12)
 
 
 def test_base_moves_the_picture_as_it_moves_the_task() -> None:
@@ -237,9 +220,7 @@ def test_materials(tmp_path: Path) -> None:
     )
     (red,) = upper('<material name="red"><color rgba="1 0 0 0.5"/></material>')
     assert red.color == (1.0, 0.0, 0.0, 0.5)
-    assert (
-        upper('<material name="none"><color rgba="1 0 0 0"/></material>') == []
-    )  # invisible
+    assert upper('<material name="none"><color rgba="1 0 0 0"/></material>') == []  # invisible
 
 
 @pytest.mark.parametrize(
@@ -265,9 +246,7 @@ def test_where_meshes_are_found(
     trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
     name = name.format(mesh=mesh)
     shape = f'<geometry><mesh filename="{name}"/></geometry>'
-    text = ARM.replace(
-        "</visual></link>", f"</visual><collision>{shape}</collision></link>"
-    )
+    text = ARM.replace("</visual></link>", f"</visual><collision>{shape}</collision></link>")
     robot = arm(
         tmp_path,
         upper=f'<mesh filename="{name}"/>',
@@ -304,16 +283,10 @@ def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
         (0.4, 1, 0.02),
     ) and visuals.shapes[-1].standing
     expected = np.eye(4)
-    expected[:3, :3] = [
-        [np.cos(1.5), 0, np.sin(1.5)],
-        [0, 1, 0],
-        [-np.sin(1.5), 0, np.cos(1.5)],
-    ]
+    expected[:3, :3] = [[np.cos(1.5), 0, np.sin(1.5)], [0, 1, 0], [-np.sin(1.5), 0, np.cos(1.5)]]
     expected[:3, 3] = [0.5 + 0.1 * np.sin(1.5), 0, 0.4 + 0.1 * np.cos(1.5)]
     Q = configurations(robot)
     np.testing.assert_allclose(
-        visuals.placements(Q)[:, -1],
-        np.broadcast_to(expected, (len(Q), 4, 4)),
-        atol=1e-12,
+        visuals.placements(Q)[:, -1], np.broadcast_to(expected, (len(Q), 4, 4)), atol=1e-12
     )
     np.testing.assert_array_equal(visuals.placements(Q)[:, :-1], alone.placements(Q))

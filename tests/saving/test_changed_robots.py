@@ -85,12 +85,7 @@ def mimic(folder: Path) -> Path:
 
 
 ARMS: dict[str, tuple[Callable[[Path], Path], str, str, tuple[str, ...]]] = {
-    "panda": (
-        panda,
-        "panda_hand_tcp",
-        "pose",
-        ("panda_link2", "panda_link4", "panda_link6"),
-    ),
+    "panda": (panda, "panda_hand_tcp", "pose", ("panda_link2", "panda_link4", "panda_link6")),
     "kinova-like": (kinova_like, "tool", "pose", ("l2", "marker", "l6")),
     "mimic": (mimic, "l7", "position", ()),
     "rail": (rail, "tool", "xy", ()),
@@ -112,13 +107,9 @@ def design_on(task: rp.Task, frames: tuple[str, ...], *, inertia: bool) -> rp.De
     return dataclasses.replace(design, cycle=cycle, desired=plain)
 
 
-def numbers_of(
-    tree: ElementTree.ElementTree, task: rp.Task
-) -> list[tuple[str, str, str, int]]:
+def numbers_of(tree: ElementTree.ElementTree, task: rp.Task) -> list[tuple[str, str, str, int]]:
     """List every number of the joints from base to frame: joint, element, attribute and place."""
-    parents = {
-        joint.find("child").get("link"): joint for joint in tree.getroot().iter("joint")
-    }
+    parents = {joint.find("child").get("link"): joint for joint in tree.getroot().iter("joint")}
     link, chain = task.frame, []
     while link in parents:
         chain.append(parents[link])
@@ -129,9 +120,7 @@ def numbers_of(
         found += [(name, "origin", key, i) for key in ("xyz", "rpy") for i in range(3)]
         if not fixed:
             found += [(name, "axis", "xyz", i) for i in range(3)]
-            keys = [
-                k for k in ("lower", "upper", "velocity") if joint.find("limit").get(k)
-            ]
+            keys = [k for k in ("lower", "upper", "velocity") if joint.find("limit").get(k)]
             found += [(name, "limit", key, 0) for key in keys]
         if joint.find("mimic") is not None:
             found += [(name, "mimic", key, 0) for key in ("multiplier", "offset")]
@@ -153,9 +142,8 @@ def changed(
     before = np.array(values)
     values[place] += by
     element.set(key, " ".join(map(repr, values)))
-    return not (
-        tag == "axis" and np.linalg.norm(np.cross(before, values)) < 1e-12
-    )  # an axis of another length
+    # an axis of another length
+    return not (tag == "axis" and np.linalg.norm(np.cross(before, values)) < 1e-12)
 
 
 def loaded(file: Path, saved: Path, frame: str, kind: str) -> rp.Design | rp.CellDesign:
@@ -165,9 +153,7 @@ def loaded(file: Path, saved: Path, frame: str, kind: str) -> rp.Design | rp.Cel
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_number_that_a_design_depends_on_is_checked(
-    name: str, tmp_path: Path
-) -> None:
+def test_every_number_that_a_design_depends_on_is_checked(name: str, tmp_path: Path) -> None:
     """Issue 37, item 3: one number at a time, of each joint from base to frame. All are detected:
     limits of a mimic joint only where they narrow those of its leader."""
     make, frame, kind, frames = ARMS[name]
@@ -194,9 +180,7 @@ def test_every_number_that_a_design_depends_on_is_checked(
             assert "\n" not in str(error) and str(saved) in str(error)
             if tag == "limit":
                 driver = next(
-                    j.mimic or j.name
-                    for j in now.robot.joints.values()
-                    if j.name == joint
+                    j.mimic or j.name for j in now.robot.joints.values() if j.name == joint
                 )
                 assert f"{driver!r}" in str(error) and "limit" in str(error)
     assert not missed and detected > 25
@@ -262,9 +246,7 @@ def test_speed_limits_are_checked_where_a_period_keeps_them(tmp_path: Path) -> N
     timed = rp.save(design, tmp_path / "timed.json")
     plain = rp.save(dataclasses.replace(design, cycle=None), tmp_path / "plain.json")
     file.write_text(RAIL.replace('velocity="1.2"', 'velocity="0.9"'))
-    with pytest.raises(
-        rp.InputError, match=r"the speed limit of 'b' was 1.2 and is 0.9"
-    ):
+    with pytest.raises(rp.InputError, match=r"the speed limit of 'b' was 1.2 and is 0.9"):
         loaded(file, timed, frame, kind)
     loaded(file, plain, frame, kind)
 
@@ -279,9 +261,7 @@ BODIES = RAIL.replace(
 )
 
 
-def test_a_cell_s_limits_refuse_and_its_bodies_drop_the_distance(
-    tmp_path: Path,
-) -> None:
+def test_a_cell_s_limits_refuse_and_its_bodies_drop_the_distance(tmp_path: Path) -> None:
     """Issue 37, item 3: F does not depend on the bodies, only its body distance does."""
     file = tmp_path / "rail.urdf"
     file.write_text(BODIES)
@@ -304,22 +284,17 @@ def test_a_cell_s_limits_refuse_and_its_bodies_drop_the_distance(
     ):
         file.write_text(BODIES.replace(old, new))
         now = rp.Robot.load(file).task("tool", "xy")
-        with pytest.warns(
-            UserWarning, match="body distance and collisions were dropped"
-        ):
+        with pytest.warns(UserWarning, match="body distance and collisions were dropped"):
             again = rp.load_cell(saved, now)
         assert np.isnan(again.body_distance) and "not known" in again.summary()
         assert np.array_equal(
-            again.function.batch(np.zeros((1, 2))),
-            found.function.batch(np.zeros((1, 2))),
+            again.function.batch(np.zeros((1, 2))), found.function.batch(np.zeros((1, 2)))
         )
         resaved = rp.save(again, tmp_path / "again.json")
         with pytest.warns(UserWarning, match="collision bodies"):
             assert np.isnan(rp.load_cell(resaved, now).body_distance)
     file.write_text(BODIES.replace('upper="2.5"', 'upper="2.4"'))
-    with pytest.raises(
-        rp.InputError, match=r"limits of 'b' were \[-2, 2.5\] and are \[-2, 2.4\]"
-    ):
+    with pytest.raises(rp.InputError, match=r"limits of 'b' were \[-2, 2.5\] and are \[-2, 2.4\]"):
         loaded(file, saved, "tool", "xy")
 
 

@@ -56,9 +56,7 @@ def test_motions_pickle_with_their_figures(task: rp.Task) -> None:
     corners = rp.polygon(task, Q0, [[0.1, 0, 0], [0.1, 0.1, 0]])
     motion = rp.follow(rp.Pseudoinverse(task), corners, Q0, cycles=2, steps=24)
     again = pickle.loads(pickle.dumps(motion))
-    assert np.array_equal(again.q, motion.q) and np.array_equal(
-        again.drift, motion.drift
-    )
+    assert np.array_equal(again.q, motion.q) and np.array_equal(again.drift, motion.drift)
     assert again.tracking_error == pytest.approx(motion.tracking_error, abs=1e-9)
     timed = rp.timed(motion, rp.Limits(acceleration=10.0), rate=100.0)
     once_more = pickle.loads(pickle.dumps(timed))
@@ -79,9 +77,7 @@ def test_bodies_pickle_and_measure_the_same(tmp_path: Path) -> None:
 def test_a_timed_motion_that_would_fill_the_memory_is_refused_before_it_is_sampled(
     task: rp.Task,
 ) -> None:
-    motion = rp.follow(
-        rp.Pseudoinverse(task), rp.circle(task, Q0, 0.1), Q0, cycles=2, steps=24
-    )
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, Q0, 0.1), Q0, cycles=2, steps=24)
     duration = rp.timed(motion, rp.Limits(acceleration=1e-8), rate=1.0).duration
     with pytest.raises(rp.InputError, match="exceed 2,000,000 samples; lower the rate"):
         rp.timed(motion, rp.Limits(acceleration=1e-8), rate=2_100_000 / duration)

@@ -47,9 +47,7 @@ def same(a: rp.Design, b: rp.Design) -> None:
         if isinstance(one, (float, int, str, tuple, np.ndarray)):
             assert type(one) is type(other) or isinstance(one, float), attribute.name
             assert np.array_equal(one, other), attribute.name
-    assert a.task.joint_names == b.task.joint_names and type(a.desired) is type(
-        b.desired
-    )
+    assert a.task.joint_names == b.task.joint_names and type(a.desired) is type(b.desired)
     assert repr(a.potentials) == repr(b.potentials) and str(a.region) == str(b.region)
 
 
@@ -86,14 +84,9 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
         q_panda, 2, np.linspace(0.2, 0.8, 7), variables=[1, 3], cross=False
     )
     A = np.random.default_rng(1).normal(size=(family.size, 1))
-    tube = rp.Tube(
-        q_panda + 0.01 * np.arange(21).reshape(3, 7), np.linspace(0.1, 0.7, 7)
-    )
+    tube = rp.Tube(q_panda + 0.01 * np.arange(21).reshape(3, 7), np.linspace(0.1, 0.7, 7))
     workspace = rp.WorkspaceBox(
-        panda_pose,
-        panda_pose.placement(q_panda).translation,
-        0.1,
-        within=rp.Box(q_panda, 0.4),
+        panda_pose, panda_pose.placement(q_panda).translation, 0.1, within=rp.Box(q_panda, 0.4)
     )
     limits = rp.LimitWeight(panda_pose, 0.7, 0.2)
     weights = [
@@ -104,9 +97,7 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
         for desired in (*weights, rp.Pseudoinverse(panda_pose)):
             design = dataclasses.replace(
                 small,
-                inverse=rp.RepeatableInverse(
-                    panda_pose, family.weighted(A), region=region
-                ),
+                inverse=rp.RepeatableInverse(panda_pose, family.weighted(A), region=region),
                 potentials=family,
                 coefficients=A,
                 region=region,
@@ -114,20 +105,15 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
             )
             loaded = rp.load(rp.save(design, tmp_path / "d.json"))
             same(design, loaded)
-            assert np.array_equal(
-                design.region.random(64, 3), loaded.region.random(64, 3)
-            )
+            assert np.array_equal(design.region.random(64, 3), loaded.region.random(64, 3))
             assert np.array_equal(design.desired(q_panda), loaded.desired(q_panda))
-            assert np.array_equal(
-                design.inverse(q_panda + 0.1), loaded.inverse(q_panda + 0.1)
-            )
+            assert np.array_equal(design.inverse(q_panda + 0.1), loaded.inverse(q_panda + 0.1))
 
     planar = rp.Robot.load("planar3r", base="link1", lock=["theta1"]).task(
         "tool", "xy", joints=None
     )
-    assert (
-        planar.r == 0
-    )  # a chain that lock and base have shortened; its names are kept by the next one
+    # a chain that lock and base have shortened; its names are kept by the next one
+    assert planar.r == 0
     absolute = rp.Robot.load("planar4r").task("tool", "xy")
     absolute = absolute.in_coordinates(rp.absolute_angles(absolute))
     center = np.array([0.3, 1.0, 1.8, 2.5])
@@ -147,9 +133,7 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
 def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) -> None:
     density = rp.Box(q_panda, 0.3, density=lambda Q: np.ones(len(Q)))
     own = rp.CustomPotentials([lambda q: q[0]])
-    custom = rp.CustomInverse(
-        panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q))
-    )
+    custom = rp.CustomInverse(panda_pose, lambda q: np.linalg.pinv(panda_pose.jacobian(q)))
     for change, words in (
         ({"region": density}, "density"),
         ({"desired": custom}, "CustomInverse"),
@@ -174,9 +158,7 @@ PATHS = {
 
 
 @pytest.mark.parametrize("name", PATHS)
-def test_the_cycle_of_a_control_comes_back(
-    name: str, tmp_path, small, panda_pose, q_panda
-) -> None:
+def test_the_cycle_of_a_control_comes_back(name: str, tmp_path, small, panda_pose, q_panda) -> None:
     """Start and time exactly; the path to rounding, corners included, and what is followed with
     it."""
     path = PATHS[name](panda_pose, q_panda)
@@ -187,36 +169,25 @@ def test_the_cycle_of_a_control_comes_back(
     assert (cycle.path.name, cycle.path.breaks) == (path.name, path.breaks)
     for s in np.linspace(0, 1, 57):
         assert (
-            np.abs(
-                cycle.path.placement(s).homogeneous - path.placement(s).homogeneous
-            ).max()
+            np.abs(cycle.path.placement(s).homogeneous - path.placement(s).homogeneous).max()
             < 1e-12
         )
         assert np.abs(cycle.path.twist(s) - path.twist(s)).max() < 1e-9
-    again = [
-        rp.follow(small.inverse, p, q_panda, cycles=1, steps=60).q
-        for p in (path, cycle.path)
-    ]
+    again = [rp.follow(small.inverse, p, q_panda, cycles=1, steps=60).q for p in (path, cycle.path)]
     assert np.abs(again[0] - again[1]).max() < 1e-9
     again_file = rp.save(rp.load(file, panda_pose), tmp_path / "again.json")
-    one, two = (
-        json.loads(f.read_text())["cycle"]["pieces"] for f in (file, again_file)
-    )
+    one, two = (json.loads(f.read_text())["cycle"]["pieces"] for f in (file, again_file))
     for a, b in zip(one, two, strict=True):
         assert np.allclose(a["coefficients"], b["coefficients"], atol=1e-12)
 
 
-def test_a_turning_path_is_told_by_quaternions(
-    small, panda_pose, q_panda, tmp_path
-) -> None:
+def test_a_turning_path_is_told_by_quaternions(small, panda_pose, q_panda, tmp_path) -> None:
     """A frame that goes round a loop and back and forth about a tilted axis: the polynomials of the
     file, evaluated by NumPy, give its position and orientation."""
     axis, turn = np.array([1.0, 2.0, 2.0]) / 3, 2 * np.pi
 
     def position(s: float) -> np.ndarray:
-        return 0.1 * np.array(
-            [np.cos(turn * s), np.sin(turn * s), np.sin(2 * turn * s)]
-        )
+        return 0.1 * np.array([np.cos(turn * s), np.sin(turn * s), np.sin(2 * turn * s)])
 
     def slope(s: float) -> np.ndarray:
         rates = [-np.sin(turn * s), np.cos(turn * s), 2 * np.cos(2 * turn * s)]
@@ -235,21 +206,11 @@ def test_a_turning_path_is_told_by_quaternions(
         begin, end = piece["begin"], piece["end"]
         values = chebval((2 * s - begin - end) / (end - begin), piece["coefficients"])
         assert np.abs(values[:3] - path.placement(s).translation).max() < 1e-12
-        assert (
-            np.abs(Rotation.from_quat(values[3:]).as_matrix() - turned(s)).max() < 1e-11
-        )
+        assert np.abs(Rotation.from_quat(values[3:]).as_matrix() - turned(s)).max() < 1e-11
 
 
 def test_the_file_holds_every_figure_of_a_design(saved) -> None:
-    own = {
-        "inverse",
-        "desired",
-        "potentials",
-        "region",
-        "coefficients",
-        "cycle",
-        "proof",
-    }
+    own = {"inverse", "desired", "potentials", "region", "coefficients", "cycle", "proof"}
     figures = json.loads(saved.read_text())["figures"]
     assert {a.name for a in dataclasses.fields(rp.Design)} - own == set(figures)
 
@@ -264,9 +225,7 @@ def test_equal_designs_are_written_alike(small, tmp_path) -> None:
     assert files[0] == files[1] and b'"proof"' in files[0]
 
 
-def test_the_seconds_that_older_files_give_for_a_proof_are_passed_over(
-    small, tmp_path
-) -> None:
+def test_the_seconds_that_older_files_give_for_a_proof_are_passed_over(small, tmp_path) -> None:
     proof = rp.prove(small, margin=0.1)
     file = rp.save(dataclasses.replace(small, proof=proof), tmp_path / "control.json")
     older = json.loads(file.read_text())["proof"] | {"seconds": 0.25}
@@ -336,16 +295,13 @@ def test_the_checksum_is_of_everything_else_however_it_is_laid_out() -> None:
     assert checksum(content) == f"sha256:{hashlib.sha256(written).hexdigest()}"
 
 
-def test_no_text_of_a_file_holds_control_characters(
-    small, panda_pose, q_panda, tmp_path
-) -> None:
+def test_no_text_of_a_file_holds_control_characters(small, panda_pose, q_panda, tmp_path) -> None:
     """Written, they are escaped; in a file by somebody else they are refused, though its checksum
     fits."""
     path = rp.circle(panda_pose, q_panda, 0.1)
     named = dataclasses.replace(path, name="loop\x1b[2J\nof mine")
     file = rp.save(
-        dataclasses.replace(small, cycle=Cycle(q_panda, named, 3.0)),
-        tmp_path / "control.json",
+        dataclasses.replace(small, cycle=Cycle(q_panda, named, 3.0)), tmp_path / "control.json"
     )
     assert rp.load(file, panda_pose).cycle.path.name == "loop\\x1b[2J\\nof mine"
     cycle = json.loads(file.read_text())["cycle"]
@@ -358,10 +314,7 @@ def test_a_cell_is_placed_by_a_rigid_transform(tmp_path) -> None:
     task = rp.Robot.load("planar3r").task(kind="xy")
     cell = rp.Cell(task, task.placement(np.array([0.3, 0.8, 0.8])), 0.05)
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        degree=1,
-        options=rp.FitOptions(samples=16, held_out=64),
+        rp.Pseudoinverse(task), cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
     )
     file = rp.save(found, tmp_path / "cell.json")
     rows = json.loads(file.read_text())["placement"]
@@ -399,9 +352,7 @@ def test_a_newer_schema_is_refused_with_a_remedy(saved) -> None:
 
 
 def test_an_older_schema_is_refused_by_name(saved) -> None:
-    with pytest.raises(
-        rp.InputError, match=r"schema 1, and this version reads 2; design again"
-    ):
+    with pytest.raises(rp.InputError, match=r"schema 1, and this version reads 2; design again"):
         rp.load(edited(saved, schema=1))
 
 
@@ -409,9 +360,7 @@ def test_a_changed_number_is_noticed(saved) -> None:
     text = saved.read_text()
     at = text.index('"coefficients"') + 40
     digit = next(i for i in range(at, len(text)) if text[i].isdigit())
-    saved.write_text(
-        text[:digit] + str((int(text[digit]) + 1) % 10) + text[digit + 1 :]
-    )
+    saved.write_text(text[:digit] + str((int(text[digit]) + 1) % 10) + text[digit + 1 :])
     with pytest.raises(rp.InputError, match="changed after it was written"):
         rp.load(saved)
 
@@ -431,18 +380,12 @@ def test_five_hundred_mutated_files(tmp_path, small, panda_pose) -> None:
             elif kind == 1:
                 del data[i : i + int(rng.integers(1, 30))]
             elif kind == 2:
-                data[i:i] = (
-                    rng.integers(0, 256, int(rng.integers(1, 8)))
-                    .astype(np.uint8)
-                    .tobytes()
-                )
+                data[i:i] = rng.integers(0, 256, int(rng.integers(1, 8))).astype(np.uint8).tobytes()
             elif kind == 3:
                 del data[i:]
                 data = data or bytearray(b" ")
             elif kind == 4:
-                data[i : i + 1] = bytes(
-                    [int(rng.choice(list(b'0123456789{}[],":.eE-+ ')))]
-                )
+                data[i : i + 1] = bytes([int(rng.choice(list(b'0123456789{}[],":.eE-+ ')))])
             elif kind == 5:
                 j = int(rng.integers(len(data)))
                 data[i : i + 20], data[j : j + 20] = data[j : j + 20], data[i : i + 20]
@@ -456,9 +399,7 @@ def test_five_hundred_mutated_files(tmp_path, small, panda_pose) -> None:
         else:
             same(small, loaded)
             kept += 1
-    assert (
-        1 <= kept < 250
-    )  # white space between entries changes no meaning; most else does
+    assert 1 <= kept < 250  # white space between entries changes no meaning; most else does
 
 
 def _paths(value, path=()):
@@ -471,18 +412,14 @@ def _paths(value, path=()):
             yield from _paths(value[i], (*path, i))
 
 
-def test_wrong_content_with_a_right_checksum_is_refused_too(
-    tmp_path, small, panda_pose
-) -> None:
+def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, panda_pose) -> None:
     """Every entry in turn replaced by what it cannot be: an error of ours, or a design; never a
     crash."""
     good = json.loads(rp.save(small, tmp_path / "good.json").read_text())
     mutant = tmp_path / "mutant.json"
     others = (None, "two\nlines", -1, [], {}, True, [[0.5]], 1e30)
     refused = 0
-    for k, path in enumerate(
-        p for p in _paths(good) if p and p[0] not in ("checksum",)
-    ):
+    for k, path in enumerate(p for p in _paths(good) if p and p[0] not in ("checksum",)):
         content = json.loads(json.dumps(good))
         holder = content
         for key in path[:-1]:
@@ -562,9 +499,7 @@ def _save_until(line: int, design: rp.Design, file: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_killed_at_any_line_it_leaves_a_whole_file(
-    tmp_path, panda_design, small
-) -> None:
+def test_killed_at_any_line_it_leaves_a_whole_file(tmp_path, panda_design, small) -> None:
     """A process killed anywhere in its writing leaves the old design or the new one, whole."""
     fork = multiprocessing.get_context("fork")
     folder = tmp_path / "kept"

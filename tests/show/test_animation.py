@@ -30,9 +30,7 @@ def motions() -> dict[str, rp.Motion]:
     }
 
 
-def test_every_motion_and_every_path_is_on_the_page(
-    motions: dict[str, rp.Motion],
-) -> None:
+def test_every_motion_and_every_path_is_on_the_page(motions: dict[str, rp.Motion]) -> None:
     scene, _, numbers = read(rp.animation(motions, seconds=2.0).page)
     assert [(arm["label"], arm["drift"]) for arm in scene["arms"]] == [
         (k, m.drift.tolist()) for k, m in motions.items()
@@ -50,23 +48,18 @@ def test_every_motion_and_every_path_is_on_the_page(
     assert scene["title"] == "planar3r: circle of radius 0.2 m in xy and polygon"
     # the same path twice is drawn once, a frame that two motions move leaves one trace in each arm
     again, _, _ = read(rp.animation({"a": motions["a"], "again": motions["a"]}).page)
-    assert again["paths"] == [len(lines[0])] and [
-        arm["chains"] for arm in again["arms"]
-    ] == [1, 1]
+    assert again["paths"] == [len(lines[0])] and [arm["chains"] for arm in again["arms"]] == [1, 1]
 
 
-def test_who_creeps_is_warm_and_who_comes_back_is_cool(
-    motions: dict[str, rp.Motion],
-) -> None:
+def test_who_creeps_is_warm_and_who_comes_back_is_cool(motions: dict[str, rp.Motion]) -> None:
     still = replace(motions["a"], drift=1e-9 * motions["a"].drift)
     shown = {"a": motions["a"], "b": still, "c": motions["b"], "d": still}
     scene, _, _ = read(rp.animation(shown).page)
     assert [arm["color"] for arm in scene["arms"]] == [VERMILLION, BLUE, ORANGE, GREEN]
     alone, _, _ = read(rp.animation({"b": still}).page)
     assert alone["arms"][0]["color"] == BLUE
-    known, _, _ = read(
-        rp.animation({"mine": motions["a"], "J⁺": motions["b"]}).page
-    )  # J⁺ has one colour everywhere
+    # J⁺ has one colour everywhere
+    known, _, _ = read(rp.animation({"mine": motions["a"], "J⁺": motions["b"]}).page)
     assert [arm["color"] for arm in known["arms"]] == [ORANGE, VERMILLION]
 
 
@@ -74,9 +67,7 @@ def test_two_hands_are_two_limbs(tmp_path: Path) -> None:
     """Of a robot without its meshes, which a page holds for long."""
     bones = tmp_path / "bones.urdf"
     text = rp.Robot.load("baxter").description.xml
-    bones.write_text(
-        re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text), encoding="utf-8"
-    )
+    bones.write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text), encoding="utf-8")
     robot = rp.Robot.load(bones)
     done = {}
     for side in ("left", "right"):
@@ -86,23 +77,15 @@ def test_two_hands_are_two_limbs(tmp_path: Path) -> None:
             rp.Pseudoinverse(task), rp.circle(task, q0, 0.02), q0, cycles=1, steps=10
         )
     scene, _, _ = read(rp.animation(done).page)
-    assert [arm["chains"] for arm in scene["arms"]] == [2, 2] and len(
-        scene["paths"]
-    ) == 2
+    assert [arm["chains"] for arm in scene["arms"]] == [2, 2] and len(scene["paths"]) == 2
 
 
 @pytest.mark.usefixtures("blank_pictures")
-def test_a_study_is_shown_as_the_page_that_the_command_writes(
-    tmp_path: Path, monkeypatch
-) -> None:
+def test_a_study_is_shown_as_the_page_that_the_command_writes(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(rp, "study", computed_once(rp.study))
-    assert (
-        main(["study", "ppr", "--cycles", "1", "--steps", "40", "--degree", "1"]) == 0
-    )
-    written = (tmp_path / "repctl-out" / "ppr" / "animation.html").read_text(
-        encoding="utf-8"
-    )
+    assert main(["study", "ppr", "--cycles", "1", "--steps", "40", "--degree", "1"]) == 0
+    written = (tmp_path / "repctl-out" / "ppr" / "animation.html").read_text(encoding="utf-8")
     study = rp.study()  # the command's
     shown, commands, numbers = read(rp.animation(study).page)
     scene, same, motion = read(written)
@@ -112,14 +95,10 @@ def test_a_study_is_shown_as_the_page_that_the_command_writes(
     assert read(rp.animation(study, seconds=2.0).page)[0]["seconds"] == 2.0
 
 
-def test_it_is_kept_and_shown(
-    motions: dict[str, rp.Motion], tmp_path: Path, monkeypatch
-) -> None:
+def test_it_is_kept_and_shown(motions: dict[str, rp.Motion], tmp_path: Path, monkeypatch) -> None:
     made = rp.animation(motions)
     file = made.save(tmp_path / "new" / "motion.html")
-    assert file.read_text(encoding="utf-8") == made.page and list(
-        file.parent.iterdir()
-    ) == [file]
+    assert file.read_text(encoding="utf-8") == made.page and list(file.parent.iterdir()) == [file]
     with pytest.raises(rp.InputError, match="new"):
         made.save(tmp_path / "new")  # a folder
     assert "srcdoc" in made._repr_html_() and len(repr(made)) < 60
@@ -147,9 +126,7 @@ def test_results_are_short_at_the_prompt(motions: dict[str, rp.Motion]) -> None:
 def test_what_cannot_be_shown_is_named(motions: dict[str, rp.Motion]) -> None:
     task = rp.Robot.load("ppr").task(kind="xy")
     q0 = np.array([0.0, 0.0, 0.5])
-    other = rp.follow(
-        rp.Pseudoinverse(task), rp.circle(task, q0, 0.1), q0, cycles=2, steps=40
-    )
+    other = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.1), q0, cycles=2, steps=40)
     short = rp.follow(
         rp.Pseudoinverse(motions["a"].task),
         motions["a"].path,

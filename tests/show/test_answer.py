@@ -41,9 +41,7 @@ def first_of(study: rp.Study, folder: Path) -> str:
 
 def changed(study: rp.Study, **rows: dict) -> rp.Study:
     """The same study with other rows."""
-    return replace(
-        study, rows=tuple(replace(row, **rows.get(row.key, {})) for row in study.rows)
-    )
+    return replace(study, rows=tuple(replace(row, **rows.get(row.key, {})) for row in study.rows))
 
 
 def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
@@ -77,23 +75,18 @@ def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
     closes = study.design.proof.closes
     assert closes and f"\n{closes.words}: proved\n" in answer
     assert re.match(
-        r"closed paths within [\d.]+ [cm]m .*of the path at each moment close",
-        closes.words,
+        r"closed paths within [\d.]+ [cm]m .*of the path at each moment close", closes.words
     )
 
 
 @pytest.fixture(scope="module")
 def beyond() -> rp.Study:
     """A motion that leaves its limits: theta1 ends at 2π, where this circle takes it."""
-    problem = rp.Problem(
-        "planar3r", start=[6.2, 1.0, -1.4], path="circle:0.4:0", plane="xy"
-    )
+    problem = rp.Problem("planar3r", start=[6.2, 1.0, -1.4], path="circle:0.4:0", plane="xy")
     return rp.study(problem, cycles=2, steps=60, degree=1)
 
 
-def test_violations_are_marked_and_named(
-    study: rp.Study, beyond: rp.Study, folder: Path
-) -> None:
+def test_violations_are_marked_and_named(study: rp.Study, beyond: rp.Study, folder: Path) -> None:
     text, _ = printed(beyond, folder)
     motion, task = beyond.row("pseudoinverse").motion, beyond.task
     outside = (motion.q < task.lower) | (motion.q > task.upper)
@@ -110,9 +103,7 @@ def test_violations_are_marked_and_named(
     assert [note for note in study.notes if note.startswith("joint speed: ")]
 
 
-def test_what_lies_outside_the_region_is_the_loudest_line(
-    study: rp.Study, folder: Path
-) -> None:
+def test_what_lies_outside_the_region_is_the_loudest_line(study: rp.Study, folder: Path) -> None:
     motion = study.row("repeatable").motion
     small = replace(motion, region=rp.Box(study.q0, 0.2))
     share = np.mean((np.abs(motion.q - study.q0) > 0.2).any(axis=1))
@@ -142,14 +133,10 @@ def test_it_fits_24_rows_and_80_columns(
     assert page == f"open   {folder}/animation.html"
     files = "drift.png, joints.png, motion.csv, control.json"
     assert beside == f"wrote  {files} beside it"
-    assert re.search(
-        r"^! usual control: .*^1\d more notes: --full$", violated, re.M | re.S
-    )
+    assert re.search(r"^! usual control: .*^1\d more notes: --full$", violated, re.M | re.S)
 
 
-def test_a_stopped_motion_is_named_in_the_sentence(
-    study: rp.Study, folder: Path
-) -> None:
+def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study, folder: Path) -> None:
     stopped = {"motion": None, "stopped": "the Jacobian <loses> rank"}
     plain = changed(study, pseudoinverse=stopped, posture=stopped)
     text, _ = printed(replace(plain, notes=()), folder / "stuck", "--report")
@@ -240,9 +227,7 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     two_hands(tmp_path / "two.urdf")
     robot = rp.Robot.load(tmp_path / "two.urdf")
     start = [0.1, 0.3, 0.5, 0.4]
-    problem = rp.Problem(
-        robot, frame="left_hand", kind="xy", start=start, path="circle:0.1"
-    )
+    problem = rp.Problem(robot, frame="left_hand", kind="xy", start=start, path="circle:0.1")
     two = rp.study(problem, cycles=6, steps=60, degree=1)
     motion, task = two.row("pseudoinverse").motion, two.task
     placed = [
@@ -261,17 +246,12 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     rows = two.as_dict()["strategies"]["pseudoinverse"]
     assert rows["other_ends"] == {"right_hand": pytest.approx(away, rel=1e-9)}
     assert not rows["farthest"]["link"].startswith("right_")
-    assert (
-        "not checked: 7 bodies without a shape; meshes missing: --package-dir DIR"
-        in text
-    )
+    assert "not checked: 7 bodies without a shape; meshes missing: --package-dir DIR" in text
     assert len(two.as_dict()["not_checked"]) == 7
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_path_around_the_base_winds(
-    sign: int, study: rp.Study, tmp_path: Path
-) -> None:
+def test_a_path_around_the_base_winds(sign: int, study: rp.Study, tmp_path: Path) -> None:
     """Issue 37, awkward studies: above the table stands why such a path need not close, one turn
     either way; a path beside the base does not wind."""
     turn = sign * np.pi / 18 * np.append(np.arange(36), 0)
@@ -283,6 +263,4 @@ def test_a_path_around_the_base_winds(
     assert study.as_dict()["winding"] == 0
     text = " ".join(printed(wound, tmp_path / "out")[0].split())
     before = text.partition("planar3r tool")[0]
-    assert (
-        "The path winds once around the axis of theta1, so it need not close " in before
-    )
+    assert "The path winds once around the axis of theta1, so it need not close " in before

@@ -29,22 +29,11 @@ ROOT = Path(__file__).parents[2]
 FOUR = [1.6, -1.6, -0.1, 1.4]
 """A start of four links."""
 
-SHOWN = (
-    "panda",
-    "baxter",
-    "tiago",
-    "talos",
-    "kinova",
-    "planar7r",
-    "my_arm",
-    "xarm7 bare",
-)
+SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "xarm7 bare")
 """Robots whose pages are looked at, beside the planar one with two sliding joints."""
 
 
-def on_a_circle(
-    robot: rp.Robot, q0: ArrayLike, other: str = "repeatable"
-) -> dict[str, rp.Motion]:
+def on_a_circle(robot: rp.Robot, q0: ArrayLike, other: str = "repeatable") -> dict[str, rp.Motion]:
     """J⁺ for two cycles of 60 steps, and beside it a control that closes."""
     task = robot.task(kind="xy")
     motions = circling(task, q0, radius=0.1, steps=60, other=other)
@@ -79,12 +68,8 @@ def with_meshes(folder: Path) -> rp.Robot:
     return rp.Robot.load(folder / "arm.urdf")
 
 
-@pytest.mark.parametrize(
-    "name", ["small", pytest.param("panda", marks=pytest.mark.slow)]
-)
-def test_the_page_of_a_study_shows_who_comes_back(
-    driver: Any, tmp_path: Path, name: str
-) -> None:
+@pytest.mark.parametrize("name", ["small", pytest.param("panda", marks=pytest.mark.slow)])
+def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path, name: str) -> None:
     """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is
     not. Of a small arm by default: a panda's meshes take ten times as long to draw."""
     wanted = rp.Problem(with_meshes(tmp_path), path="circle:0.8", start=[0.3, 0.8, 0.8])
@@ -118,13 +103,9 @@ def test_the_page_of_a_study_shows_who_comes_back(
         expected = drawn.placements(study.task.to_robot(motion.q[[90]]))[0]
         for s in (0, len(drawn.names) // 2, len(drawn.names) - 1):
             told = driver.execute_script(
-                "return repctl.placement(arguments[0], arguments[1])",
-                k,
-                drawn.names[s],
+                "return repctl.placement(arguments[0], arguments[1])", k, drawn.names[s]
             )
-            np.testing.assert_allclose(
-                np.reshape(told, (4, 4)).T, expected[s], atol=1e-5
-            )
+            np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
     the_colour_is_how_far_a_body_is_off_its_start(driver, study, drawn)
     assert errors(driver) == []
 
@@ -163,9 +144,7 @@ def the_colour_is_how_far_a_body_is_off_its_start(
     full, grey = np.array([0xD5, 0x5E, 0x00]), np.array([0xC6, 0xCC, 0xD3])
     for s in range(moving.sum()):
         share = at_end[0, s] / off[0].max()  # full at the largest drift
-        np.testing.assert_allclose(
-            painted[0][s], (1 - share) * grey + share * full, atol=1
-        )
+        np.testing.assert_allclose(painted[0][s], (1 - share) * grey + share * full, atol=1)
         np.testing.assert_allclose(painted[1][s], grey, atol=1)  # who comes back
     np.testing.assert_array_equal(plain, np.broadcast_to(grey, np.shape(plain)))
     # within a cycle, against the repeatable arm at the same instant
@@ -175,9 +154,8 @@ def the_colour_is_how_far_a_body_is_off_its_start(
     np.testing.assert_allclose(between[0], expected[moving], atol=2e-6)
     in_the_menu(driver, "show-drift").click()
     _, own = told(3)
-    assert len({tuple(c) for c in own[0]}) > 1 or not np.array_equal(
-        own[0][0], grey
-    )  # the robot's own colours
+    # the robot's own colours
+    assert len({tuple(c) for c in own[0]}) > 1 or not np.array_equal(own[0][0], grey)
     note = driver.find_element("id", "drift-note")
     assert note.get_attribute("hidden")
     in_the_menu(driver, "show-drift").click()
@@ -197,9 +175,7 @@ def ghosts_show_drift_and_nothing_else(
     """At every moment the ghost of who repeats is hidden by the arm, that of who has crept by 0.1
     rad is seen."""
     for moment in moments:
-        with_ghost, without = (
-            picture(driver, moment, ghost=ghost) for ghost in (True, False)
-        )
+        with_ghost, without = (picture(driver, moment, ghost=ghost) for ghost in (True, False))
         for arm, motion in enumerate(motions):
             at = round(moment * motion.steps)
             off = np.linalg.norm(motion.q[at] - motions[1].q[at])
@@ -213,8 +189,7 @@ def ghosts_show_drift_and_nothing_else(
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow) for name in ("ppr", *SHOWN)],
+    "name", [pytest.param(name, marks=pytest.mark.slow) for name in ("ppr", *SHOWN)]
 )
 def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     driver: Any, tmp_path: Path, name: str
@@ -223,9 +198,7 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     studies' pages."""
     name, _, bare = name.partition(" ")
     robot: rp.Robot = rp.Robot.load(
-        Path(__file__).parents[2] / "examples" / "my_arm.urdf"
-        if name == "my_arm"
-        else name
+        Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
     )
     if bare:
         text = robot.description.xml.replace("package://", "package://not_here/")
@@ -237,33 +210,25 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     open_page(driver, page)
     shapes = shapes_of(page)
     assert len(shapes) > 5
-    assert (
-        driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]")
-        == [len(shapes)] * 2
-    )
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(shapes)] * 2
     moments = (5.5,) if name == "ppr" else (0, 0.5, 5.5, 10)
     ghosts_show_drift_and_nothing_else(driver, motions_of(study), moments)
     start, quarter, middle, one, end = (
         picture(driver, c, ghost=False) for c in (0, 0.25, 0.5, 1, 10)
     )
     for arm, key in enumerate(("pseudoinverse", "repeatable")):
-        a, b, c, *whole = (
-            pane(driver, image, arm) for image in (start, quarter, middle, one, end)
-        )
+        a, b, c, *whole = (pane(driver, image, arm) for image in (start, quarter, middle, one, end))
         assert np.ptp(a) > 150, "nothing is drawn"
         assert min(changed(a, b), changed(b, c), changed(a, c)) > 0.004
-        for drift, after in zip(
-            study.row(key).motion.drift[[0, -1]], whole, strict=True
-        ):
+        for drift, after in zip(study.row(key).motion.drift[[0, -1]], whole, strict=True):
             assert (
                 changed(a, after) <= 0.0005
                 if key == "repeatable"
                 else drift < 0.1 or changed(a, after) > 0.0005
             )
     assert study.row("repeatable").motion.drift[-1] < 1e-7
-    assert (
-        name in ("kinova", "tiago") or study.row("pseudoinverse").motion.drift[-1] > 0.1
-    )  # these creep too little
+    # these creep too little
+    assert name in ("kinova", "tiago") or study.row("pseudoinverse").motion.drift[-1] > 0.1
     assert errors(driver) == []
 
 
@@ -290,9 +255,8 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     open_page(driver, write(tmp_path, {"mirrored": still}))
     both = picture(driver, 0)
     show_only = "repctl.materials((m) => { m.side = arguments[0]; })"
-    driver.execute_script(
-        show_only, 0
-    )  # three's FrontSide: a wrong winding would show the far walls instead
+    # three's FrontSide: a wrong winding would show the far walls instead
+    driver.execute_script(show_only, 0)
     front = picture(driver, 0)
     driver.execute_script(show_only, 1)  # BackSide
     back = picture(driver, 0)
@@ -302,9 +266,7 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
 
 def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     four = rp.Robot.load("planar4r").description.xml
-    named = four.replace(
-        '<robot name="planar4r"', '<robot name="&lt;i&gt;four&lt;/i&gt;"'
-    )
+    named = four.replace('<robot name="planar4r"', '<robot name="&lt;i&gt;four&lt;/i&gt;"')
     (tmp_path / "four.urdf").write_text(named, encoding="utf-8")
     motions = on_a_circle(rp.Robot.load(tmp_path / "four.urdf"), FOUR)
     page = write(tmp_path, motions)
@@ -317,9 +279,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
         return " ".join(node.get_attribute("textContent").split())
 
     assert text(element("title")).startswith("<i>four</i>: ")
-    assert [
-        text(e) for e in driver.find_elements("css selector", ".arm-label .name")
-    ] == [
+    assert [text(e) for e in driver.find_elements("css selector", ".arm-label .name")] == [
         "Usual control (pseudoinverse)",
         "repeatable",
     ]
@@ -338,9 +298,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     driver.execute_script("repctl.seek(2)")
     assert text(element("clock")) == "after 2 of 2"
     first, second = (text(row) for row in driver.find_elements("class name", "reading"))
-    assert first.startswith("Usual control: ") and second.startswith(
-        "repeatable: 0 off"
-    )
+    assert first.startswith("Usual control: ") and second.startswith("repeatable: 0 off")
     assert text(element("done")) == "After 2 cycles"
     joints = driver.find_element("css selector", ".reading b")
     size = f"joints {motions['J⁺'].drift[-1]:.3g} rad, root of the sum of squares"
@@ -382,9 +340,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     driver.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
     assert driver.execute_script("return repctl.time") == 1
     in_the_menu(driver, "stepping").click()
-    driver.execute_script(
-        "document.getElementById('looks').open = false; repctl.pause()"
-    )
+    driver.execute_script("document.getElementById('looks').open = false; repctl.pause()")
     # a click on a bar goes to that cycle's end; so do arrows, where the chart has the focus
     chart = element("chart")
     driver.execute_script(
@@ -414,9 +370,8 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     in_the_menu(driver, "show-traces").click()
     assert driver.execute_script("return repctl.picture()") != without
     in_the_menu(driver, "show-ghost").click()
-    assert (
-        changed(before, picture_now(driver)) > 0.0002
-    )  # the ghost is no more than what one cycle's drift leaves bare
+    # the ghost is no more than what one cycle's drift leaves bare
+    assert changed(before, picture_now(driver)) > 0.0002
     in_the_menu(driver, "show-ghost").click()
     driver.execute_script("repctl.turn(0.5, 0.2, 0.8)")
     labels_are_in_their_panes(driver)
@@ -430,9 +385,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
 
 def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
     """What is looked at is in the address, and another who opens it looks at the same."""
-    driver.execute_script(
-        "repctl.seek(0.25); repctl.turn(0.5, 0.2, 0.8); repctl.seek(0.75)"
-    )
+    driver.execute_script("repctl.seek(0.25); repctl.turn(0.5, 0.2, 0.8); repctl.seek(0.75)")
     deadline = time.monotonic() + 20
     while "#t=0.75&view=" not in driver.current_url:
         assert time.monotonic() < deadline, driver.current_url
@@ -444,10 +397,7 @@ def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
     with asleep(driver):
         driver.get(address)
         wait_until_drawn(driver, address)
-    assert driver.execute_script("return [repctl.time, repctl.playing]") == [
-        0.75,
-        False,
-    ]
+    assert driver.execute_script("return [repctl.time, repctl.playing]") == [0.75, False]
     np.testing.assert_allclose(driver.execute_script(where), stood, atol=1e-3)
     assert errors(driver) == []
 
@@ -455,20 +405,15 @@ def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
 def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
     """Three arms of a robot without any shapes; a body that cannot be read is said on the page."""
     urdf = tmp_path / "bones.urdf"
-    text = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(
-        encoding="utf-8"
-    )
-    urdf.write_text(
-        re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8"
-    )
+    text = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    urdf.write_text(re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8")
     robot = rp.Robot.load(urdf)
     motions = on_a_circle(robot, [0.3, 0.8, 0.8])
     page = write(tmp_path, motions | {"again": motions["J⁺"]})
     open_page(driver, page)
     assert errors(driver) == []
     assert (
-        driver.execute_script("return [0, 1, 2].map(repctl.meshes)")
-        == [len(shapes_of(page))] * 3
+        driver.execute_script("return [0, 1, 2].map(repctl.meshes)") == [len(shapes_of(page))] * 3
     )
     image = picture(driver, 0.5)
     for k in range(3):
@@ -476,9 +421,7 @@ def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_it_opens_on_the_end_walks_the_cycles_and_runs(
-    driver: Any, tmp_path: Path
-) -> None:
+def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Path) -> None:
     """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
     page = write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR))
     watch = (
@@ -486,9 +429,7 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(
         "if (window.repctl && repctl.ready && shown.at(-1) !== repctl.time) "
         "shown.push(repctl.time); })()"
     )
-    watching = driver.execute_cdp_cmd(
-        "Page.addScriptToEvaluateOnNewDocument", {"source": watch}
-    )
+    watching = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": watch})
     driver.get("about:blank")
     driver.get(page.as_uri())
     wait_until_drawn(driver, "the page")
@@ -505,9 +446,8 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(
     wait_until_drawn(driver, "the page")
     assert driver.execute_script("return [repctl.time, repctl.playing]") == [2, False]
     left, right = (pane(driver, picture_now(driver), k) for k in (0, 1))
-    assert (
-        changed(left[:, : right.shape[1]], right[:, : left.shape[1]]) > 0.01
-    )  # what one sees first
+    # what one sees first
+    assert changed(left[:, : right.shape[1]], right[:, : left.shape[1]]) > 0.01
     assert errors(driver) == []
 
 
@@ -517,9 +457,7 @@ def every_word_is_read(driver: Any, axe: Any) -> None:
     groups = "{rules: {dlitem: {enabled: false}}}"  # since HTML 5.2 a <div> may group <dt> and <dd>
     found = axe.run(options=groups)["violations"]
     assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
-    assert driver.execute_script(
-        "return document.documentElement.scrollWidth <= window.innerWidth"
-    )
+    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     cut = driver.execute_script(
         "return [...document.querySelectorAll('.name, .past, #verdict, #notes, .reading, "
         ".callout')]"
@@ -544,30 +482,15 @@ def labels_are_in_their_panes(driver: Any) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppr", *(name for name in SHOWN if " " not in name)])
-def test_a_studys_page_is_whole_at_every_size(
-    driver: Any, tmp_path: Path, name: str
-) -> None:
+def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name: str) -> None:
     """A desk, a phone, a wall; light and dark: words, labels after any orbit, ghosts, and what is
     seen first."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
-    robot = (
-        Path(__file__).parents[2] / "examples" / "my_arm.urdf"
-        if name == "my_arm"
-        else name
-    )
-    study, page = (
-        rp.study(robot, cycles=10, steps=120, degree=1),
-        tmp_path / "animation.html",
-    )
+    robot = Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+    study, page = (rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html")
     page.write_text(rp.animation(study).page, encoding="utf-8")
     drift = study.row("pseudoinverse").motion.drift[-1]
-    for width, height in (
-        (1400, 900),
-        (390, 844),
-        (844, 390),
-        (1024, 500),
-        (3840, 2160),
-    ):
+    for width, height in ((1400, 900), (390, 844), (844, 390), (1024, 500), (3840, 2160)):
         schemes(driver, width=width, height=height)
         open_page(driver, page)
         for dark in (False, True):
@@ -624,14 +547,11 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
         )
         every_word_is_read(driver, axe)
         ask = "return repctl.pane(arguments[0])"
-        (a, b, wide, tall), (c, d, *same) = (
-            driver.execute_script(ask, k) for k in (0, 1)
-        )
+        (a, b, wide, tall), (c, d, *same) = (driver.execute_script(ask, k) for k in (0, 1))
         np.testing.assert_allclose(same, [wide, tall], atol=0.01)
         assert tall * driver.find_element("id", "stage").size["height"] > 150
-        assert (
-            (a == c and d > b) if width < height else (b == d and c > a)
-        )  # stacked, or side by side
+        # stacked, or side by side
+        assert (a == c and d > b) if width < height else (b == d and c > a)
         size = driver.find_element("id", "chart").size
         assert size["width"] > 200 and size["height"] > 35
         sheets.add(the_sheet_for_print(driver))

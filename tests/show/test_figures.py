@@ -20,16 +20,7 @@ from repctl_pin.show.plots.cycles import margin_over_cycles
 from repctl_pin.show.plots.designs import joint_map, maps_that_vary, varies
 from repctl_pin.show.plots.motions import drift_over_cycles, joints_figure
 
-NAMES = (
-    "drift",
-    "joints",
-    "still",
-    "drift again",
-    "joints again",
-    "orbits",
-    "cycle",
-    "maps",
-)
+NAMES = ("drift", "joints", "still", "drift again", "joints again", "orbits", "cycle", "maps")
 """The figures of a report, as they are written."""
 
 
@@ -52,9 +43,7 @@ def study() -> rp.Study:
 
 
 @pytest.fixture(scope="module")
-def figures(
-    study: rp.Study, tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, Figure]:
+def figures(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Figure]:
     return figures_of(study, tmp_path_factory.mktemp("figures"))
 
 
@@ -155,9 +144,7 @@ def test_speed_lines_hold_the_speed_of_the_first_and_last_cycle(
     assert first.get_linestyle() == "-" != last.get_linestyle()
 
 
-def test_margin_lines_hold_the_least_margin_of_each_cycle(
-    study: rp.Study, figures: dict
-) -> None:
+def test_margin_lines_hold_the_least_margin_of_each_cycle(study: rp.Study, figures: dict) -> None:
     ax, task = figures["cycle"].axes[1], study.task
     for line, (_, motion, _) in zip(ax.lines, rows_of(study), strict=False):
         margins = np.minimum(motion.q - task.lower, task.upper - motion.q).min(axis=1)
@@ -205,9 +192,7 @@ def test_maps_hold_the_defect(study: rp.Study, figures: dict) -> None:
 
 def test_the_still_shows_start_and_end(study: rp.Study, figures: dict) -> None:
     task = study.task
-    for key, ax in zip(
-        ("pseudoinverse", "repeatable"), figures["still"].axes, strict=True
-    ):
+    for key, ax in zip(("pseudoinverse", "repeatable"), figures["still"].axes, strict=True):
         motion = study.row(key).motion
         path, trace, *ends = (line.get_xydata() for line in ax.lines)
         for line, q in zip(ends, motion.q[[0, -1]], strict=True):
@@ -223,10 +208,7 @@ def test_every_axis_of_every_figure_has_a_name_and_its_unit(figures: dict) -> No
     for name in ("drift", "orbits", "cycle", "still"):
         figures[name].canvas.draw()
         for ax in figures[name].axes:
-            assert (
-                ax.get_xlabel() in ("cycle", "part of the cycle")
-                or "(" in ax.get_xlabel()
-            )
+            assert ax.get_xlabel() in ("cycle", "part of the cycle") or "(" in ax.get_xlabel()
             assert "(" in ax.get_ylabel()
 
 
@@ -297,9 +279,7 @@ def test_a_map_leaves_what_is_undefined_blank(study: rp.Study) -> None:
     ax = joint_map(axes(), study.design, grid, values, "defect", 1.0)
     mesh, names = ax.collections[0], study.task.joint_names
     assert mesh.get_clim() == (0.0, 1.0)
-    np.testing.assert_array_equal(
-        np.ma.getmaskarray(mesh.get_array()), np.isnan(values)
-    )
+    np.testing.assert_array_equal(np.ma.getmaskarray(mesh.get_array()), np.isnan(values))
     np.testing.assert_array_equal(mesh.get_array()[1:], values[1:])
     assert ax.get_xlabel() == f"{names[0]} (rad)"
     assert ax.figure.axes[1].get_ylabel() == "defect"

@@ -14,14 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import (
-    asleep,
-    errors,
-    only_pictures_asked_for,
-    pane,
-    picture_now,
-    wait_until_drawn,
-)
+from browser import asleep, errors, only_pictures_asked_for, pane, picture_now, wait_until_drawn
 from page_file import Drawn, matrices, read
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketHandler, websocket_connect
@@ -58,13 +51,8 @@ def fetch(url: str, host: str | None = None) -> int:
         return error.code
 
 
-async def connect(
-    view: rp.Viewer, origin: str | None = None, host: str | None = None
-) -> Any:
-    headers = {
-        "Origin": origin or view.url.rstrip("/"),
-        **({"Host": host} if host else {}),
-    }
+async def connect(view: rp.Viewer, origin: str | None = None, host: str | None = None) -> Any:
+    headers = {"Origin": origin or view.url.rstrip("/"), **({"Host": host} if host else {})}
     return await websocket_connect(
         HTTPRequest(view.url.replace("http", "ws") + "poses", headers=headers)
     )
@@ -88,12 +76,7 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         await socket.write_message("no json")
         got = []
         for shown, before in ((first, None), (now, None), (now, now)):
-            view.show(
-                *shown,
-                before=before,
-                target=task.positions(shown[0][None])[0],
-                cycles=3,
-            )
+            view.show(*shown, before=before, target=task.positions(shown[0][None])[0], cycles=3)
             got.append(np.frombuffer(await socket.read_message(), "<f4"))
         return got
 
@@ -120,12 +103,8 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
             np.testing.assert_allclose(
                 numbers[size : size + 5], [*drift, 0, shown is now, 0], atol=1e-6
             )
-            np.testing.assert_allclose(
-                numbers[size + 5 : size + 9], [*both[0], 3], atol=1e-6
-            )
-            np.testing.assert_allclose(
-                numbers[size + 9 : size + 21], both.ravel(), atol=1e-6
-            )
+            np.testing.assert_allclose(numbers[size + 5 : size + 9], [*both[0], 3], atol=1e-6)
+            np.testing.assert_allclose(numbers[size + 9 : size + 21], both.ravel(), atol=1e-6)
         with pytest.raises(rp.InputError, match="2 controllers, but 1"):
             view.show(Q0)
         with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
@@ -139,9 +118,7 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         rp.Viewer(task, ["a"], port=70000)
 
 
-def test_the_last_poses_always_arrive(
-    task: rp.Task, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     """To a browser that is slow some are left out, but never the last."""
     quick = WebSocketHandler.write_message
 
@@ -157,11 +134,7 @@ def test_the_last_poses_always_arrive(
             view.show(Q0 + [0, 0, 0.001 * k])
         while drifts[-1] < 0.0989:
             drifts.append(
-                float(
-                    np.frombuffer(
-                        await asyncio.wait_for(socket.read_message(), 20), "<f4"
-                    )[-16]
-                )
+                float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-16])
             )
         return drifts
 
@@ -206,12 +179,9 @@ def test_no_message_does_more_than_a_key_can(
 def test_strangers_are_refused(task: rp.Task) -> None:
     with rp.Viewer(task, ["a"]) as view:
         port = port_of(view.url)
+        assert fetch(view.url) == 200 and fetch(view.url, host=f"localhost:{port}") == 200
         assert (
-            fetch(view.url) == 200 and fetch(view.url, host=f"localhost:{port}") == 200
-        )
-        assert (
-            fetch(view.url, host="evil.example:80") == 403
-            and fetch(view.url + "etc/passwd") == 404
+            fetch(view.url, host="evil.example:80") == 403 and fetch(view.url + "etc/passwd") == 404
         )
         for stranger in (
             {"origin": "http://evil.example"},
@@ -240,9 +210,7 @@ def test_a_real_browser_shows_the_poses(task: rp.Task, driver: Any) -> None:
         until(lambda: driver.execute_script("return repctl.received") > 1)
         after = picture_now(driver)
         same, moved = (
-            np.mean(
-                np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8
-            )
+            np.mean(np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8)
             for k in (0, 1)
         )
         assert same < 0.0005 and moved > 0.01

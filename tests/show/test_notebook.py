@@ -41,10 +41,7 @@ def mine(study: rp.Study) -> Figure:
 
 def test_results_print_in_words() -> None:
     """As a cell shows them, in one line: what it is, and the numbers that are asked for first."""
-    panda, arm = (
-        rp.Robot.load("panda").task(),
-        rp.Robot.load("planar3r").task("tool", "xy"),
-    )
+    panda, arm = (rp.Robot.load("panda").task(), rp.Robot.load("planar3r").task("tool", "xy"))
     bodies, q0 = rp.Bodies(panda), np.array([0.3, 0.8, 0.8])
     counts = f"{len(bodies.pairs)} pairs measured, {len(bodies.only_contact)} for collisions only"
     left_out = f"{len(bodies.adjacent)} adjacent, 0 disabled by the SRDF, 0 overlapping"
@@ -99,25 +96,17 @@ def notebook(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
     folder = tmp_path_factory.mktemp("notebook")
     with pytest.MonkeyPatch.context() as patch:
-        for name in (
-            "JUPYTER_CONFIG_DIR",
-            "JUPYTER_DATA_DIR",
-            "JUPYTER_RUNTIME_DIR",
-            "IPYTHONDIR",
-        ):
+        for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
             patch.setenv(name, str(folder / name.lower()))  # nobody's own settings
         cells = [v4.new_code_cell(source) for source in CELLS]
         book = v4.new_notebook(cells=cells)
-        return NotebookClient(book, kernel_name="python3", timeout=120).execute(
-            cwd=str(folder)
-        )
+        return NotebookClient(book, kernel_name="python3", timeout=120).execute(cwd=str(folder))
 
 
 def shown(cell: Any) -> Any:
     """What a cell shows: its one output's data, by MIME type."""
-    (output,) = [
-        output for output in cell.outputs if output.output_type != "stream"
-    ]  # Python's own warnings
+    # Python's own warnings
+    (output,) = [output for output in cell.outputs if output.output_type != "stream"]
     return output.data
 
 
@@ -126,9 +115,7 @@ def pictures(text: str) -> list[np.ndarray]:
 
     held = re.findall(r'src="data:image/png;base64,([^"]*)"', text)
     return [
-        np.asarray(
-            Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.int16
-        )
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.int16)
         for data in held
     ]
 
@@ -180,10 +167,7 @@ def test_pictures_have_words(study: rp.Study, cell: tuple[Any, list[Figure]]) ->
     motion = study.row("pseudoinverse").motion
     said = re.search(r"Under usual control the joints have drifted by: (.*)\.$", joints)
     for part, name, value in zip(
-        said[1].split(", "),
-        study.task.joint_names,
-        motion.q[-1] - motion.q[0],
-        strict=True,
+        said[1].split(", "), study.task.joint_names, motion.q[-1] - motion.q[0], strict=True
     ):
         assert part == f"{name} {value:+.3g}"
 
@@ -198,9 +182,7 @@ def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
 
 
 def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
-    with pytest.raises(
-        rp.InputError, match="a study, a figure or the HTML of a page; got Design"
-    ):
+    with pytest.raises(rp.InputError, match="a study, a figure or the HTML of a page; got Design"):
         inline(study.design)  # type: ignore[arg-type]
 
 
@@ -222,9 +204,8 @@ def test_the_exported_notebook_plays_in_a_browser(
     from nbconvert import HTMLExporter
     from selenium.webdriver import ActionChains
 
-    exporter = HTMLExporter(
-        mathjax_url="", require_js_url="", jquery_url=""
-    )  # nothing of its own from a network
+    # nothing of its own from a network
+    exporter = HTMLExporter(mathjax_url="", require_js_url="", jquery_url="")
     file = tmp_path / "notebook.html"
     file.write_text(exporter.from_notebook_node(notebook)[0], encoding="utf-8")
     schemes(driver, width=1100, height=600)
@@ -246,17 +227,13 @@ def test_the_exported_notebook_plays_in_a_browser(
     assert not driver.execute_script(wheel)
     ActionChains(driver).click(driver.find_element("id", "picture")).perform()
     assert (
-        driver.execute_script("return document.hasFocus() && document.activeElement.id")
-        == "panes"
+        driver.execute_script("return document.hasFocus() && document.activeElement.id") == "panes"
     )
     assert driver.execute_script(wheel)
     driver.execute_script("document.activeElement.blur()")
     assert not driver.execute_script(wheel)
     count = len(Drawn(rp.Robot.load("ppr")).names)
-    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [
-        count,
-        count,
-    ]
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [count, count]
     assert changed(picture(driver, 0), picture(driver, 0.25)) > 0.004
     assert driver.execute_script(
         "try { return String(parent.document.title) } catch (e) { return e.name }"

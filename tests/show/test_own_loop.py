@@ -77,15 +77,7 @@ def arm(name: str) -> tuple[rp.Task, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "planar3r xy",
-        "ppr xy",
-        "panda",
-        "panda axis",
-        "panda position",
-        "kinova position",
-    ],
+    "name", ["planar3r xy", "ppr xy", "panda", "panda axis", "panda position", "kinova position"]
 )
 def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
     """At random configurations, and after each of ten cycles of a loop."""
@@ -116,9 +108,7 @@ def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
     (tmp_path / "evaluate.mjs").write_text(EVALUATE, "utf-8")
     given = {"own": own, "Q": Q.tolist(), "X": X.tolist(), "points": points.tolist()}
     command = [NODE, str(tmp_path / "evaluate.mjs")]
-    done = subprocess.run(
-        command, input=json.dumps(given), capture_output=True, text=True
-    )
+    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     start = task.placement(q0)
@@ -132,9 +122,7 @@ def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
         V = control.potentials.gradient(q)
         cosines = nullspace(task.jacobian(q)).T @ np.linalg.qr(V)[0]
         margin = np.linalg.svd(cosines)[1].min()
-        assert at["margin"][0] == 1 and at["margin"][1] == pytest.approx(
-            margin, abs=1e-6
-        )
+        assert at["margin"][0] == 1 and at["margin"][1] == pytest.approx(margin, abs=1e-6)
         # a constant is left out
         assert np.allclose(
             np.subtract(at["h"][1], found["at"][0]["h"][1]),
@@ -167,9 +155,7 @@ def test_what_the_page_cannot_compute_has_no_ring(tmp_path: Path) -> None:
     assert numbers(task, q0, [plain]) is not None
     assert numbers(task, q0, [plain, own]) is None
     assert numbers(task, q0, [custom, plain]) is None
-    for motions in (
-        {"mine": rp.follow(custom, rp.circle(task, q0, 0.1), q0, cycles=1)},
-    ):
+    for motions in ({"mine": rp.follow(custom, rp.circle(task, q0, 0.1), q0, cycles=1)},):
         scene, _, _ = read(rp.animation(motions).page)
         assert scene["own"] is None
 
@@ -210,9 +196,7 @@ def drag(driver: Any, way: Sequence[tuple[float, float]], kind: str) -> None:
 
 
 def said(driver: Any) -> str:
-    return driver.execute_script(
-        "return document.getElementById('verdict').textContent"
-    )
+    return driver.execute_script("return document.getElementById('verdict').textContent")
 
 
 ENDS = """
@@ -310,12 +294,8 @@ new PerformanceObserver((list) => shifts.push(...list.getEntries().map(({ value 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["ppr", "panda", "xarm7", "baxter", "tiago", "talos", "g1"]
-)
-def test_every_kind_of_robot_follows_a_drawn_loop(
-    driver: Any, tmp_path: Path, name: str
-) -> None:
+@pytest.mark.parametrize("name", ["ppr", "panda", "xarm7", "baxter", "tiago", "talos", "g1"])
+def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, name: str) -> None:
     """As Python does, with the sentence of a study of the loop; nothing moves meanwhile."""
     problem = rp.study(name, cycles=2, steps=200, degree=1)
     page = rp.animation(problem).save(tmp_path / "page.html")
@@ -334,14 +314,9 @@ def test_every_kind_of_robot_follows_a_drawn_loop(
     for law, ends, most in zip(laws, found, (1e-6, 1e-8), strict=True):
         motion = rp.follow(law, path, q0, cycles=10, steps=200)
         assert np.abs(motion.q[:: motion.steps] - ends).max() < most
-    (tmp_path / "loop.csv").write_text(
-        driver.execute_script("return repctl.own.csv()"), "utf-8"
-    )
+    (tmp_path / "loop.csv").write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
     again = rp.study(
-        rp.Problem(name, path=str(tmp_path / "loop.csv"), start=q0),
-        cycles=10,
-        steps=200,
-        degree=1,
+        rp.Problem(name, path=str(tmp_path / "loop.csv"), start=q0), cycles=10, steps=200, degree=1
     )
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', rp.animation(again).page)
     driver.execute_script("repctl.own.tell(10)")
@@ -372,9 +347,7 @@ def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None
     assert said(driver) == study and errors(driver) == []
 
 
-def test_the_proved_radius_is_drawn_and_said(
-    driver: Any, page: Path, study: rp.Study
-) -> None:
+def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.Study) -> None:
     """A loop within it is proved to close; one beyond it is said to be beyond."""
     closes = study.design.proof.closes
     assert closes.metres > 0.02 and np.array_equal(closes.start, study.q0)
@@ -400,9 +373,7 @@ def test_the_proved_radius_is_drawn_and_said(
     assert errors(driver) == []
 
 
-def test_a_drift_that_is_no_number_is_not_shown(
-    driver: Any, page: Path, study: rp.Study
-) -> None:
+def test_a_drift_that_is_no_number_is_not_shown(driver: Any, page: Path, study: rp.Study) -> None:
     """A loop to 1 mm from the end of the arm's reach, as a study says of it; not one to 1 cm."""
     schemes(driver, width=900, height=700)
     open_page(driver, page)
@@ -411,17 +382,12 @@ def test_a_drift_that_is_no_number_is_not_shown(
     for far, state in ((2.99, "own"), (2.999, "study")):
         corners = [
             [far * np.cos(angle), far * np.sin(angle), home[2]],
-            [
-                0.999 * far * np.cos(angle + 0.3),
-                0.999 * far * np.sin(angle + 0.3),
-                home[2],
-            ],
+            [0.999 * far * np.cos(angle + 0.3), 0.999 * far * np.sin(angle + 0.3), home[2]],
         ]
         points = np.round([home, *corners, home], 4)
         path = rp.waypoints(points, study.task.placement(study.q0).rotation)
         once, twice = (
-            rp.follow(plain, path, study.q0, cycles=10, steps=steps)
-            for steps in (100, 200)
+            rp.follow(plain, path, study.q0, cycles=10, steps=steps) for steps in (100, 200)
         )
         gaps = np.linalg.norm(once.q[:: once.steps] - twice.q[:: twice.steps], axis=1)
         assert (gaps[1:] > 0.01 * once.drift).any() == (state == "study")
@@ -443,9 +409,7 @@ def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
     )
 
     def drawn(*way: tuple[float, float]) -> list[list[float]]:
-        turned = [
-            [home[0] + size * x, home[1] + size * y, home[2]] for x, y in (*way, (0, 0))
-        ]
+        turned = [[home[0] + size * x, home[1] + size * y, home[2]] for x, y in (*way, (0, 0))]
         return [list(home), *turned]
 
     to, fro = (-0.15, 0.0), (0.1, 0.0)

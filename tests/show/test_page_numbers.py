@@ -40,11 +40,7 @@ def written(value: float) -> set[str]:
 def rounded(length: float) -> str:
     """Two digits, in the unit that suits."""
     scale, unit = (
-        (1, "m")
-        if length >= 0.995
-        else (100, "cm")
-        if length >= 0.00995
-        else (1000, "mm")
+        (1, "m") if length >= 0.995 else (100, "cm") if length >= 0.00995 else (1000, "mm")
     )
     return f"{float(f'{scale * length:.2g}'):g} {unit}"
 
@@ -69,9 +65,7 @@ def links_of_arm(study: rp.Study) -> set[str]:
 
     chain = carried(study.task.frame)
     links = {str(link.get("name")) for link in root.iter("link")}
-    return {
-        link for link in links if carried(link)[0] in chain or chain[0] in carried(link)
-    }
+    return {link for link in links if carried(link)[0] in chain or chain[0] in carried(link)}
 
 
 def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> None:
@@ -80,9 +74,7 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
     scene = read(html)[0]
     drawn, whole = Drawn(study.robot), study.task.to_robot
     arm = scene["arms"][0]
-    flagged = {
-        s["name"] for s, its in zip(arm["shapes"], arm["part"], strict=True) if its
-    }
+    flagged = {s["name"] for s, its in zip(arm["shapes"], arm["part"], strict=True) if its}
     part_of = np.isin(drawn.names, list(flagged))
     of_arm = np.isin(drawn.links, list(links_of_arm(study)))
 
@@ -105,13 +97,9 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
         np.testing.assert_allclose(  # the bars
             scene["arms"][k]["off"], np.c_[ends[:-1], ends[1:]], rtol=1e-5, atol=1e-7
         )
-        for time, (part, hand, reading, exact, when, bar, now) in zip(
-            times, told, strict=True
-        ):
+        for time, (part, hand, reading, exact, when, bar, now) in zip(times, told, strict=True):
             done = int(time)
-            at = [
-                [np.interp(t, grid, q) for q in motion.q.T] for t in (time, time - done)
-            ]
+            at = [[np.interp(t, grid, q) for q in motion.q.T] for t in (time, time - done)]
             closed = study.row("repeatable").motion.q.T
             ghost = at[1]
             if k == 0:  # off from the repeatable arm at the same instant

@@ -26,22 +26,16 @@ def sphere(n: int = 40) -> np.ndarray:
     polar, turn = np.meshgrid(
         np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij"
     )
-    P = np.stack(
-        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1
-    )
+    P = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
     a, b, c, d = P[:-1, :-1], P[:-1, 1:], P[1:, :-1], P[1:, 1:]
     return np.concatenate(
-        [
-            np.stack([a, c, b], 2).reshape(-1, 3, 3),
-            np.stack([b, c, d], 2).reshape(-1, 3, 3),
-        ]
+        [np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([b, c, d], 2).reshape(-1, 3, 3)]
     )
 
 
 def write_stl(path: Path, triangles: np.ndarray) -> None:
     record = np.zeros(
-        len(triangles),
-        [("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("extra", "<u2")],
+        len(triangles), [("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("extra", "<u2")]
     )
     record["points"] = triangles
     path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + record.tobytes())
@@ -68,13 +62,9 @@ def test_round_surfaces_are_smooth_and_edges_sharp(tmp_path: Path) -> None:
     box = read_surface(tmp_path / "cube.stl")
     assert len(box.points) == 24  # each corner once a face
     triangles = box.points[box.faces]
-    flat = np.cross(
-        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    )
+    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
-    np.testing.assert_allclose(
-        box.normals[box.faces], np.repeat(flat[:, None], 3, 1), atol=1e-9
-    )
+    np.testing.assert_allclose(box.normals[box.faces], np.repeat(flat[:, None], 3, 1), atol=1e-9)
 
 
 def test_smooth_is_the_mean_over_the_faces_within_the_angle() -> None:
@@ -83,9 +73,7 @@ def test_smooth_is_the_mean_over_the_faces_within_the_angle() -> None:
     x, y = (a.ravel() for a in np.meshgrid(np.arange(9.0), np.arange(9.0)))
     points = np.c_[x, y, np.where(x < 4, 0.05, 1.2) * rng.normal(size=len(x))]
     first = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
-    faces = np.r_[
-        np.c_[first, first + 1, first + 9], np.c_[first + 1, first + 10, first + 9]
-    ]
+    faces = np.r_[np.c_[first, first + 1, first + 9], np.c_[first + 1, first + 10, first + 9]]
     a, b, c = points[faces].swapaxes(0, 1)
     flat = np.cross(b - a, c - a)
     unit = flat / np.linalg.norm(flat, axis=1, keepdims=True)
@@ -93,9 +81,7 @@ def test_smooth_is_the_mean_over_the_faces_within_the_angle() -> None:
     sums = np.zeros((len(corners), 3))
     for k, corner in enumerate(corners):
         near = np.flatnonzero(corners == corner) // 3
-        sums[k] = flat[near[unit[near] @ unit[k // 3] > np.cos(np.deg2rad(38))]].sum(
-            axis=0
-        )
+        sums[k] = flat[near[unit[near] @ unit[k // 3] > np.cos(np.deg2rad(38))]].sum(axis=0)
     expected = sums / np.linalg.norm(sums, axis=1, keepdims=True)
     np.testing.assert_allclose(smooth(points[corners], flat), expected, atol=1e-12)
 
@@ -119,9 +105,7 @@ def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
     import coal
 
     robot = rp.Robot.load(name)
-    named = {
-        name.split("package://")[-1].lstrip("/") for name in robot.description.meshes
-    }
+    named = {name.split("package://")[-1].lstrip("/") for name in robot.description.meshes}
     paths = {
         file
         for folder in robot.package_dirs
@@ -198,9 +182,7 @@ def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
     places = {(0, 0): brown, (1, 2): blue, (0, 2): green}  # of the texture
     plain, painted = surface.faces
     assert (surface.colors[plain] == red).all()
-    for point, color in zip(
-        surface.points[painted], surface.colors[painted], strict=True
-    ):
+    for point, color in zip(surface.points[painted], surface.colors[painted], strict=True):
         wanted = places[tuple(np.round(point[:2]).astype(int).tolist())]
         np.testing.assert_allclose(color, wanted, atol=1e-2)
 
@@ -223,9 +205,7 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
     infinite[0, 0, 0] = np.inf
     write_stl(tmp_path / "infinite.stl", infinite)
     for meter in ("nan", "0", "-1", "inf", "one"):
-        (tmp_path / f"unit_{meter}.dae").write_text(
-            DAE.replace('meter="0.01"', f'meter="{meter}"')
-        )
+        (tmp_path / f"unit_{meter}.dae").write_text(DAE.replace('meter="0.01"', f'meter="{meter}"'))
     with zipfile.ZipFile(tmp_path / "mesh.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("m.stl", bytes(10_000_000))
     (tmp_path / "huge.stl").write_bytes(b"")
@@ -237,9 +217,7 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
         "huge.stl": "larger than 50 MB",
     }
     expected |= {"pipe.stl": "not a regular file"}
-    expected |= {
-        f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")
-    }
+    expected |= {f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")}
     for name, words in expected.items():
         with pytest.raises(rp.InputError, match=words) as caught:
             read_surface(tmp_path / name)
@@ -257,9 +235,7 @@ def test_a_pipe_that_a_mesh_names_is_not_waited_for(tmp_path: Path) -> None:
 def test_a_decimal_comma_in_a_unit_is_read(tmp_path: Path) -> None:
     (tmp_path / "comma.dae").write_text(DAE.replace('meter="0.01"', 'meter="0,01"'))
     (tmp_path / "point.dae").write_text(DAE)
-    comma, point = (
-        read_surface(tmp_path / f"{name}.dae").points for name in ("comma", "point")
-    )
+    comma, point = (read_surface(tmp_path / f"{name}.dae").points for name in ("comma", "point"))
     np.testing.assert_array_equal(comma, point)
 
 
@@ -283,8 +259,7 @@ def test_equal_rows_are_one_row_the_first_of_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("samples", "cycles"),
-    [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)],
+    ("samples", "cycles"), [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)]
 )
 def test_choose_frames(samples: int, cycles: int) -> None:
     frames = choose_frames(samples, cycles)
@@ -295,15 +270,11 @@ def test_choose_frames(samples: int, cycles: int) -> None:
     assert len(numbers) == cycles if cycles <= 24 else 12 <= len(numbers) <= 24
     assert len(set(np.diff(numbers)[1:].tolist())) <= 1  # evenly, from the last back
     table = frames.index.reshape(len(numbers), frames.per_cycle)
-    np.testing.assert_array_equal(
-        table[:, 0], (numbers - 1) * steps
-    )  # both ends of every cycle
+    np.testing.assert_array_equal(table[:, 0], (numbers - 1) * steps)  # both ends of every cycle
     np.testing.assert_array_equal(table[:, -1], numbers * steps)
     assert (np.diff(table, axis=1) > 0).all()
     assert min(31, steps + 1) <= frames.per_cycle <= min(61, steps + 1)
-    assert (
-        len(np.unique(np.diff(table, axis=1))) == 1
-    )  # these steps have such a divisor
+    assert len(np.unique(np.diff(table, axis=1))) == 1  # these steps have such a divisor
 
 
 def test_choose_frames_wants_whole_cycles() -> None:
@@ -347,9 +318,7 @@ def test_text_in_a_colour_can_be_read() -> None:
     for colour in (*COLOURS.values(), "#56B4E9", "#F0E442", "#595959"):
         text = readable(colour)
         assert 1.05 / (luminance(text) + 0.05) >= 4.5
-        assert all(
-            int(text[k : k + 2], 16) <= int(colour[k : k + 2], 16) for k in (1, 3, 5)
-        )
+        assert all(int(text[k : k + 2], 16) <= int(colour[k : k + 2], 16) for k in (1, 3, 5))
     assert luminance("#ffffff") == pytest.approx(1) and luminance("#000000") == 0
 
 

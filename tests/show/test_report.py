@@ -72,12 +72,9 @@ def test_it_is_valid_html_and_so_is_the_animation_inside(page: str, tags: Tags) 
     (frame,) = tags.all("iframe")
     outside = re.sub('srcdoc="[^"]*"', 'srcdoc="text"', page)
     for text in (outside, frame["srcdoc"]):
-        html5lib.HTMLParser(strict=True).parse(
-            shortened(text)
-        )  # raises where there is an error
+        html5lib.HTMLParser(strict=True).parse(shortened(text))  # raises where there is an error
         ids = re.findall(
-            r'\sid="([^"]+)"',
-            re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text),
+            r'\sid="([^"]+)"', re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text)
         )
         assert len(ids) == len(set(ids))
 
@@ -107,9 +104,7 @@ def test_it_asks_nothing_of_a_network(page: str, tags: Tags, study: rp.Study) ->
     assert "url(" not in page.replace(html.escape(frame["srcdoc"], quote=True), "")
 
 
-def test_it_says_what_was_found_and_how_to_repeat_it(
-    page: str, study: rp.Study
-) -> None:
+def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study) -> None:
     text = html.unescape(page)
     rows = study.row("pseudoinverse"), study.row("repeatable")
     plain, closed = (row.motion for row in rows)
@@ -117,25 +112,16 @@ def test_it_says_what_was_found_and_how_to_repeat_it(
         name: re.findall("<td>(.*?)</td>", cells)
         for name, cells in re.findall(r'<th scope="row">(.*?)</th>(.*)</tr>', text)
     }
-    for cycle, name in enumerate(
-        ("drift after 1 cycle, rad", "drift after 2 cycles, rad")
-    ):
+    for cycle, name in enumerate(("drift after 1 cycle, rad", "drift after 2 cycles, rad")):
         assert reads(table[name][0], plain.drift[cycle], 3)
     assert closed.closes and float(table["drift after 2 cycles, rad"][-1]) < 1e-5
     assert reads(table["distance from J⁺"][-1], rows[1].distance, 3)
-    speeds = (
-        ("joint speed, cycle 1, rad/s", 100),
-        ("joint speed, all cycles, rad/s", 200),
-    )
+    speeds = (("joint speed, cycle 1, rad/s", 100), ("joint speed, all cycles, rad/s", 200))
     for name, steps in speeds:
-        for motion, said in zip(
-            (plain, closed), table[name][:: len(table[name]) - 1], strict=True
-        ):
+        for motion, said in zip((plain, closed), table[name][:: len(table[name]) - 1], strict=True):
             speed = np.sqrt(np.sum(motion.qdot[:steps] ** 2) / steps)
             assert reads(said, speed, 3)
-    assert float(table["leaf margin"][-1]) == pytest.approx(
-        rows[1].leaf_margin, abs=5.01e-3
-    )
+    assert float(table["leaf margin"][-1]) == pytest.approx(rows[1].leaf_margin, abs=5.01e-3)
     assert f"<code>{COMMAND}</code>" in text
     frame = re.compile('srcdoc="[^"]*"')
     for part in ("verdict", "notes"):  # as on the animation's own page
@@ -143,8 +129,7 @@ def test_it_says_what_was_found_and_how_to_repeat_it(
         assert found in rp.animation(study).page and len(found) > 60
     folded = text[text.index("<details>") :]  # what the command does not name
     assert (
-        "<dt>seed</dt>" in folded
-        and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
+        "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
     )
     assert f"<dd>{', '.join(f'{v:.10g}' for v in study.q0)}</dd>" in text
     for name, edition in (
@@ -156,8 +141,7 @@ def test_it_says_what_was_found_and_how_to_repeat_it(
     ):
         assert f"<dt>{name}</dt><dd>{edition}</dd>" in text
     assert (
-        "<dt>seed</dt><dd>0</dd>" in text
-        and "<dt>frame</dt><dd>chosen by the study</dd>" in text
+        "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
     )
     lines = re.findall(r"<tr>(.*?)</tr>", page)
     said = re.search(r"cycles, rad</th><td>(\S+?)</td>", lines[4])
@@ -172,9 +156,7 @@ def test_the_command_writes_it_for_ones_own_arm(
     import json
 
     monkeypatch.chdir(tmp_path)
-    urdf = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(
-        encoding="utf-8"
-    )
+    urdf = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
     (tmp_path / "my_arm.urdf").write_text(urdf, encoding="utf-8")
     arguments = [
         "study",
@@ -192,12 +174,7 @@ def test_the_command_writes_it_for_ones_own_arm(
     assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 6
     text = html.unescape(Path(written[-1]).read_text(encoding="utf-8"))
     assert f"<code>repctl {' '.join(arguments)} --json</code>" in text
-    for option, value in (
-        ("cycles", "2"),
-        ("steps", "60"),
-        ("degree", "1"),
-        ("seed", "0"),
-    ):
+    for option, value in (("cycles", "2"), ("steps", "60"), ("degree", "1"), ("seed", "0")):
         assert f"<dt>{option}</dt><dd>{value}</dd>" in text
     assert hashlib.sha256(urdf.encode()).hexdigest() in text
     assert len(Tags(text).all("img")) >= 6
@@ -223,9 +200,7 @@ def test_it_plays_offline_and_no_figure_is_cut_on_paper(
     assert driver.execute_script(
         "return [...document.images].every((i) => i.complete && i.naturalWidth > 100)"
     )
-    assert driver.execute_script(
-        "return document.documentElement.scrollWidth <= window.innerWidth"
-    )
+    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     printed = driver.execute_cdp_cmd(
         "Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True}
     )
@@ -235,23 +210,13 @@ def test_it_plays_offline_and_no_figure_is_cut_on_paper(
         for thing in sheet.get_objects():
             if thing.type == 3:  # an image
                 left, bottom, right, top = thing.get_bounds()
-                assert (
-                    40 < left < right < width - 40 and 40 < bottom < top < height - 40
-                )
+                assert 40 < left < right < width - 40 and 40 < bottom < top < height - 40
                 found.append((right - left) / (top - bottom))
     drawn = [int(image["width"]) / int(image["height"]) for image in tags.all("img")]
-    url = driver.execute_script(
-        "return document.querySelector('.still canvas').toDataURL()"
-    )
-    rendered = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert(
-        "RGB"
-    )
+    url = driver.execute_script("return document.querySelector('.still canvas').toDataURL()")
+    rendered = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB")
     pixels = np.asarray(rendered, float)  # what the animation draws, on white
-    assert (
-        (pixels[-1, 0] == 255).all()
-        and np.ptp(pixels) > 150
-        and (pixels < 250).mean() > 0.01
-    )
+    assert (pixels[-1, 0] == 255).all() and np.ptp(pixels) > 150 and (pixels < 250).mean() > 0.01
     panes, figures = found[:-5], found[-5:]  # each arm is printed under its own name
     assert len(panes) == 2 and panes[0] == pytest.approx(panes[1], rel=0.01)
     np.testing.assert_allclose(figures, drawn[-5:], rtol=0.01)

@@ -42,9 +42,7 @@ def fastest_in_the_self_motion(task: rp.Task, q: np.ndarray) -> int:
     return int((speed * (middle if middle.any() else 1)).argmax())
 
 
-@pytest.mark.parametrize(
-    "name", ["panda", pytest.param("talos", marks=pytest.mark.slow), "ppr"]
-)
+@pytest.mark.parametrize("name", ["panda", pytest.param("talos", marks=pytest.mark.slow), "ppr"])
 def test_page_holds_what_went_in(name: str) -> None:
     motions, page, drawn = known(name)
     scene, _, numbers = read(page)
@@ -57,11 +55,7 @@ def test_page_holds_what_went_in(name: str) -> None:
     rows = np.r_[:21, 20:41]  # of both cycles, both ends
     first = np.tile(np.r_[:20, 0], 2)  # the same moment of cycle 1
     for key, (label, motion), arm, told in zip(
-        ("pseudoinverse", "repeatable"),
-        motions.items(),
-        arms,
-        scene["arms"],
-        strict=True,
+        ("pseudoinverse", "repeatable"), motions.items(), arms, scene["arms"], strict=True
     ):
         assert (told["label"], told["color"]) == (label, COLOURS[key])
         assert told["drift"] == motion.drift.tolist()
@@ -69,9 +63,7 @@ def test_page_holds_what_went_in(name: str) -> None:
         Q = task.to_robot(motion.q)
         expected = drawn.placements(Q[rows])
         np.testing.assert_allclose(arm.of(drawn), expected, atol=1e-6)
-        np.testing.assert_allclose(
-            arm.tip[:, 0], task.positions(motion.q[rows]), atol=1e-6
-        )
+        np.testing.assert_allclose(arm.tip[:, 0], task.positions(motion.q[rows]), atol=1e-6)
         elbow = fastest_in_the_self_motion(task, motion.q[0])
         origins = [task.joint_origins(q)[elbow] for q in motion.q[rows]]
         np.testing.assert_allclose(arm.elbow[:, 0], origins, atol=1e-6)
@@ -132,18 +124,11 @@ def test_a_mesh_goes_in_as_its_triangles() -> None:
         triangles = points.astype(float)[faces]
         theirs = solids[shape["name"]].geometry
         corners, size = theirs.vertices(), np.ptp(theirs.vertices())
-        assert (
-            0.999 * theirs.num_tris < len(faces) <= theirs.num_tris
-        )  # but for needles
+        assert 0.999 * theirs.num_tris < len(faces) <= theirs.num_tris  # but for needles
         for end in (np.min, np.max):
-            np.testing.assert_allclose(
-                end(triangles, axis=(0, 1)), end(corners, axis=0), atol=2e-6
-            )
+            np.testing.assert_allclose(end(triangles, axis=(0, 1)), end(corners, axis=0), atol=2e-6)
         volume = (
-            np.einsum(
-                "fi,fi->", triangles[:, 0], np.cross(*triangles[:, 1:].swapaxes(0, 1))
-            )
-            / 6
+            np.einsum("fi,fi->", triangles[:, 0], np.cross(*triangles[:, 1:].swapaxes(0, 1))) / 6
         )
         assert volume == pytest.approx(theirs.computeVolume(), abs=1e-5 * size**3)
         flat = np.cross(*np.diff(triangles, axis=1).swapaxes(0, 1))
@@ -167,9 +152,7 @@ def test_bodies_are_sent_as_meshcat_sends_them() -> None:
     for kind in ("Box", "Cylinder"):
         solid = next(s for s in drawn.solids if type(s.geometry).__name__ == kind)
         body = next(
-            shape["body"]
-            for shape in scene["arms"][0]["shapes"]
-            if shape["name"] == solid.name
+            shape["body"] for shape in scene["arms"][0]["shapes"] if shape["name"] == solid.name
         )
         ours = sent[f"/library/{body}"]
         shape = solid.geometry
@@ -178,12 +161,8 @@ def test_bodies_are_sent_as_meshcat_sends_them() -> None:
             if kind == "Box"
             else g.Cylinder(2 * shape.halfLength, shape.radius)
         )
-        expected = SetObject(
-            g.Mesh(theirs), path=ScenePath(("library", str(body)))
-        ).lower()
-        names = [
-            expected["object"][part][0]["uuid"] for part in ("geometries", "materials")
-        ]
+        expected = SetObject(g.Mesh(theirs), path=ScenePath(("library", str(body)))).lower()
+        names = [expected["object"][part][0]["uuid"] for part in ("geometries", "materials")]
         names.append(expected["object"]["object"]["uuid"])
         text = json.dumps(expected)
         for number, name in enumerate(names):
@@ -307,9 +286,7 @@ def test_no_name_of_the_pages_script_is_declared_twice() -> None:
     assert len(names) > 50 and sorted(names) == sorted(set(names))
 
 
-def test_every_limb_leaves_its_traces_and_what_is_violated_is_marked(
-    tmp_path: Path,
-) -> None:
+def test_every_limb_leaves_its_traces_and_what_is_violated_is_marked(tmp_path: Path) -> None:
     """Two hands of a robot without its meshes, which a page holds for long; one of them leaves the
     limits of a joint."""
     text = rp.Robot.load("baxter").description.xml
@@ -319,9 +296,7 @@ def test_every_limb_leaves_its_traces_and_what_is_violated_is_marked(
     for side in ("left", "right"):
         task = robot.task(f"{side}_gripper")
         path = rp.circle(task, task.reference, 0.02)
-        done[side] = rp.follow(
-            rp.Pseudoinverse(task), path, task.reference, cycles=1, steps=10
-        )
+        done[side] = rp.follow(rp.Pseudoinverse(task), path, task.reference, cycles=1, steps=10)
     left, right = (motion.task for motion in done.values())
     q = done["left"].q.copy()
     q[7:, 2] += left.upper[2] - q[7, 2] + 0.1

@@ -61,9 +61,7 @@ def test_a_study_fits_in_one_piece(narrow: None, tmp_path: Path) -> None:
     assert text.count("─\n") == 1
     plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
     for strategy, motion in (("J⁺", plain), ("nearest repeatable", closed)):
-        assert drifts(text, strategy) == pytest.approx(
-            (motion.drift[0], motion.drift[-1]), rel=0.5
-        )
+        assert drifts(text, strategy) == pytest.approx((motion.drift[0], motion.drift[-1]), rel=0.5)
 
 
 def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
@@ -79,9 +77,7 @@ def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_fits(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_fits(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     fit_terminals(monkeypatch)
     with terminal_of(80, 24) as out:
@@ -99,9 +95,7 @@ def test_the_help_of_every_command_fits(columns: int) -> None:
                 assert not line.lstrip().startswith("repctl") or len(line) <= 80, line
 
 
-def test_progress_stays_on_one_row(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_progress_stays_on_one_row(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A longer line would leave its first rows behind when it is cleared."""
     err = Screen()
 

@@ -27,17 +27,8 @@ def test_numbers_are_written_one_way() -> None:
     assert [metres(v) for v in (9e-10, 9e-6, 9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == [
         "0", "9 µm", "0.09 mm", "2.6 mm", "45 cm", "1 m", "1.2 m",
     ]  # fmt: skip
-    assert [radians(v) for v in (9e-4, 0.0213, 3.719)] == [
-        "9e-4 rad",
-        "0.021 rad",
-        "3.7 rad",
-    ]
-    assert [percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == [
-        "0 %",
-        "+0.3 %",
-        "−1.0 %",
-        "+25 %",
-    ]
+    assert [radians(v) for v in (9e-4, 0.0213, 3.719)] == ["9e-4 rad", "0.021 rad", "3.7 rad"]
+    assert [percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == ["0 %", "+0.3 %", "−1.0 %", "+25 %"]
 
 
 def test_what_stands_behind_a_label_goes_on_below_itself() -> None:
@@ -60,9 +51,7 @@ def test_a_pipe_gets_80_columns() -> None:
 def test_a_wrapped_sentence_keeps_its_pieces() -> None:
     off = Span("3\u00a0cm\u00a0off", "bad")
     out = wrapped([Span("word " * 15), off, Span(" under it. "), Span("x" * 90)])
-    assert [span.tone for span in out] == ["", "bad", "", ""] and out[
-        1
-    ].text == "3 cm off"
+    assert [span.tone for span in out] == ["", "bad", "", ""] and out[1].text == "3 cm off"
     assert "".join(span.text for span in out).splitlines() == [
         "word " * 14 + "word",
         "3 cm off under it.",
@@ -81,12 +70,7 @@ def test_a_coloured_piece_controls_no_terminal(monkeypatch: pytest.MonkeyPatch) 
 
 USUAL = MotionSummary("J⁺", 0.321, 1.0, body_distance=0.13, part="elbow", link="link4")
 CLOSED = MotionSummary(
-    "nearest repeatable",
-    1e-12,
-    1.003,
-    body_distance=0.2,
-    part="elbow",
-    link="link4",
+    "nearest repeatable", 1e-12, 1.003, body_distance=0.2, part="elbow", link="link4"
 )
 
 
@@ -96,24 +80,21 @@ BACK = "After 10 cycles the hand is back under either control. "
 def words(told: Any) -> tuple[str, str]:
     """The sentence and the notes of a headline."""
     sentence = "".join(span.text for span in told.sentence)
-    return sentence.replace("\u00a0", " "), " ".join(
-        n.text for n in told.notes
-    ).replace("\u00a0", " ")
+    return sentence.replace("\u00a0", " "), " ".join(n.text for n in told.notes).replace(
+        "\u00a0", " "
+    )
 
 
 def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
     sentence, notes = words(headline_of([USUAL, CLOSED], 10))
     assert sentence == (
-        BACK + "The elbow is not: 32 cm off under the usual control, "
-        "0 under the repeatable one."
+        BACK + "The elbow is not: 32 cm off under the usual control, 0 under the repeatable one."
     )
     assert (
         notes == "The repeatable one takes 0.3 % more joint speed (rms). "
         "Joint limits kept. Links stay at least 13 cm apart, in both."
     )
-    exact = [
-        span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact
-    ]
+    exact = [span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact]
     assert exact == ["link4: 0.321 m", "link4: 1e-12 m"]
 
 
@@ -126,10 +107,7 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
             "0 under the repeatable one.",
         ),
         (
-            [
-                replace(USUAL, off=1.1e-4),
-                replace(CLOSED, off=4.3e-5),
-            ],  # as the callouts say it
+            [replace(USUAL, off=1.1e-4), replace(CLOSED, off=4.3e-5)],  # as the callouts say it
             BACK + "The elbow has hardly drifted: 0.11 mm under the usual control, "
             "0 under the repeatable one.",
         ),
@@ -141,35 +119,22 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         ),
         (
             [replace(USUAL, part="arm 3"), CLOSED],
-            BACK + "Arm 3 is not: 32 cm off under the usual control, "
-            "0 under the repeatable one.",
+            BACK + "Arm 3 is not: 32 cm off under the usual control, 0 under the repeatable one.",
         ),
         (
             [replace(USUAL, part="link 3"), CLOSED],
             BACK + "Link 3 of the arm is not: 32 cm off under the usual control, "
             "0 under the repeatable one.",
         ),
+        ([CLOSED, CLOSED], BACK + "So is every part of the arm: 0 off."),
         (
-            [CLOSED, CLOSED],
-            BACK + "So is every part of the arm: 0 off.",
-        ),
-        (
-            [
-                replace(
-                    USUAL,
-                    off=0.0,
-                    joint_displacement=(6.28, "joint_1"),
-                ),
-                CLOSED,
-            ],
+            [replace(USUAL, off=0.0, joint_displacement=(6.28, "joint_1")), CLOSED],
             BACK + "The joint joint_1 is not: 6.3 rad under the usual control, "
             "0 under the repeatable one.",
         ),
     ],
 )
-def test_every_summary_has_its_sentence(
-    summaries: list[MotionSummary], expected: str
-) -> None:
+def test_every_summary_has_its_sentence(summaries: list[MotionSummary], expected: str) -> None:
     assert words(headline_of(summaries, 10))[0] == expected
 
 
@@ -192,14 +157,10 @@ def test_another_hand_that_moves_with_the_arm_is_named() -> None:
     hand comes before a head, and what is back is not said."""
     ends = {"head_2_link": 0.4, "right_gripper": 0.298, "left_foot": 0.0}
     told = words(
-        headline_of(
-            [replace(USUAL, ends=ends), replace(CLOSED, ends=dict.fromkeys(ends, 0.0))],
-            10,
-        )
+        headline_of([replace(USUAL, ends=ends), replace(CLOSED, ends=dict.fromkeys(ends, 0.0))], 10)
     )
     assert told[0] == (
-        BACK
-        + "The elbow is not: 32 cm off under the usual control, 0 under the repeatable one. "
+        BACK + "The elbow is not: 32 cm off under the usual control, 0 under the repeatable one. "
         "Under the usual control the other hand is 30 cm off, the head 40 cm."
     )
     feet = {"left_foot": 0.2, "right_foot": 0.1}
@@ -253,9 +214,7 @@ def test_what_is_not_checked_for_collisions_is_said() -> None:
 def test_a_lost_path_is_not_called_back() -> None:
     lost = replace(USUAL, path_loss=(3, 0.02, 0.0))
     sentence, notes = words(headline_of([lost, CLOSED], 10))
-    assert sentence.startswith(
-        "Under the usual control the hand leaves its path in cycle 3: 2 cm"
-    )
+    assert sentence.startswith("Under the usual control the hand leaves its path in cycle 3: 2 cm")
     assert sentence.endswith(
         "After 10 cycles the elbow is not back: 32 cm off under the usual control, "
         "0 under the repeatable one."
@@ -291,22 +250,11 @@ def test_limits_bodies_and_where_it_leads() -> None:
         "At this rate joint 2 leaves its range in cycle 17 under the usual control."
         in (words(headline_of([leading, CLOSED], 10))[1])
     )
-    close = replace(
-        USUAL,
-        body_distance=0.013,
-        near=("link3", "link5"),
-    )
+    close = replace(USUAL, body_distance=0.013, near=("link3", "link5"))
     told = headline_of([close, CLOSED], 10)
-    assert (
-        "link3 and link5 come as near as 1.3 cm under the usual control."
-        in words(told)[1]
-    )
+    assert "link3 and link5 come as near as 1.3 cm under the usual control." in words(told)[1]
     assert [n.tone for n in told.notes if "near" in n.text] == ["near"]
-    also = replace(
-        CLOSED,
-        body_distance=0.013,
-        near=("link3", "link5"),
-    )
+    also = replace(CLOSED, body_distance=0.013, near=("link3", "link5"))
     (near,) = (n.text for n in headline_of([close, also], 10).notes if "near" in n.text)
     assert near == "link3 and link5 come as near as 1.3\u00a0cm, in both."
 

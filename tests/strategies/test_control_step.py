@@ -28,9 +28,7 @@ def some_field(
     return rp.RepeatableInverse(task, potentials.weighted(A))
 
 
-def plain_step(
-    inverse: rp.RepeatableInverse, q, target, dt, twist, leaf, gain
-) -> np.ndarray:
+def plain_step(inverse: rp.RepeatableInverse, q, target, dt, twist, leaf, gain) -> np.ndarray:
     """The law as it stands, with NumPy's general solver."""
     task = inverse.task
     J_V = np.vstack([task.jacobian(q), inverse.potentials.gradient(q).T])
@@ -118,9 +116,7 @@ def test_other_fields_step_by_the_same_law(panda_pose: rp.Task, q_panda) -> None
         leaf = inverse.leaf(q_panda)
         found = inverse.step(q, target, 0.01, leaf=leaf)
         assert np.allclose(
-            found,
-            plain_step(inverse, q, target, 1.0, np.zeros(6), leaf, 1.0),
-            atol=1e-10,
+            found, plain_step(inverse, q, target, 1.0, np.zeros(6), leaf, 1.0), atol=1e-10
         )
 
 
@@ -131,32 +127,23 @@ def test_pseudoinverse_velocity_is_the_shortest(panda: rp.Robot, q_panda) -> Non
         strategy = rp.Pseudoinverse(task)
         q, xdot = q_panda + 0.2 * rng.normal(size=7), rng.normal(size=task.m)
         assert np.allclose(
-            strategy.velocity(q, xdot),
-            np.linalg.pinv(task.jacobian(q)) @ xdot,
-            atol=1e-12,
+            strategy.velocity(q, xdot), np.linalg.pinv(task.jacobian(q)) @ xdot, atol=1e-12
         )
 
 
 def test_batch_is_the_single_form(panda_design, q_panda) -> None:
     rng = np.random.default_rng(6)
     Q, Xdot = q_panda + 0.2 * rng.normal(size=(20, 7)), rng.normal(size=(20, 6))
-    single = [
-        panda_design.inverse.velocity(q, xdot) for q, xdot in zip(Q, Xdot, strict=True)
-    ]
+    single = [panda_design.inverse.velocity(q, xdot) for q, xdot in zip(Q, Xdot, strict=True)]
     assert np.allclose(panda_design.inverse.velocities(Q, Xdot), single, atol=1e-11)
 
 
-def test_results_are_fresh_and_arguments_untouched(
-    panda_design, panda_pose, q_panda
-) -> None:
+def test_results_are_fresh_and_arguments_untouched(panda_design, panda_pose, q_panda) -> None:
     inverse, target = panda_design.inverse, panda_pose.placement(q_panda + 0.02)
     q, xdot, leaf = q_panda.copy(), np.ones(6), inverse.leaf(q_panda)
     for array in (q, xdot, leaf):
         array.setflags(write=False)
-    first, following = (
-        inverse.velocity(q, xdot),
-        inverse.step(q, target, 0.01, xdot, leaf=leaf),
-    )
+    first, following = (inverse.velocity(q, xdot), inverse.step(q, target, 0.01, xdot, leaf=leaf))
     kept = first.copy(), following.copy()
     inverse.velocity(q + 0.1, 2 * xdot)
     inverse.step(q + 0.1, target, 0.01, leaf=leaf)
@@ -243,13 +230,9 @@ def test_a_singular_arm_raises_without_damping_and_is_damped_with_it() -> None:
         inverse.step(stretched, target, 0.01, leaf=inverse.leaf(stretched))
     with pytest.raises(rp.SingularityError):
         inverse.velocity(stretched, np.ones(2))
-    with pytest.raises(
-        rp.SingularityError
-    ):  # even where the velocity asked for could be had
+    with pytest.raises(rp.SingularityError):  # even where the velocity asked for could be had
         inverse.velocity(stretched, np.array([0.0, 1.0]))
-    step = inverse.damped_step(
-        stretched, target, 0.01, leaf=inverse.leaf(stretched), damping=0.1
-    )
+    step = inverse.damped_step(stretched, target, 0.01, leaf=inverse.leaf(stretched), damping=0.1)
     following = step.q
     assert 0 < step.damping <= 0.1
     error = np.linalg.norm(task.error(stretched, target))
@@ -266,11 +249,7 @@ def test_damping_brings_an_arm_out_of_a_singularity() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     inverse = some_field(task, np.array([0.3, 0.8, 0.8]), 1)
     goal = np.array([0.3, 0.8, 0.8])
-    target, leaf, q = (
-        task.placement(goal),
-        inverse.leaf(goal),
-        np.array([0.6, 0.0, 1e-9]),
-    )
+    target, leaf, q = (task.placement(goal), inverse.leaf(goal), np.array([0.6, 0.0, 1e-9]))
     used = []
     for _ in range(200):
         step = inverse.damped_step(q, target, 0.01, leaf=leaf, gain=30.0, damping=0.1)
@@ -278,23 +257,18 @@ def test_damping_brings_an_arm_out_of_a_singularity() -> None:
         used.append(step.damping)
     assert max(used) > 0 and used[-1] == 0
     assert (
-        np.linalg.norm(task.error(q, target)) < 1e-9
-        and np.abs(inverse.leaf(q) - leaf).max() < 1e-9
+        np.linalg.norm(task.error(q, target)) < 1e-9 and np.abs(inverse.leaf(q) - leaf).max() < 1e-9
     )
 
 
-def test_speed_limits_are_kept_and_the_task_goes_first(
-    panda_design, panda_pose, q_panda
-) -> None:
+def test_speed_limits_are_kept_and_the_task_goes_first(panda_design, panda_pose, q_panda) -> None:
     inverse, dt = panda_design.inverse, 0.01
     target, leaf = panda_pose.placement(q_panda), inverse.leaf(q_panda)
     pushed = q_panda + 0.3 * rp.redundancy.nullspace(panda_pose.jacobian(q_panda))[:, 0]
     limit = np.full(7, 2.0)
     free = inverse.step(pushed, target, dt, leaf=leaf)
     assert np.abs(free - pushed).max() / dt > 4 * limit.max()
-    step = inverse.damped_step(
-        pushed, target, dt, leaf=leaf, gain=5.0, velocity_limit=limit
-    )
+    step = inverse.damped_step(pushed, target, dt, leaf=leaf, gain=5.0, velocity_limit=limit)
     assert step.slowed == 1.0
     assert np.allclose(step.q - pushed, 0.05 * (free - pushed), atol=1e-12)
     step = inverse.damped_step(pushed, target, dt, leaf=leaf, velocity_limit=limit)
@@ -305,8 +279,7 @@ def test_speed_limits_are_kept_and_the_task_goes_first(
     def task_error_after(q: np.ndarray) -> float:
         return float(
             np.linalg.norm(
-                panda_pose.jacobian(pushed) @ (q - pushed)
-                - panda_pose.error(pushed, target)
+                panda_pose.jacobian(pushed) @ (q - pushed) - panda_pose.error(pushed, target)
             )
         )
 
@@ -320,10 +293,7 @@ def test_speed_limits_are_kept_and_the_task_goes_first(
     assert np.abs(slow - moved).max() <= roomy * dt * (1 + 1e-12)
     J, e = panda_pose.jacobian(moved), panda_pose.error(moved, target)
     assert np.allclose(J @ (slow - moved), e, atol=1e-10) and step.slowed < 1
-    assert (
-        task_error_after(bounded)
-        < np.linalg.norm(panda_pose.error(pushed, target)) + 1e-12
-    )
+    assert task_error_after(bounded) < np.linalg.norm(panda_pose.error(pushed, target)) + 1e-12
 
 
 # ---- bad input
@@ -331,10 +301,7 @@ def test_speed_limits_are_kept_and_the_task_goes_first(
 
 GOOD = {"dt": 0.01}
 BAD_STEPS: dict[str, tuple[dict, str]] = {
-    "q short": (
-        {"q": np.zeros(6)},
-        r"q must be 7 finite numbers, one per joint; got shape \(6,\)",
-    ),
+    "q short": ({"q": np.zeros(6)}, r"q must be 7 finite numbers, one per joint; got shape \(6,\)"),
     "q matrix": ({"q": np.zeros((1, 7))}, r"q must be 7 .*; got shape \(1, 7\)"),
     "q nan": ({"q": np.full(7, np.nan)}, "7 finite numbers"),
     "q inf": ({"q": np.full(7, np.inf)}, "7 finite numbers"),
@@ -400,14 +367,11 @@ def test_bad_velocities_get_one_clear_line(panda_design, panda_pose, q, xdot) ->
 def test_lists_and_whole_numbers_are_taken(panda_design, panda_pose, q_panda) -> None:
     inverse = panda_design.inverse
     assert np.allclose(
-        inverse.velocity(list(q_panda), [1, 0, 0, 0, 0, 0]),
-        inverse(q_panda)[:, 0],
-        atol=1e-12,
+        inverse.velocity(list(q_panda), [1, 0, 0, 0, 0, 0]), inverse(q_panda)[:, 0], atol=1e-12
     )
     whole = np.array([0, -1, 0, -2, 0, 2, 1])
     assert np.allclose(
-        inverse.velocity(whole, np.ones(6)),
-        inverse.velocity(whole.astype(float), np.ones(6)),
+        inverse.velocity(whole, np.ones(6)), inverse.velocity(whole.astype(float), np.ones(6))
     )
     with pytest.raises(rp.InputError, match="Ẋ must be finite numbers .3, 6."):
         inverse.velocities(np.zeros((3, 7)), np.zeros((2, 6)))
@@ -421,10 +385,7 @@ def test_one_singularity_test_one_error() -> None:
         A = size * np.array([[-(2**0.5)], [0], [1]])  # Vᵀ n = 1 − √2 sin θ₃, 0 at π/4
         inverse = rp.RepeatableInverse(task, rp.Polynomial(np.zeros(3), 1).weighted(A))
         n = rp.redundancy.null_vector(task.jacobian([0, 0, np.pi / 4]))
-        assert (
-            abs(inverse.potentials.gradient(np.array([0, 0, np.pi / 4]))[:, 0] @ n)
-            < 1e-9 * size
-        )
+        assert abs(inverse.potentials.gradient(np.array([0, 0, np.pi / 4]))[:, 0] @ n) < 1e-9 * size
         xdot, bad, good = (
             np.ones(2),
             np.array([0, 0, np.pi / 4]),
@@ -440,9 +401,7 @@ def test_one_singularity_test_one_error() -> None:
             with pytest.raises(rp.SingularityError, match="J_V is singular"):
                 ask(inverse, bad, xdot)
             J_V = np.vstack([task.jacobian(good), inverse.potentials.gradient(good).T])
-            assert np.allclose(
-                ask(inverse, good, xdot), np.linalg.inv(J_V)[:, :2] @ xdot
-            )
+            assert np.allclose(ask(inverse, good, xdot), np.linalg.inv(J_V)[:, :2] @ xdot)
 
 
 def test_the_velocity_of_the_pseudoinverse_is_as_exact_as_its_matrix() -> None:
@@ -452,19 +411,13 @@ def test_the_velocity_of_the_pseudoinverse_is_as_exact_as_its_matrix() -> None:
         exact = np.linalg.pinv(task.jacobian(q), rcond=1e-15) @ xdot
         got = rp.Pseudoinverse(task).velocity(q, xdot)
         assert np.linalg.norm(got - exact) < 1e-9 * np.linalg.norm(exact)
-        assert np.abs(task.jacobian(q) @ got - xdot).max() < 1e-11 * np.linalg.norm(
-            exact
-        )
+        assert np.abs(task.jacobian(q) @ got - xdot).max() < 1e-11 * np.linalg.norm(exact)
 
 
 def test_outside_the_region_is_told_where_it_is_asked_for(
     panda_design, panda_pose, q_panda
 ) -> None:
-    inverse, xdot, target = (
-        panda_design.inverse,
-        np.ones(6),
-        panda_pose.placement(q_panda),
-    )
+    inverse, xdot, target = (panda_design.inverse, np.ones(6), panda_pose.placement(q_panda))
     assert inverse.region is panda_design.region
     edge = panda_design.region.half_width
     for q, out in (
@@ -479,13 +432,9 @@ def test_outside_the_region_is_told_where_it_is_asked_for(
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 assert np.array_equal(call("warn"), plain)
-            assert ["the design does not cover it" in str(w.message) for w in told] == [
-                True
-            ] * out
+            assert ["the design does not cover it" in str(w.message) for w in told] == [True] * out
             if out:
-                with pytest.raises(
-                    rp.InputError, match=r"outside Ω \(scaled distance 1\.5;"
-                ):
+                with pytest.raises(rp.InputError, match=r"outside Ω \(scaled distance 1\.5;"):
                     call("raise")
             else:
                 assert np.array_equal(call("raise"), plain)
@@ -495,6 +444,4 @@ def test_outside_the_region_is_told_where_it_is_asked_for(
     with pytest.raises(rp.InputError, match="no action outside Ω 'shout'"):
         inverse.velocity(q_panda, xdot, outside="shout")
     with pytest.raises(rp.InputError, match="outside= requires a region"):
-        rp.RepeatableInverse(panda_pose, inverse.potentials).velocity(
-            q_panda, xdot, outside="warn"
-        )
+        rp.RepeatableInverse(panda_pose, inverse.potentials).velocity(q_panda, xdot, outside="warn")

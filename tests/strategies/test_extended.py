@@ -63,9 +63,7 @@ def test_h_is_the_gradient_along_the_null_space(task: rp.Task) -> None:
     for q in some_q():
         N = redundancy.nullspace(task.jacobian(q))
         assert np.isclose(
-            np.linalg.norm(inverse.potentials.value(q)),
-            np.linalg.norm(N.T @ (q - Q0)),
-            atol=1e-12,
+            np.linalg.norm(inverse.potentials.value(q)), np.linalg.norm(N.T @ (q - Q0)), atol=1e-12
         )
     assert np.abs(inverse.potentials.value(Q0)).max() < 1e-15
 
@@ -77,16 +75,10 @@ def test_numerical_derivatives_come_close(panda_pose: rp.Task) -> None:
     Q = some_q()
     V = exact.potentials.gradients(Q)
     for rough, tolerance in (
-        (
-            rp.ExtendedJacobian(panda_pose, bowl, gradient=bowl_gradient, reference=Q0),
-            1e-8,
-        ),
+        (rp.ExtendedJacobian(panda_pose, bowl, gradient=bowl_gradient, reference=Q0), 1e-8),
         (rp.ExtendedJacobian(panda_pose, bowl, reference=Q0), 1e-3),
     ):
-        assert (
-            np.abs(rough.potentials.gradients(Q) - V).max()
-            < tolerance * np.abs(V).max()
-        )
+        assert np.abs(rough.potentials.gradients(Q) - V).max() < tolerance * np.abs(V).max()
 
 
 def test_on_the_leaf_U_stays_at_its_minimum(panda: rp.Robot) -> None:
@@ -137,9 +129,7 @@ def test_it_is_repeatable_and_pickles(task: rp.Task) -> None:
             "potential U must be one finite number",
         ),
         (
-            lambda t: rp.ExtendedJacobian(
-                t, bowl, gradient=lambda q: q[:2]
-            ).potentials.value(Q0),
+            lambda t: rp.ExtendedJacobian(t, bowl, gradient=lambda q: q[:2]).potentials.value(Q0),
             "gradient of potential U",
         ),
     ],

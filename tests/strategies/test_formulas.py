@@ -14,15 +14,12 @@ import repctl_pin as rp
 
 def test_a_limit_weight_is_its_formula(panda_pose: rp.Task) -> None:
     quarter = panda_pose.lower + 0.25 * (panda_pose.upper - panda_pose.lower)
-    near, far = (
-        1 + (share / 0.4) ** 2 for share in (0.5, 1.5)
-    )  # shares of half the range
+    near, far = (1 + (share / 0.4) ** 2 for share in (0.5, 1.5))  # shares of half the range
     assert rp.LimitWeight(panda_pose, 0.6, 0.4)(quarter) == pytest.approx(
         1 + 0.6 * (near**-2 + far**-2)
     )
     assert np.array_equal(
-        rp.LimitWeight(panda_pose)(quarter),
-        rp.LimitWeight(panda_pose, 1.0, 0.1)(quarter),
+        rp.LimitWeight(panda_pose)(quarter), rp.LimitWeight(panda_pose, 1.0, 0.1)(quarter)
     )
 
 
@@ -45,8 +42,7 @@ def test_the_standard_error_is_widened_as_students() -> None:
     )
     sets = [Q for Q in drawn if len(Q) == 1024 // 32][-32:]
     costs = [
-        ((made.inverse.batch(Q) - made.desired.batch(Q)) ** 2).sum(axis=(1, 2)).mean()
-        for Q in sets
+        ((made.inverse.batch(Q) - made.desired.batch(Q)) ** 2).sum(axis=(1, 2)).mean() for Q in sets
     ]
     assert made.cost == pytest.approx(np.mean(costs), rel=1e-12)
     plain = np.std(costs, ddof=1) / np.sqrt(32)
@@ -56,9 +52,7 @@ def test_the_standard_error_is_widened_as_students() -> None:
 def test_a_workspace_box_weighs_by_the_coarea_formula() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     q = np.array([0.3, 1.0, 0.8])
-    region = rp.WorkspaceBox(
-        task, task.placement(q).translation[:2], 0.4, within=rp.Box(q, 0.5)
-    )
+    region = rp.WorkspaceBox(task, task.placement(q).translation[:2], 0.4, within=rp.Box(q, 0.5))
     Q = region.random(64, 0)
     volume = [np.sqrt(np.linalg.det(J @ J.T)) for J in task.jacobians(Q)]
     assert region.weights(Q) == pytest.approx(np.array(volume) / np.sum(volume))
@@ -66,11 +60,7 @@ def test_a_workspace_box_weighs_by_the_coarea_formula() -> None:
 
 def test_blas_keeps_to_one_thread_and_is_given_back() -> None:
     def threads() -> list[int]:
-        return [
-            pool["num_threads"]
-            for pool in threadpool_info()
-            if pool["user_api"] == "blas"
-        ]
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
 
     def design(progress: Callable[..., None]) -> None:
         rp.nearest_repeatable(

@@ -27,9 +27,7 @@ def inverse(request: pytest.FixtureRequest) -> rp.RepeatableInverse:
     return rp.RepeatableInverse(task, potentials.weighted(rows))
 
 
-def acceleration(
-    task: rp.Task, q: np.ndarray, qdot: np.ndarray, torque: np.ndarray
-) -> np.ndarray:
+def acceleration(task: rp.Task, q: np.ndarray, qdot: np.ndarray, torque: np.ndarray) -> np.ndarray:
     return pin.aba(task.model, task.model.createData(), q, qdot, torque)
 
 
@@ -39,17 +37,13 @@ def test_the_leaf_answers_at_its_frequency_and_the_hand_feels_nothing(
     task, q = inverse.task, np.array(inverse.task.reference)
     control = rp.LeafImpedance(inverse, leaf_frequency=4.0)
     off = np.linspace(0.1, 0.2, task.r)
-    torque = control.torque(
-        q, np.zeros(task.n), task.placement(q), leaf=inverse.leaf(q) + off
-    )
+    torque = control.torque(q, np.zeros(task.n), task.placement(q), leaf=inverse.leaf(q) + off)
     qddot = acceleration(task, q, np.zeros(task.n), torque)
     assert np.allclose(task.jacobian(q) @ qddot, 0, atol=1e-9)
     assert np.allclose(inverse.potentials.gradient(q).T @ qddot, 16 * off, rtol=1e-9)
 
 
-def test_the_hand_is_a_spring_with_its_own_inertia(
-    inverse: rp.RepeatableInverse,
-) -> None:
+def test_the_hand_is_a_spring_with_its_own_inertia(inverse: rp.RepeatableInverse) -> None:
     task, q = inverse.task, np.array(inverse.task.reference)
     control = rp.LeafImpedance(inverse, stiffness=(300.0, 20.0), damping=0.7)
     target = task.placement(q) * pin.SE3(
@@ -58,10 +52,7 @@ def test_the_hand_is_a_spring_with_its_own_inertia(
     J, M = task.jacobian(q), task.inertias(q[None])[0]
     inertia = np.linalg.inv(J @ np.linalg.inv(M) @ J.T)
     rest = acceleration(
-        task,
-        q,
-        np.zeros(task.n),
-        control.torque(q, np.zeros(task.n), target, leaf=inverse.leaf(q)),
+        task, q, np.zeros(task.n), control.torque(q, np.zeros(task.n), target, leaf=inverse.leaf(q))
     )
     K = np.diag([300.0] * 3 + [20.0] * 3)
     assert np.allclose(inertia @ J @ rest, K @ task.error(q, target), atol=1e-8)
@@ -81,19 +72,13 @@ def test_the_hand_is_a_spring_with_its_own_inertia(
     assert np.allclose(-poles.real / np.abs(poles), 0.7, atol=1e-6)
 
 
-def test_the_force_on_the_hand_does_not_move_the_leaf(
-    inverse: rp.RepeatableInverse,
-) -> None:
+def test_the_force_on_the_hand_does_not_move_the_leaf(inverse: rp.RepeatableInverse) -> None:
     """Khatib's form, with Λ_h and projectors, and what makes Vᵀ M⁻¹ τ = 0 of the force."""
     task, q = inverse.task, np.array(inverse.task.reference)
     control = rp.LeafImpedance(inverse, stiffness=(300.0, 20.0), leaf_frequency=5.0)
     target = task.placement(q + 0.05 * np.sin(np.arange(task.n)))
     off = np.linspace(0.1, 0.2, task.r)
-    J, V, M = (
-        task.jacobian(q),
-        inverse.potentials.gradient(q),
-        task.inertias(q[None])[0],
-    )
+    J, V, M = (task.jacobian(q), inverse.potentials.gradient(q), task.inertias(q[None])[0])
     B = np.linalg.inv(M)
     J_bar = B @ J.T @ np.linalg.inv(J @ B @ J.T)
     P = np.eye(task.n) - J.T @ J_bar.T
@@ -107,9 +92,7 @@ def test_the_force_on_the_hand_does_not_move_the_leaf(
     assert np.allclose(torque - gravity, apart, atol=1e-9 * np.abs(apart).max())
 
 
-def test_a_moving_leaf_answers_at_its_frequency_too(
-    inverse: rp.RepeatableInverse,
-) -> None:
+def test_a_moving_leaf_answers_at_its_frequency_too(inverse: rp.RepeatableInverse) -> None:
     """ḧ along a motion, by differences of h, with velocities that bend J_V."""
     task, q = inverse.task, np.array(inverse.task.reference)
     quadratic = rp.Polynomial(q, 2, 0.5)
@@ -122,9 +105,7 @@ def test_a_moving_leaf_answers_at_its_frequency_too(
     torque = control.torque(q, qdot, task.placement(q), twist, leaf=c)
     qddot = acceleration(task, q, qdot, torque)
 
-    def second_difference(
-        f: Callable[[np.ndarray], np.ndarray], t: float = 1e-4
-    ) -> np.ndarray:
+    def second_difference(f: Callable[[np.ndarray], np.ndarray], t: float = 1e-4) -> np.ndarray:
         ahead, behind = (f(q + s * qdot * t + qddot * t * t / 2) for s in (1, -1))
         return (ahead - 2 * f(q) + behind) / t**2
 
@@ -158,9 +139,7 @@ def test_the_observer_opposes_a_disturbance_up_to_its_limit(
         qdot = qdot + dt * acceleration(task, q, qdot, torque + push)
         q = q + dt * qdot
     away = np.abs(inverse.leaf(q) - leaf).max()
-    moved = (
-        np.abs(V.T @ np.linalg.solve(M, push)).max() / 100
-    )  # where ω² (c − h) balances it
+    moved = np.abs(V.T @ np.linalg.solve(M, push)).max() / 100  # where ω² (c − h) balances it
     assert away < 1e-2 * moved if stiff == 5.0 else away > 0.5 * moved
 
 
@@ -169,18 +148,10 @@ def test_energy_does_not_grow_without_input(inverse: rp.RepeatableInverse) -> No
     both."""
     task, home = inverse.task, np.array(inverse.task.reference)
     control = rp.LeafImpedance(
-        inverse,
-        stiffness=(300.0, 20.0),
-        damping=0.7,
-        leaf_frequency=5.0,
-        leaf_damping=0.1,
+        inverse, stiffness=(300.0, 20.0), damping=0.7, leaf_frequency=5.0, leaf_damping=0.1
     )
     q = home + 0.1 * np.cos(np.arange(task.n))
-    target, c, K = (
-        task.placement(home),
-        inverse.leaf(home),
-        np.diag([300.0] * 3 + [20.0] * 3),
-    )
+    target, c, K = (task.placement(home), inverse.leaf(home), np.diag([300.0] * 3 + [20.0] * 3))
     qdot, dt, stored = np.zeros(task.n), 5e-4, []
 
     def rate(q: np.ndarray, qdot: np.ndarray) -> np.ndarray:
@@ -221,9 +192,7 @@ def test_a_push_at_the_elbow_is_undone_and_the_hand_stays(
 
     def elbow_jacobian(q: np.ndarray) -> np.ndarray:
         pin.computeJointJacobians(model, data, q)
-        return pin.getJointJacobian(
-            model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )[:3]
+        return pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[:3]
 
     along = elbow_jacobian(q_panda) @ redundancy.nullspace(task.jacobian(q_panda))[:, 0]
     along /= np.linalg.norm(along)
@@ -248,10 +217,7 @@ def test_a_push_at_the_elbow_is_undone_and_the_hand_stays(
         ({"damping": -1.0}, "damping must be 0 or more"),
         ({"leaf_frequency": np.nan}, "leaf_frequency must be"),
         ({"observer_rate": 0.0}, "observer_rate must be above 0 1/s"),
-        (
-            {"observer_limit": [1.0, 2.0]},
-            "observer_limit must be one number above 0 or 7",
-        ),
+        ({"observer_limit": [1.0, 2.0]}, "observer_limit must be one number above 0 or 7"),
     ],
 )
 def test_refusals(panda_design: rp.Design, options: dict, said: str) -> None:
@@ -264,20 +230,11 @@ def test_refusals(panda_design: rp.Design, options: dict, said: str) -> None:
 
 def test_an_observer_that_cannot_be_used(panda_design: rp.Design) -> None:
     control, q = rp.LeafImpedance(panda_design.inverse), panda_design.region.center
-    for dt, said in (
-        (0.0, "dt must be above 0 s"),
-        (0.02, "observer_rate · dt must be at most 1"),
-    ):
+    for dt, said in ((0.0, "dt must be above 0 s"), (0.02, "observer_rate · dt must be at most 1")):
         with pytest.raises(rp.InputError, match=said):
             control.observer(dt)
-    target, leaf, observer = (
-        control.task.placement(q),
-        np.zeros(1),
-        control.observer(1e-3),
-    )
-    with pytest.raises(
-        rp.InputError, match=r"observer must be what observer\(dt\) of this"
-    ):
+    target, leaf, observer = (control.task.placement(q), np.zeros(1), control.observer(1e-3))
+    with pytest.raises(rp.InputError, match=r"observer must be what observer\(dt\) of this"):
         control.torque(q, np.zeros(7), target, leaf=leaf, observer=np.zeros(1))  # type: ignore[arg-type]
     control.torque(q, 0.1 * np.ones(7), target, leaf=leaf, observer=observer)
     before = observer.state.copy()
@@ -292,9 +249,7 @@ NOT_FINITE = {
     "a target at nan": {"target": pin.SE3(np.eye(3), np.array([0.3, np.nan, 0.3]))},
     "a target at inf": {"target": pin.SE3(np.eye(3), np.array([0.3, np.inf, 0.3]))},
     "a target turned by nan": {"target": pin.SE3(np.full((3, 3), np.nan), np.zeros(3))},
-    "a target that is reflected": {
-        "target": pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
-    },
+    "a target that is reflected": {"target": pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))},
     "no target": {"target": "there"},
     "a leaf in words": {"leaf": "x"},
     "too many leaves": {"leaf": [1.0, 2.0]},

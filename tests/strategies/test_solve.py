@@ -14,9 +14,7 @@ def test_targets_by_two_routes(panda_design, panda_pose, q_panda, count: int) ->
     """Straight from the start, and over another target of the region: the same q to 1e-9."""
     inverse, rng = panda_design.inverse, np.random.default_rng(0)
     leaf = inverse.leaf(q_panda)
-    targets = [
-        panda_pose.placement(q) for q in q_panda + rng.uniform(-0.4, 0.4, (count, 7))
-    ]
+    targets = [panda_pose.placement(q) for q in q_panda + rng.uniform(-0.4, 0.4, (count, 7))]
     straight = np.array([inverse.solve(target, q_panda) for target in targets])
     worst = 0.0
     for k, target in enumerate(targets):
@@ -54,8 +52,7 @@ def test_out_of_reach_says_how_far_it_got(panda_design, panda_pose, q_panda) -> 
     far = panda_pose.placement(q0)
     far.translation = far.translation + [1.5, 0, 0]
     with pytest.raises(
-        rp.InputError,
-        match=r"cannot reach .* on this leaf: the path ends at [\d.]+ %.*nearer",
+        rp.InputError, match=r"cannot reach .* on this leaf: the path ends at [\d.]+ %.*nearer"
     ):
         panda_design.inverse.solve(far, q0)
     assert np.array_equal(q0, q_panda)
@@ -72,9 +69,8 @@ def test_a_leaf_that_does_not_reach_where_the_arm_does() -> None:
         inverse.solve(reachable, q0)
     assert np.allclose(task.error([2.5, 0.5, 0.5], reachable), 0)
     q = inverse.solve(task.placement([0.0, 0.5, 1.5]), q0)
-    assert np.allclose(
-        q, [0.0, 0.5, 1.5], atol=1e-10
-    )  # closed form: two links, the same elbow, θ₁ held
+    # closed form: two links, the same elbow, θ₁ held
+    assert np.allclose(q, [0.0, 0.5, 1.5], atol=1e-10)
 
 
 def test_it_does_not_change_the_elbow() -> None:

@@ -30,9 +30,7 @@ def inverses(task: rp.Task, design: rp.Design) -> list:
     ]
 
 
-def test_every_inverse_is_one_and_its_three_forms_agree(
-    panda_pose, panda_design, Q
-) -> None:
+def test_every_inverse_is_one_and_its_three_forms_agree(panda_pose, panda_design, Q) -> None:
     J = panda_pose.jacobians(Q)
     xdot = np.random.default_rng(1).normal(size=6)
     for strategy in inverses(panda_pose, panda_design):
@@ -62,8 +60,7 @@ def test_repeatable_inverse_keeps_h(panda_pose, panda_design, Q) -> None:
 
 def test_unit_weight_is_the_pseudoinverse(panda_pose, Q) -> None:
     assert np.allclose(
-        rp.WeightedInverse(panda_pose, np.ones(7)).batch(Q),
-        rp.Pseudoinverse(panda_pose).batch(Q),
+        rp.WeightedInverse(panda_pose, np.ones(7)).batch(Q), rp.Pseudoinverse(panda_pose).batch(Q)
     )
 
 
@@ -102,8 +99,7 @@ def test_singular_configurations_are_named_errors() -> None:
 def test_a_link_without_inertia_is_named(tmp_path: Path) -> None:
     task = planar_task((1, 1, 1), tmp_path)
     with pytest.raises(
-        rp.InputError,
-        match="nothing that theta1 moves .* link 'link1' needs an <inertial>",
+        rp.InputError, match="nothing that theta1 moves .* link 'link1' needs an <inertial>"
     ):
         rp.WeightedInverse(task, "inertia")
 

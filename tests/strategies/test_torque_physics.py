@@ -19,12 +19,8 @@ DT = 1e-3
 RAIL = "a rail with six joints"
 
 
-@pytest.fixture(
-    scope="module", params=["panda", pytest.param(RAIL, marks=pytest.mark.slow)]
-)
-def inverse(
-    request: pytest.FixtureRequest, panda_design: rp.Design
-) -> rp.RepeatableInverse:
+@pytest.fixture(scope="module", params=["panda", pytest.param(RAIL, marks=pytest.mark.slow)])
+def inverse(request: pytest.FixtureRequest, panda_design: rp.Design) -> rp.RepeatableInverse:
     if request.param == "panda":
         return panda_design.inverse
     folder = request.getfixturevalue("tmp_path_factory").mktemp("rail")
@@ -36,16 +32,12 @@ def inverse(
 def on_a_rail(folder: Path) -> rp.Task:
     """A ur5 whose base slides."""
     robot = ElementTree.fromstring(rp.Robot.load("ur5").description.xml)
-    base = next(
-        j for j in robot.findall("joint") if j.find("parent").get("link") == "world"
-    )  # type: ignore[union-attr]
+    base = next(j for j in robot.findall("joint") if j.find("parent").get("link") == "world")  # type: ignore[union-attr]
     base.set("type", "prismatic")
     for axis in base.findall("axis"):
         base.remove(axis)
     ElementTree.SubElement(base, "axis", xyz="0 1 0")
-    ElementTree.SubElement(
-        base, "limit", lower="-1", upper="1", effort="500", velocity="1"
-    )
+    ElementTree.SubElement(base, "limit", lower="-1", upper="1", effort="500", velocity="1")
     path = folder / "rail.urdf"
     path.write_text(ElementTree.tostring(robot, encoding="unicode"), encoding="utf-8")
     return rp.Robot.load(path).task("tool0", "pose")
@@ -54,9 +46,7 @@ def on_a_rail(folder: Path) -> rp.Task:
 class Arm:
     """A simulated arm whose joints have motors and friction."""
 
-    def __init__(
-        self, task: rp.Task, q: np.ndarray, *, mass: float, friction: float
-    ) -> None:
+    def __init__(self, task: rp.Task, q: np.ndarray, *, mass: float, friction: float) -> None:
         mujoco = pytest.importorskip("mujoco")
         robot = ElementTree.fromstring(task.robot.description.xml)
         for link in robot.findall("link"):
@@ -65,9 +55,7 @@ class Arm:
         for joint in robot.findall("joint"):
             if joint.get("name") not in task.joint_names:
                 joint.set("type", "fixed")
-        spec = mujoco.MjSpec.from_string(
-            ElementTree.tostring(robot, encoding="unicode")
-        )
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
         spec.option.timestep = DT
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         for name in task.joint_names:
@@ -84,9 +72,7 @@ class Arm:
         elbow = task.joint_names[int(np.argmax(np.linalg.norm(moved, axis=1)))]
         joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, elbow)
         self.body, J = int(self.model.jnt_bodyid[joint]), np.zeros((3, task.n))
-        mujoco.mj_jac(
-            self.model, self.data, J, None, self.data.xpos[self.body], self.body
-        )
+        mujoco.mj_jac(self.model, self.data, J, None, self.data.xpos[self.body], self.body)
         along = J @ N
         self.along = along / np.linalg.norm(along)
 
@@ -108,9 +94,7 @@ class Loop:
     leaf: np.ndarray
     observer: Any
 
-    def tick(
-        self, target: pin.SE3, twist: np.ndarray | None = None, push: float = 0.0
-    ) -> None:
+    def tick(self, target: pin.SE3, twist: np.ndarray | None = None, push: float = 0.0) -> None:
         torque = self.control.torque(
             *self.arm.state(), target, twist, leaf=self.leaf, observer=self.observer
         )
@@ -126,16 +110,10 @@ def loop(
     joints, Nm and N."""
     task, q0 = inverse.task, inverse.region.center  # type: ignore[union-attr]
     limit = np.where(task.revolute, *limits)
-    chosen = (
-        {} if frequency is None else {"leaf_frequency": frequency}
-    )  # or the default
-    control = rp.LeafImpedance(
-        inverse, stiffness=(3000.0, 300.0), observer_limit=limit, **chosen
-    )
+    chosen = {} if frequency is None else {"leaf_frequency": frequency}  # or the default
+    control = rp.LeafImpedance(inverse, stiffness=(3000.0, 300.0), observer_limit=limit, **chosen)
     arm = Arm(task, q0, mass=mass, friction=friction)
-    return Loop(
-        control, arm, inverse.leaf(q0), control.observer(DT) if observed else None
-    )
+    return Loop(control, arm, inverse.leaf(q0), control.observer(DT) if observed else None)
 
 
 def after_a_push(
@@ -163,15 +141,11 @@ def on_the_circle(
     limits = (5.0, 100.0) if task.robot.name == "panda" else (15.0, 200.0)
     one = loop(inverse, limits=limits, **options)  # type: ignore[arg-type]
     path = rp.circle(task, inverse.region.center, radius=0.1, normal="x")  # type: ignore[union-attr]
-    one.arm.data.qvel[:] = inverse.velocity(
-        one.arm.state()[0], path.twist(0.0) / period
-    )
+    one.arm.data.qvel[:] = inverse.velocity(one.arm.state()[0], path.twist(0.0) / period)
     for k in range(round(cycles * period / DT)):
         s = k * DT / period % 1
         one.tick(path.placement(s), path.twist(s) / period)
-        worst = max(
-            worst, float(np.abs(inverse.leaf(one.arm.state()[0]) - one.leaf).max())
-        )
+        worst = max(worst, float(np.abs(inverse.leaf(one.arm.state()[0]) - one.leaf).max()))
     return worst
 
 
@@ -185,27 +159,18 @@ def test_a_pushed_arm_returns_against_friction(inverse: rp.RepeatableInverse) ->
     assert largest > 0.1 and left < 0.01 and away < 1e-3
 
 
-def test_the_circle_stays_on_its_leaf_against_friction(
-    inverse: rp.RepeatableInverse,
-) -> None:
+def test_the_circle_stays_on_its_leaf_against_friction(inverse: rp.RepeatableInverse) -> None:
     assert on_the_circle(inverse, 2.0, friction=0.4) < 0.005
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.5])
-@pytest.mark.parametrize(
-    ("frequency", "observed"), [(5.0, False), (5.0, True), (20.0, True)]
-)
+@pytest.mark.parametrize(("frequency", "observed"), [(5.0, False), (5.0, True), (20.0, True)])
 def test_every_friction(
     friction: float, frequency: float, observed: bool, inverse: rp.RepeatableInverse
 ) -> None:
-    name, options = (
-        inverse.task.robot.name,
-        {"frequency": frequency, "friction": friction},
-    )
-    largest, left, away = after_a_push(
-        inverse, PUSH[name], observed=observed, **options
-    )
+    name, options = (inverse.task.robot.name, {"frequency": frequency, "friction": friction})
+    largest, left, away = after_a_push(inverse, PUSH[name], observed=observed, **options)
     circle = on_the_circle(inverse, 2.0, 2, observed=observed, **options)
     print(
         f"{name}, friction {friction}, ω {frequency}, observer {observed}: push {largest:.3f} → "
@@ -217,18 +182,14 @@ def test_every_friction(
 
 @pytest.mark.slow
 def test_the_exact_model_stays_on_its_leaf(inverse: rp.RepeatableInverse) -> None:
-    worst = on_the_circle(
-        inverse, 1.2, friction=0.0, mass=1.0, frequency=5.0, observed=False
-    )
+    worst = on_the_circle(inverse, 1.2, friction=0.0, mass=1.0, frequency=5.0, observed=False)
     print(f"{inverse.task.robot.name}: circle of 1.2 s, exact model: {worst:.1e}")
     assert worst < 1e-3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frequency", [5.0, 20.0])
-def test_long_after_a_push_nothing_moves(
-    frequency: float, inverse: rp.RepeatableInverse
-) -> None:
+def test_long_after_a_push_nothing_moves(frequency: float, inverse: rp.RepeatableInverse) -> None:
     """No hunting: an integral against friction may oscillate for ever."""
     one, q0 = loop(inverse, friction=0.5, frequency=frequency), inverse.region.center  # type: ignore[union-attr]
     home, name, energies = inverse.task.placement(q0), inverse.task.robot.name, []

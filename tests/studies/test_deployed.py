@@ -32,20 +32,10 @@ def inside(capsys: pytest.CaptureFixture[str], control: str, arm: str) -> dict:
     """Follow and animate a saved control without a further word, and read what was written for the
     robot."""
     followed = told(
-        capsys,
-        "follow",
-        control,
-        "--steps",
-        "200",
-        "--csv",
-        "m.csv",
-        "--yaml",
-        "m.yaml",
+        capsys, "follow", control, "--steps", "200", "--csv", "m.csv", "--yaml", "m.yaml"
     )
     assert followed["outside"] == 0 and max(followed["drift"]) < 1e-8
-    animated = told(
-        capsys, "animate", control, "--steps", "60", "--cycles", "2", "--out", "page"
-    )
+    animated = told(capsys, "animate", control, "--steps", "60", "--cycles", "2", "--out", "page")
     assert animated["drift"]["repeatable"][-1] < 1e-6
     design = rp.load(control)
     written = np.genfromtxt("m.csv", delimiter=",", names=True)
@@ -56,15 +46,10 @@ def inside(capsys: pytest.CaptureFixture[str], control: str, arm: str) -> dict:
     points = np.array(
         [
             p["positions"]
-            for p in yaml.safe_load(Path("m.yaml").read_text(encoding="utf-8"))[
-                "points"
-            ]
+            for p in yaml.safe_load(Path("m.yaml").read_text(encoding="utf-8"))["points"]
         ]
     )
-    assert (
-        np.abs(points - q).max() < 1e-9
-        and np.abs(points[0] - design.cycle.start).max() < 1e-9
-    )
+    assert np.abs(points - q).max() < 1e-9 and np.abs(points[0] - design.cycle.start).max() < 1e-9
     return followed
 
 
@@ -72,14 +57,10 @@ def deployed(arm: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict, dict]:
     """Both ways to a control: a study's, and a design's over a box."""
     studied = told(capsys, "study", arm, *ARMS[arm], "--cycles", "2", "--steps", "200")
     followed = inside(capsys, f"repctl-out/{arm}/control.json", arm)
-    assert followed["path"] == studied["path"] and np.allclose(
-        followed["start"], studied["start"]
-    )
+    assert followed["path"] == studied["path"] and np.allclose(followed["start"], studied["start"])
     assert followed["duration"] == pytest.approx(studied["period"])
     row = studied["strategies"]["repeatable"]
-    assert (row["outside"] == 0 and row["speed_ratio"] is None) or row[
-        "speed_ratio"
-    ] <= 1
+    assert (row["outside"] == 0 and row["speed_ratio"] is None) or row["speed_ratio"] <= 1
     width = [
         "--region",
         "0.2",
@@ -127,24 +108,17 @@ def test_outside_is_the_loudest_line(tmp_path, monkeypatch, capsys) -> None:
         ),
         "d.json",
     )
-    within = told(
-        capsys, "follow", "d.json"
-    )  # a design for no cycle: the largest circle inside Ω
+    within = told(capsys, "follow", "d.json")  # a design for no cycle: the largest circle inside Ω
     assert within["outside"] == 0 and max(within["drift"]) < 1e-6
     assert main(["follow", "d.json", "--path", "circle:0.3"]) == 0
     first = " ".join(capsys.readouterr().out.partition("\n\n")[0].split())
     assert first.startswith("warning: ")
-    assert (
-        " % of the motion lies outside Ω, where repeatability is not guaranteed;"
-        in first
-    )
+    assert " % of the motion lies outside Ω, where repeatability is not guaranteed;" in first
     assert told(capsys, "follow", "d.json", "--path", "circle:0.3")["outside"] > 0.3
 
 
 @pytest.mark.slow
-def test_a_cycle_takes_as_long_as_the_joints_need(
-    tmp_path, monkeypatch, capsys
-) -> None:
+def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys) -> None:
     """A joint that is slow: the time is lengthened, said, and kept; asked for the usual time, what
     breaks is marked."""
     monkeypatch.chdir(tmp_path)
@@ -158,32 +132,23 @@ def test_a_cycle_takes_as_long_as_the_joints_need(
     )
     few = ["slow.urdf", "--cycles", "2", "--steps", "100", "--degree", "1"]
     studied = told(capsys, "study", *few)
-    assert studied["period"] > 5 and any(
-        "period increased to" in note for note in studied["notes"]
-    )
+    assert studied["period"] > 5 and any("period increased to" in note for note in studied["notes"])
     for key in ("pseudoinverse", "repeatable"):
         assert (
             0.7
-            < max(
-                studied["strategies"][k]["speed_ratio"]
-                for k in ("pseudoinverse", "repeatable")
-            )
+            < max(studied["strategies"][k]["speed_ratio"] for k in ("pseudoinverse", "repeatable"))
             <= 0.95
         )
         assert studied["strategies"][key]["speed_ratio"] <= 0.95
     assert (
-        told(capsys, "follow", "repctl-out/slow/control.json", "--robot", "slow.urdf")[
-            "slowed_by"
-        ]
+        told(capsys, "follow", "repctl-out/slow/control.json", "--robot", "slow.urdf")["slowed_by"]
         < 1 + 1e-6
     )
     monkeypatch.setattr(rp, "study", computed_once(rp.study))
     assert main(["study", *few, "--period", "5"]) == 0
     out = capsys.readouterr().out
     assert re.search(r"^limits .*speed × \d", out, flags=re.MULTILINE)
-    assert re.search(
-        r"^! usual control: \w+ goes .* times as fast", out, flags=re.MULTILINE
-    )
+    assert re.search(r"^! usual control: \w+ goes .* times as fast", out, flags=re.MULTILINE)
     assert main(["study", *few, "--period", "5", "--full"]) == 0
     out = capsys.readouterr().out
     assert (
@@ -197,31 +162,17 @@ def test_a_cycle_takes_as_long_as_the_joints_need(
 def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)
-    few = [
-        "study",
-        "planar3r",
-        "--degree",
-        "1",
-        "--cycles",
-        "1",
-        "--steps",
-        "40",
-        "--out",
-        "o",
-    ]
+    few = ["study", "planar3r", "--degree", "1", "--cycles", "1", "--steps", "40", "--out", "o"]
     costs = {}
     for weight in ([], ["--weight", "9,1,1"]):
         told(capsys, *few, *weight)
         design = rp.load("o/control.json")
         costs[len(weight)] = np.abs(design.inverse(design.cycle.start)[0]).sum()
-    assert (
-        isinstance(design.desired, rp.WeightedInverse) and costs[2] < 0.7 * costs[0]
-    )  # the first joint moves less
+    # the first joint moves less
+    assert isinstance(design.desired, rp.WeightedInverse) and costs[2] < 0.7 * costs[0]
 
 
-def test_a_failed_command_leaves_the_files_of_the_one_before(
-    tmp_path, monkeypatch, capsys
-) -> None:
+def test_a_failed_command_leaves_the_files_of_the_one_before(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     few = [
         "design",
@@ -240,17 +191,9 @@ def test_a_failed_command_leaves_the_files_of_the_one_before(
     kinds = {}
     for weight in ("inertia", "1,2,3"):
         told(capsys, *few, "--weight", weight)
-        kinds[weight] = json.loads(Path("e/design.json").read_text(encoding="utf-8"))[
-            "desired"
-        ]
-    assert (
-        kinds["inertia"]["weight"] == "inertia" and len(kinds["1,2,3"]["weight"]) == 3
-    )
-    limits = [
-        "design",
-        "planar3r",
-        *few[2:],
-    ]
+        kinds[weight] = json.loads(Path("e/design.json").read_text(encoding="utf-8"))["desired"]
+    assert kinds["inertia"]["weight"] == "inertia" and len(kinds["1,2,3"]["weight"]) == 3
+    limits = ["design", "planar3r", *few[2:]]
     told(capsys, *limits, "--weight", "limits")
     saved = json.loads(Path("e/design.json").read_text(encoding="utf-8"))
     assert (

@@ -23,9 +23,7 @@ def study() -> rp.Study:
 def test_the_share_above_the_least_and_another_start(study: rp.Study) -> None:
     above, elsewhere = study.notes[-2:]
     task, path, q0 = study.task, study.path, study.q0
-    own = rp.follow(
-        study.design.inverse, path, q0, cycles=1, steps=200, integrator=rp.LeafLock(4)
-    )
+    own = rp.follow(study.design.inverse, path, q0, cycles=1, steps=200, integrator=rp.LeafLock(4))
     least = rp.least_closed_motion(task, path, q0, steps=200)
     said = re.fullmatch(ABOVE, above)
     assert said is not None

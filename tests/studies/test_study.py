@@ -56,13 +56,9 @@ QUICK = {("z1", "position"): {"degree": 1}, ("ppr", "xy"): {}}
     ],
     ids=lambda v: str(v),
 )
-def test_defaults_work_for_every_redundant_arm(
-    name: str, frame: str | None, kind: str
-) -> None:
+def test_defaults_work_for_every_redundant_arm(name: str, frame: str | None, kind: str) -> None:
     more = QUICK.get((name, kind), {})
-    study = rp.study(
-        rp.Problem(name, frame=frame, kind=kind), cycles=3, steps=200, **more
-    )
+    study = rp.study(rp.Problem(name, frame=frame, kind=kind), cycles=3, steps=200, **more)
     creeping, closed = study.row("pseudoinverse").motion, study.row("repeatable").motion
     assert creeping is not None and closed is not None
     assert closed.drift.max() < 1e-8
@@ -99,9 +95,7 @@ def test_default_kind_is_the_first_redundant_one() -> None:
         assert rp.Problem(name, start="reference", path=False).task.kind == kind
 
 
-def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(
-    tmp_path,
-) -> None:
+def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(tmp_path) -> None:
     arm = rp.Robot.load("planar3r")
     with pytest.raises(
         rp.InputError,
@@ -110,8 +104,7 @@ def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(
         rp.Problem(arm, frame="link2")
     (tmp_path / "two.urdf").write_text(planar_urdf([1.0, 1.0]))
     with pytest.raises(
-        rp.InputError,
-        match="moved by 2 joints: no kind of task is redundant there, nor at another",
+        rp.InputError, match="moved by 2 joints: no kind of task is redundant there, nor at another"
     ):
         rp.Problem(tmp_path / "two.urdf")
 
@@ -124,16 +117,12 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
     assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
 
 
-@pytest.mark.parametrize(
-    "robot", ["ppr", "kinova", pytest.param("tiago", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("robot", ["ppr", "kinova", pytest.param("tiago", marks=pytest.mark.slow)])
 def test_the_default_start_and_circle_show_the_drift(robot: str) -> None:
     """From the reference pose J⁺ displaces no part of Tiago or Kinova by 3 mm in ten cycles."""
     problem = rp.Problem(robot)
     if robot == "ppr":  # its slides travel 12 m
-        np.testing.assert_allclose(
-            np.ptp(problem.cycle.points(400), axis=0)[:2], 1.0, atol=1e-4
-        )
+        np.testing.assert_allclose(np.ptp(problem.cycle.points(400), axis=0)[:2], 1.0, atol=1e-4)
         return
     asked = rp.Problem(robot, path="circle:0.05")
     assert problem.start_is != asked.start_is == "the reference pose"
@@ -147,9 +136,7 @@ def test_the_default_start_and_circle_show_the_drift(robot: str) -> None:
 def test_the_default_region_holds_the_motion() -> None:
     """The tube is laid round a linear design's motion, which this square's leaves for a tenth of
     its time."""
-    study = rp.study(
-        rp.Problem("panda", path="square:0.3", plane="xy"), cycles=1, steps=100
-    )
+    study = rp.study(rp.Problem("panda", path="square:0.3", plane="xy"), cycles=1, steps=100)
     # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
     assert study.task.joint_names[study.elbow] in ("panda_joint3", "panda_joint4")
     tube, motion = study.region, study.row("repeatable").motion
@@ -162,9 +149,7 @@ def test_the_default_region_holds_the_motion() -> None:
         steps=100,
         degree=1,
     )
-    share = np.mean(
-        (np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1)
-    )
+    share = np.mean((np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1))
     assert small.row("repeatable").outside == pytest.approx(share)
 
 
@@ -209,9 +194,7 @@ def test_options_are_what_was_asked(small: rp.Study) -> None:
     assert not [note for note in small.notes if note.startswith("using task")]
     assert small.path.name == "circle of radius 0.05 m in yz"
     points = small.path.points(64)
-    assert np.ptp(points[:, 0]) < 1e-12 and np.isclose(
-        np.ptp(points[:, 1]), 0.1, atol=1e-3
-    )
+    assert np.ptp(points[:, 0]) < 1e-12 and np.isclose(np.ptp(points[:, 1]), 0.1, atol=1e-3)
     start = small.q0 + 0.05
     path = lambda t, q: rp.polygon(t, q, [[0, 0.05, 0], [0, 0.05, 0.05]])  # noqa: E731
     problem = rp.Problem("panda", start=start, path=path, region=0.3)
@@ -267,16 +250,11 @@ def test_files_hold_the_motions(
     for png in files[1:3]:
         assert png.read_bytes().startswith(b"\x89PNG") and png.stat().st_size > 10_000
     page = files[0].read_text(encoding="utf-8")
-    assert page.lstrip().lower().startswith(
-        "<!doctype html"
-    ) and page.rstrip().endswith("</html>")
+    assert page.lstrip().lower().startswith("<!doctype html") and page.rstrip().endswith("</html>")
     rows = list(csv.DictReader(files[3].open(encoding="utf-8")))
     ours = [row for row in rows if row["strategy"] == "repeatable"]
     motion = small.row("repeatable").motion
-    assert (
-        len(ours) == 201
-        and [row["strategy"] for row in rows].count("pseudoinverse") == 201
-    )
+    assert len(ours) == 201 and [row["strategy"] for row in rows].count("pseudoinverse") == 201
     for i in (0, 77, 200):
         q = [float(ours[i][name]) for name in small.task.joint_names]
         assert np.allclose(q, motion.q[i], atol=1e-9) and np.isclose(
@@ -286,14 +264,9 @@ def test_files_hold_the_motions(
 
 def test_a_plane_beside_a_path_of_its_own_is_refused() -> None:
     with pytest.raises(
-        rp.InputError,
-        match="only the default circle and a path given by name take a plane",
+        rp.InputError, match="only the default circle and a path given by name take a plane"
     ):
-        rp.study(
-            rp.Problem(
-                "panda", path=lambda task, q0: rp.circle(task, q0, 0.1), plane="xz"
-            )
-        )
+        rp.study(rp.Problem("panda", path=lambda task, q0: rp.circle(task, q0, 0.1), plane="xz"))
 
 
 def test_a_path_out_of_reach_is_refused() -> None:
@@ -341,9 +314,7 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
         "J⁺", "by <hand>", "M", "nearest repeatable",
     ]  # fmt: skip
     with (tmp_path / "motion.csv").open(encoding="utf-8") as file:
-        assert {row["strategy"] for row in csv.DictReader(file)} == {
-            row.key for row in study.rows
-        }
+        assert {row["strategy"] for row in csv.DictReader(file)} == {row.key for row in study.rows}
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
     (cells,) = re.findall(r'"row">drift after 2 cycles, rad</th>(.*)</tr>', report)
     assert reads(re.findall("<td>(.*?)</td>", cells)[4], weighted.drift[-1], 3)
@@ -393,15 +364,11 @@ def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
     nothing there."""
     level = rp.study("so100", cycles=1, steps=100, degree=1)
     plain = rp.Pseudoinverse(level.task)
-    assert (
-        level.path.name.endswith("xy")
-        and level.row("pseudoinverse").motion.drift[0] < 1e-6
-    )
+    assert level.path.name.endswith("xy") and level.row("pseudoinverse").motion.drift[0] < 1e-6
     (note,) = [note for note in level.notes if "hardly drifts" in note]
     rate = rp.drift_per_area(plain, level.q0)
     assert (
-        f"small loops in yz it drifts by {rate[1, 2]:.2g} rad per m²" in note
-        and rate.argmax() == 5
+        f"small loops in yz it drifts by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
     )
     upright = rp.study(rp.Problem("so100", plane="yz"), cycles=1, steps=100, degree=1)
     assert upright.row("pseudoinverse").motion.drift[0] > 0.05

@@ -44,9 +44,7 @@ def corners(side: float) -> np.ndarray:
 
 def square(strategy, side: float, steps: int = STEPS) -> rp.Motion:
     path = rp.polygon(strategy.task, np.zeros(3), corners(side))
-    return rp.follow(
-        strategy, path, np.zeros(3), cycles=1, steps=steps, period=4 * side / 0.04
-    )
+    return rp.follow(strategy, path, np.zeros(3), cycles=1, steps=steps, period=4 * side / 0.04)
 
 
 @pytest.fixture(scope="module")
@@ -61,10 +59,7 @@ def by_k0(task: rp.Task) -> dict[float, rp.Motion]:
 
 @pytest.mark.parametrize(
     "side, end",
-    [
-        (4.0, (1.37361851, -0.92758245, -4.32948200)),
-        (1.0, (0.06030406, 0.34201102, -0.34905614)),
-    ],
+    [(4.0, (1.37361851, -0.92758245, -4.32948200)), (1.0, (0.06030406, 0.34201102, -0.34905614))],
 )
 def test_pseudoinverse_ends_where_theory_says(
     by_pseudoinverse: dict[float, rp.Motion], side: float, end
@@ -77,27 +72,21 @@ def test_every_square_drifts_along_the_fiber_under_the_pseudoinverse(
 ) -> None:
     for side in SIDES:
         d1, d2, t = by_pseudoinverse[side].q[-1]
-        assert (
-            abs(d1 - (1 - np.cos(t))) < 1e-9 and abs(d2 + np.sin(t)) < 1e-9
-        )  # the tool is back on (1, 0)
+        # the tool is back on (1, 0)
+        assert abs(d1 - (1 - np.cos(t))) < 1e-9 and abs(d2 + np.sin(t)) < 1e-9
         assert by_pseudoinverse[side].drift[0] > 0.06
-    assert by_pseudoinverse[0.4].drift[0] == pytest.approx(
-        0.4**2 / np.sqrt(8), rel=0.15
-    )  # the small-loop law
+    # the small-loop law
+    assert by_pseudoinverse[0.4].drift[0] == pytest.approx(0.4**2 / np.sqrt(8), rel=0.15)
 
 
-def test_k0_closes_every_square_and_stays_on_one_surface(
-    by_k0: dict[float, rp.Motion],
-) -> None:
+def test_k0_closes_every_square_and_stays_on_one_surface(by_k0: dict[float, rp.Motion]) -> None:
     for motion in by_k0.values():
         assert motion.drift[0] < 1e-10
         assert np.abs(potential(motion.q, 0.0)).max() < 1e-9
         assert motion.tracking_error.max() < 1e-9
 
 
-def test_pseudoinverse_and_k0_coincide_up_to_C_and_part_after(
-    by_pseudoinverse, by_k0
-) -> None:
+def test_pseudoinverse_and_k0_coincide_up_to_C_and_part_after(by_pseudoinverse, by_k0) -> None:
     for side in SIDES:
         gap = np.abs(by_pseudoinverse[side].q - by_k0[side].q).max(axis=1)
         at_C = STEPS // 2
@@ -117,9 +106,7 @@ def from_G(task: rp.Task) -> tuple[rp.Motion, rp.Motion]:
     y = -4 + 4 * (i - 1 + share - 6000) / 2000
     assert -4 < y < 0
     q = np.array([1 - np.cos(5 * PI / 4), y + np.sin(5 * PI / 4), -5 * PI / 4])
-    assert (
-        np.abs(q - (fine.q[i - 1] + share * (fine.q[i] - fine.q[i - 1]))).max() < 1e-6
-    )
+    assert np.abs(q - (fine.q[i - 1] + share * (fine.q[i] - fine.q[i - 1]))).max() < 1e-6
     path = rp.polygon(task, q, np.vstack([np.zeros(3), corners(4.0)]) - [0, y, 0])
     options = {"cycles": 1, "steps": STEPS, "period": 400.0}
     return rp.follow(rp.Pseudoinverse(task), path, q, **options), rp.follow(
@@ -134,9 +121,10 @@ def test_k1_matches_the_pseudoinverse_at_G(
     G = one.q[0]
     assert G[2] == -5 * PI / 4 and -np.tan(G[2]) == pytest.approx(1.0)
     assert np.abs(inverse_60(task, 1.0)(G) - rp.Pseudoinverse(task)(G)).max() < 1e-14
-    assert np.linalg.norm(
-        inverse_60(task, 0.0)(G) - rp.Pseudoinverse(task)(G)
-    ) == pytest.approx(0.5)  # |sin θ₃|/√2
+    # |sin θ₃|/√2
+    assert np.linalg.norm(inverse_60(task, 0.0)(G) - rp.Pseudoinverse(task)(G)) == pytest.approx(
+        0.5
+    )
     assert np.abs(one.qdot[0] - desired.qdot[0]).max() < 1e-14
     # They touch: with equal velocities and equal ∂(G ẋ)/∂θ₃ but for w's slope, the gap opens with
     # the square of s.
@@ -146,9 +134,7 @@ def test_k1_matches_the_pseudoinverse_at_G(
     assert gap[j] / gap[i] == pytest.approx((s[j] / s[i]) ** 2, rel=0.15)
 
 
-def test_k1_closes_and_stays_on_its_surface(
-    from_G: tuple[rp.Motion, rp.Motion],
-) -> None:
+def test_k1_closes_and_stays_on_its_surface(from_G: tuple[rp.Motion, rp.Motion]) -> None:
     desired, one = from_G
     assert one.drift[0] < 1e-10 and desired.drift[0] > 1
     h = potential(one.q, 1.0)
@@ -170,7 +156,5 @@ def test_k0_pays_only_where_the_tool_moves_along_x(
     side = STEPS // 4
     along_CD = slice(2 * side, 3 * side)
     assert np.allclose(difference[along_CD], worst[along_CD], atol=1e-9)
-    assert (
-        difference[: 2 * side].max() < 1e-12 and difference[3 * side : -1].max() < 1e-12
-    )
+    assert difference[: 2 * side].max() < 1e-12 and difference[3 * side : -1].max() < 1e-12
     assert worst[2 * side - 1] > 0.02

@@ -75,16 +75,12 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
         # one of its poses is away from singularities of the frame's position and leaves the arm
         # room to move
         poses = [task.from_robot(pose) for pose in machine.poses.values()]
-        dexterous = [
-            np.linalg.svd(task.jacobian(q), compute_uv=False)[-1] > 0.07 for q in poses
-        ]
+        dexterous = [np.linalg.svd(task.jacobian(q), compute_uv=False)[-1] > 0.07 for q in poses]
         roomy = [np.minimum(q - task.lower, task.upper - q).min() > 0.08 for q in poses]
         assert any(a and b for a, b in zip(dexterous, roomy, strict=True)), frame
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, row in catalogue().items() if "posture" in row]
-)
+@pytest.mark.parametrize("name", [name for name, row in catalogue().items() if "posture" in row])
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     machine = rp.Robot.load(name)
     values = dict(zip(machine.joint_names, machine.reference, strict=True))
@@ -93,14 +89,11 @@ def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     assert known
     moved = [j for j in known if not np.isclose(values[j], pose[j], atol=1e-3)]
     told = " ".join(machine.warnings)
-    assert all(
-        f"{j} = " in told for j in moved
-    )  # what was outside its limits was moved inside, and is said
+    # what was outside its limits was moved inside, and is said
+    assert all(f"{j} = " in told for j in moved)
     assert len(moved) < len(known)
     for pose_of_all in machine.poses.values():
-        assert (pose_of_all >= machine.lower).all() and (
-            pose_of_all <= machine.upper
-        ).all()
+        assert (pose_of_all >= machine.lower).all() and (pose_of_all <= machine.upper).all()
 
 
 def written_pose(machine: rp.Robot) -> dict[str, float]:
@@ -124,11 +117,7 @@ def test_a_full_turn_is_taken_before_a_limit() -> None:
 
 
 def test_names_and_aliases() -> None:
-    words = [
-        word
-        for name, row in catalogue().items()
-        for word in (name, *row.get("aliases", ()))
-    ]
+    words = [word for name, row in catalogue().items() for word in (name, *row.get("aliases", ()))]
     assert len(set(words)) == len(words)
     assert all(word == word.lower() for word in words)
     for word in ("talos_full_v2", " Talos "):
@@ -157,9 +146,7 @@ def test_meshes_are_found(name: str) -> None:
     )
 
 
-def position(
-    name: str,
-) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
+def position(name: str) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
     model = pin.buildModelFromXML(rp.Robot.load(name).description.xml)
     data, tool = model.createData(), model.getFrameId("tool", pin.FrameType.BODY)
 
@@ -202,11 +189,7 @@ def test_prr_closed_form() -> None:
     model, tip = position("prr")
     for q in samples(model):
         psi = q[1], q[1] + q[2]
-        expected = [
-            q[0] + np.cos(psi[0]) + np.cos(psi[1]),
-            np.sin(psi[0]) + np.sin(psi[1]),
-            0.0,
-        ]
+        expected = [q[0] + np.cos(psi[0]) + np.cos(psi[1]), np.sin(psi[0]) + np.sin(psi[1]), 0.0]
         np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
 
 
@@ -214,10 +197,7 @@ def test_prr_closed_form() -> None:
 def test_planar_arms_have_room_and_mass(name: str) -> None:
     d = rp.Robot.load(name).description
     moving = [j for j in d.joints if j.kind != "fixed"]
-    assert all(
-        -j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi)
-        for j in moving
-    )
+    assert all(-j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi) for j in moving)
     assert all(np.isfinite(j.velocity) for j in moving)
     assert d.notes == () and d.meshes == ()
     model = pin.buildModelFromXML(d.xml)
@@ -236,11 +216,7 @@ def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
     </group_state>
     <group_state name="bad" group="g"><joint name="j1" value="nan"/></group_state></robot>"""
     path.write_text(states)
-    assert (
-        reference_posture(path)
-        == reference_posture(path, "up")
-        == {"j1": 0.5, "j2": -0.1}
-    )
+    assert reference_posture(path) == reference_posture(path, "up") == {"j1": 0.5, "j2": -0.1}
     with pytest.raises(
         rp.InputError, match=r"no group_state in .*r\.srdf 'upp'; did you mean 'up'"
     ):
@@ -267,8 +243,7 @@ def test_package_dirs_of_a_persons_own_file(
     for folder in ("ros/pkg", "ament/share"):
         (tmp_path / folder).mkdir(parents=True)
     monkeypatch.setenv(
-        "ROS_PACKAGE_PATH",
-        os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"]),
+        "ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"])
     )
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
     urdf.write_text('<robot name="arm"><link name="base"/></robot>')
@@ -286,19 +261,15 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
                 rp.InputError, match=f"^package_dirs: there is no folder '.*{folder}'"
             ):
                 rp.Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
-    assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (
-        str(tmp_path),
-    )
+    assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (str(tmp_path),)
 
 
 @pytest.mark.parametrize(
     ("typed", "near"),
     [
         ("x", "did you mean 'xarm7'?"),
-        (
-            "franka emika",
-            "did you mean 'panda'?",
-        ),  # an alias is understood; the name is what is shown
+        # an alias is understood; the name is what is shown
+        ("franka emika", "did you mean 'panda'?"),
         ("talos_full", "did you mean 'talos' or 'talos_left_arm'?"),
         ("grip", "did you mean 'ur3_gripper' or 'ur5_gripper'?"),
         ("abb", f"there are {len(catalogue())}, such as ppr, prr, planar3r"),
@@ -317,15 +288,10 @@ def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
     [
         ("tcp", "did you mean 'panda_hand_tcp'?"),
         ("panda_hnad", "did you mean 'panda_hand'"),
-        (
-            "nope",
-            "there are 13, such as panda_hand_tcp, panda_hand, panda_link8, panda_link7, ",
-        ),
+        ("nope", "there are 13, such as panda_hand_tcp, panda_hand, panda_link8, panda_link7, "),
     ],
 )
-def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(
-    typed: str, near: str
-) -> None:
+def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(typed: str, near: str) -> None:
     with pytest.raises(rp.InputError) as error:
         rp.Robot.load("panda").task(typed)
     assert str(error.value).startswith(f"no frame {typed!r}; {near}")

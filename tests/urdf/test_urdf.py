@@ -25,12 +25,7 @@ NO_LIMIT = 1e3
 
 
 def joint(
-    name="j",
-    kind="revolute",
-    parent="a",
-    child="b",
-    body='<axis xyz="0 0 1"/>',
-    limit="-1 1",
+    name="j", kind="revolute", parent="a", child="b", body='<axis xyz="0 0 1"/>', limit="-1 1"
 ) -> str:
     """One joint, on a line of its own."""
     if limit:
@@ -54,13 +49,7 @@ def chain(n: int, kind: str = "revolute", padding: str = "") -> str:
     for i in range(n):
         lines.append(links(f"l{i + 1}") + padding)
         lines.append(
-            joint(
-                f"j{i}",
-                kind,
-                f"l{i}",
-                f"l{i + 1}",
-                limit="-1 1" if kind == "revolute" else "",
-            )
+            joint(f"j{i}", kind, f"l{i}", f"l{i + 1}", limit="-1 1" if kind == "revolute" else "")
         )
     return robot(*lines)
 
@@ -79,9 +68,7 @@ BOMB = """<?xml version="1.0"?>
 <!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;"><!ENTITY
 c "&b;&b;&b;&b;&b;&b;">]>
 <robot name="&c;"><link name="a"/></robot>"""
-XXE = BOMB.replace(
-    '<!ENTITY a "aaaaaaaaaa">', '<!ENTITY a SYSTEM "file:///etc/hostname">'
-)
+XXE = BOMB.replace('<!ENTITY a "aaaaaaaaaa">', '<!ENTITY a SYSTEM "file:///etc/hostname">')
 
 # name → (file, what the message must hold); every row of the table 'Bad URDFs' and more
 BAD = {
@@ -92,15 +79,9 @@ BAD = {
     "binary": (bytes(range(256)) * 8, "binary file"),
     "html": ("<!DOCTYPE html>\n<html><body><p>404<br></body></html>", "web page"),
     "html, bare": ("\n<HTML><body>", "web page"),
-    "lfs": (
-        "version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
-        "git lfs pull",
-    ),
+    "lfs": ("version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
     "sdf": ('<?xml version="1.0"?><sdf version="1.9"><model name="m"/></sdf>', "SDF"),
-    "mjcf": (
-        '<mujoco model="m"><worldbody><joint/></worldbody></mujoco>',
-        "MuJoCo cannot",
-    ),
+    "mjcf": ('<mujoco model="m"><worldbody><joint/></worldbody></mujoco>', "MuJoCo cannot"),
     "srdf": ('<robot name="r"><group name="arm"/></robot>', "SRDF"),
     "collada": ('<COLLADA xmlns="http://www.collada.org"/>', "COLLADA"),
     "other root": ("<!-- hello -->\n<launch/>", "line 2", "<launch>", "<robot>"),
@@ -115,25 +96,17 @@ BAD = {
         robot(links("a", "b"), joint(body='<origin xyz="${L} 0 0"/>')),
         ("line 3", "run `xacro"),
     ),
-    "xacro arg": (
-        robot(links("a"), '<link name="$(arg prefix)b"/>'),
-        ("line 3", "run `xacro"),
-    ),
+    "xacro arg": (robot(links("a"), '<link name="$(arg prefix)b"/>'), ("line 3", "run `xacro")),
     # broken XML
     "truncated": (ONE_JOINT[: len(ONE_JOINT) // 2], ("line 3", "not well-formed")),
     "malformed": (robot(links("a"), "<link name=a/>"), ("line 3", "not well-formed")),
     "unclosed comment": ("<!-- <robot/>", "not well-formed"),
     "undeclared entity": (robot('<link name="&x;"/>'), ("line 2", "not well-formed")),
-    "bad encoding": (
-        ONE_JOINT.replace('"a"', '"\xe4"').encode("latin-1"),
-        "not well-formed",
-    ),
+    "bad encoding": (ONE_JOINT.replace('"a"', '"\xe4"').encode("latin-1"), "not well-formed"),
     "entity bomb": (BOMB, "DOCTYPE"),
     "external entity": (XXE, "DOCTYPE"),
     "bomb in utf-16": (
-        BOMB.replace('version="1.0"', 'version="1.0" encoding="utf-16"').encode(
-            "utf-16"
-        ),
+        BOMB.replace('version="1.0"', 'version="1.0" encoding="utf-16"').encode("utf-16"),
         "DOCTYPE",
     ),
     "nested 100": (robot(links("a"), "<x>" * 100 + "</x>" * 100), ("line 3", "nest")),
@@ -141,18 +114,9 @@ BAD = {
     # names
     "no link": (robot(), ("line 1", "<robot>", "no <link>")),
     "no robot name": (robot(links("a"), head="<robot>"), ("line 1", "no name")),
-    "version": (
-        robot(links("a"), head='<robot name="r" version="2.0">'),
-        ("line 1", "2.0"),
-    ),
-    "link without a name": (
-        robot(links("a"), "<link/>"),
-        ("line 3", "link", "no name"),
-    ),
-    "joint without a name": (
-        robot(links("a", "b"), joint("")),
-        ("line 3", "joint", "no name"),
-    ),
+    "version": (robot(links("a"), head='<robot name="r" version="2.0">'), ("line 1", "2.0")),
+    "link without a name": (robot(links("a"), "<link/>"), ("line 3", "link", "no name")),
+    "joint without a name": (robot(links("a", "b"), joint("")), ("line 3", "joint", "no name")),
     "two links of a name": (
         robot(links("a"), links("b"), links("a")),
         ("line 4", "link 'a'", "line 2"),
@@ -165,10 +129,7 @@ BAD = {
         robot('<material name="m"/>', links("a"), '<material name="m"/>'),
         ("line 4", "'m'"),
     ),
-    "reserved name": (
-        robot(links("a", "b"), joint("universe")),
-        ("line 3", "joint 'universe'"),
-    ),
+    "reserved name": (robot(links("a", "b"), joint("universe")), ("line 3", "joint 'universe'")),
     # the tree
     "missing parent": (
         robot(links("b"), joint()),
@@ -202,10 +163,7 @@ BAD = {
         ),
         ("line 4", "joint 'k'", "loop"),
     ),
-    "its own child": (
-        robot(links("a", "b"), joint(parent="b")),
-        ("line 3", "joint 'j'", "loop"),
-    ),
+    "its own child": (robot(links("a", "b"), joint(parent="b")), ("line 3", "joint 'j'", "loop")),
     # joints
     "no type": (
         robot(links("a", "b"), joint().replace(' type="revolute"', "")),
@@ -285,22 +243,10 @@ BAD = {
         robot(links("a", "b"), joint(limit="-1 1e400")),
         ("line 3", "upper", "1e400", "finite"),
     ),
-    "inf limit": (
-        robot(links("a", "b"), joint(limit="-inf inf")),
-        ("line 3", "lower", "finite"),
-    ),
-    "text limit": (
-        robot(links("a", "b"), joint(limit="-pi 1")),
-        ("line 3", "'-pi'", "finite"),
-    ),
-    "python number": (
-        robot(links("a", "b"), joint(limit="-1_0 1")),
-        ("line 3", "'-1_0'"),
-    ),
-    "comma": (
-        robot(links("a", "b"), joint(body='<origin xyz="1,2,3"/>')),
-        ("line 3", "3 numbers"),
-    ),
+    "inf limit": (robot(links("a", "b"), joint(limit="-inf inf")), ("line 3", "lower", "finite")),
+    "text limit": (robot(links("a", "b"), joint(limit="-pi 1")), ("line 3", "'-pi'", "finite")),
+    "python number": (robot(links("a", "b"), joint(limit="-1_0 1")), ("line 3", "'-1_0'")),
+    "comma": (robot(links("a", "b"), joint(body='<origin xyz="1,2,3"/>')), ("line 3", "3 numbers")),
     "nan mimic": (
         robot(links("a", "b"), joint(body='<mimic joint="k" multiplier="nan"/>')),
         ("line 3", "<mimic> of joint 'j'"),
@@ -330,9 +276,7 @@ BAD = {
         ("line 3", "<inertia> of link 'b'", "ixx"),
     ),
     "nan scale": (
-        robot(
-            links("a"), with_shape('<mesh filename="m.stl" scale="1 1 nan"/>'), joint()
-        ),
+        robot(links("a"), with_shape('<mesh filename="m.stl" scale="1 1 nan"/>'), joint()),
         ("line 3", "<mesh> of link 'b'", "scale"),
     ),
     "nameless mesh": (
@@ -343,10 +287,7 @@ BAD = {
         robot(links("a"), with_shape('<box size="1 -1 1"/>'), joint()),
         ("line 3", "<box> of link 'b'"),
     ),
-    "sizeless sphere": (
-        robot(links("a"), with_shape("<sphere/>"), joint()),
-        ("line 3", "radius"),
-    ),
+    "sizeless sphere": (robot(links("a"), with_shape("<sphere/>"), joint()), ("line 3", "radius")),
     "nan cylinder": (
         robot(links("a"), with_shape('<cylinder radius="nan" length="1"/>'), joint()),
         ("line 3", "<cylinder> of link 'b'"),
@@ -371,18 +312,9 @@ BAD = {
         robot(links("a", "b"), joint(limit="2000 3000")),
         ("line 3", "<limit>", "too far from 0"),
     ),
-    "comma in a name": (
-        robot(links("a", "b"), joint("a,b")),
-        ("line 3", "joint 'a,b'", "rename"),
-    ),
-    "line break in a name": (
-        robot(links("a", "b"), joint("a&#10;b")),
-        ("line 3", "rename"),
-    ),
-    "quote in a name": (
-        robot(links("a", "b"), joint("a&quot;b")),
-        ("line 3", "rename"),
-    ),
+    "comma in a name": (robot(links("a", "b"), joint("a,b")), ("line 3", "joint 'a,b'", "rename")),
+    "line break in a name": (robot(links("a", "b"), joint("a&#10;b")), ("line 3", "rename")),
+    "quote in a name": (robot(links("a", "b"), joint("a&quot;b")), ("line 3", "rename")),
     "control in a link's name": (
         robot(links("a", "b&#9;"), joint(child="b&#9;")),
         ("line 2", "rename"),
@@ -406,22 +338,13 @@ BAD = {
     # sizes that would exhaust or crash Pinocchio
     "1000-link chain": (chain(1000, "fixed"), "chain of links exceeds"),
     "200 moving in all": (
-        robot(
-            links("a"),
-            *(links(f"b{i}") + joint(f"j{i}", child=f"b{i}") for i in range(201)),
-        ),
+        robot(links("a"), *(links(f"b{i}") + joint(f"j{i}", child=f"b{i}") for i in range(201))),
         ("line 1", "201 movable joints", "200"),
     ),
     "101 moving": (chain(101), ("joint 'j100'", "movable")),
-    "301 fixed": (
-        chain(301, "fixed"),
-        ("line 2", "link 'l0'", "maximum length of 300"),
-    ),
+    "301 fixed": (chain(301, "fixed"), ("line 2", "link 'l0'", "maximum length of 300")),
     "5000-link star": (
-        robot(
-            links("a"),
-            *(links(f"b{i}") + joint(f"j{i}", child=f"b{i}") for i in range(5000)),
-        ),
+        robot(links("a"), *(links(f"b{i}") + joint(f"j{i}", child=f"b{i}") for i in range(5000))),
         ("line 1", "5000 joints"),
     ),
     "4000-link chain of 10 MB": (
@@ -456,10 +379,8 @@ def test_bad_files_are_one_clear_line(tmp_path: Path, name: str) -> None:
 
 def test_the_line_is_the_line(tmp_path: Path) -> None:
     path = tmp_path / "long.urdf"
-    for blank, said in (
-        (50_000, "line 50003:"),
-        (70_000, "after line 65534:"),
-    ):  # the parser counts no further
+    # the parser counts no further
+    for blank, said in ((50_000, "line 50003:"), (70_000, "after line 65534:")):
         path.write_text(robot(links("a", "b"), *[""] * blank, joint(limit="1 -1")))
         assert f": {said} <limit>" in refusal(path)
 
@@ -485,9 +406,7 @@ def test_an_unreadable_file(tmp_path: Path) -> None:
     assert "cannot be read" in refusal(path)
 
 
-def test_a_read_that_fails_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_read_that_fails_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "secret.urdf"
     path.write_text(ONE_JOINT)
 
@@ -516,14 +435,7 @@ def test_plain_data(tmp_path: Path) -> None:
             + "</link>",
             links("b", "c", "d", "e", "f"),
             joint("turn", "continuous", "a", "b", limit="-1 1"),
-            joint(
-                "lift",
-                "prismatic",
-                "b",
-                "c",
-                body='<axis xyz="0 3 4"/>',
-                limit="-0.25 0.5",
-            ),
+            joint("lift", "prismatic", "b", "c", body='<axis xyz="0 3 4"/>', limit="-0.25 0.5"),
             joint("free", "revolute", "c", "d", body="", limit="-1e16 2"),
             joint(
                 "none",
@@ -538,12 +450,7 @@ def test_plain_data(tmp_path: Path) -> None:
     )
     d = rp.Robot.load(path).description
     turn, lift, free, none, fixed = d.joints
-    assert (d.name, d.path, d.root, d.links) == (
-        "r",
-        path,
-        "a",
-        ("a", "b", "c", "d", "e", "f"),
-    )
+    assert (d.name, d.path, d.root, d.links) == ("r", path, "a", ("a", "b", "c", "d", "e", "f"))
     assert d.meshes == ("package://nowhere/a.stl", "meshes/b.stl")
     assert [j.kind for j in d.joints] == [
         "continuous",
@@ -572,12 +479,9 @@ def test_plain_data(tmp_path: Path) -> None:
     assert tuple(model.names)[1:] == ("turn", "lift", "free", "none")
     assert model.nq == model.nv == 4
     np.testing.assert_array_equal(
-        model.lowerPositionLimit,
-        [-NO_LIMIT, -0.25, -NO_LIMIT, -NO_LIMIT],
+        model.lowerPositionLimit, [-NO_LIMIT, -0.25, -NO_LIMIT, -NO_LIMIT]
     )
-    np.testing.assert_array_equal(
-        model.upperPositionLimit, [NO_LIMIT, 0.5, 2.0, NO_LIMIT]
-    )
+    np.testing.assert_array_equal(model.upperPositionLimit, [NO_LIMIT, 0.5, 2.0, NO_LIMIT])
     tags = {element.tag for element in etree.fromstring(d.xml).iter()}
     assert not tags & {"visual", "collision", "material", "mesh"}
 
@@ -620,15 +524,11 @@ def test_a_leader_without_its_prefix_is_found_and_said() -> None:
     [
         (
             ["-180 180"],
-            [
-                "joint 'j0' has a limit of 180 rad, possibly in degrees; URDF angles are in rad"
-            ],
+            ["joint 'j0' has a limit of 180 rad, possibly in degrees; URDF angles are in rad"],
         ),
         (
             ["-2 2", "-90 120", "-175 170"],
-            [
-                "joint 'j2' has a limit of 175 rad (and 1 more such limits), possibly in degrees"
-            ],
+            ["joint 'j2' has a limit of 175 rad (and 1 more such limits), possibly in degrees"],
         ),
         (["-12.5 12.5"], []),
         (["-1e16 2", "-1e4 1e4"], []),  # no limit at all
@@ -689,11 +589,7 @@ KIND = {
         ["ignored: the colour in line 4, rgba = '1 0 0 0 1' is not 4 numbers"],
     ),
     "xacro": (
-        robot(
-            links("a", "b"),
-            '<xacro:property name="x" value="${pi}"/><xacro:arm/>',
-            joint(),
-        ),
+        robot(links("a", "b"), '<xacro:property name="x" value="${pi}"/><xacro:arm/>', joint()),
         [
             "ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; "
             "the elements it would add are missing"
@@ -707,22 +603,12 @@ def test_what_pinocchio_reads_is_read_and_told(tmp_path: Path, name: str) -> Non
     text, told = KIND[name]
     (tmp_path / "r.urdf").write_text(text)
     d = rp.Robot.load(tmp_path / "r.urdf").description
-    assert (d.links, [j.name for j in d.joints], list(d.notes)) == (
-        ("a", "b"),
-        ["j"],
-        told,
-    )
-    if (
-        name == "late declaration"
-    ):  # which Pinocchio reads after a line break, but not after a comment
+    assert (d.links, [j.name for j in d.joints], list(d.notes)) == (("a", "b"), ["j"], told)
+    # which Pinocchio reads after a line break, but not after a comment
+    if name == "late declaration":
         (tmp_path / "r.urdf").write_text(text.replace("<!-- mine -->", ""))
-    theirs, ours = (
-        pin.buildModelFromUrdf(str(tmp_path / "r.urdf")),
-        pin.buildModelFromXML(d.xml),
-    )
-    assert (
-        tuple(theirs.names) == tuple(ours.names) and theirs.joints[1] == ours.joints[1]
-    )
+    theirs, ours = (pin.buildModelFromUrdf(str(tmp_path / "r.urdf")), pin.buildModelFromXML(d.xml))
+    assert tuple(theirs.names) == tuple(ours.names) and theirs.joints[1] == ours.joints[1]
 
 
 def test_an_axis_without_numbers_is_x(tmp_path: Path) -> None:
@@ -731,19 +617,13 @@ def test_an_axis_without_numbers_is_x(tmp_path: Path) -> None:
         robot(links("a", "b"), joint(body='<axis/><origin xyz="0 1 0"/>'))
     )
     task = rp.Robot.load(tmp_path / "r.urdf").task("b", "pose")
-    np.testing.assert_allclose(
-        task.jacobian([0.3])[:, 0], [0, 0, 0, 1, 0, 0], atol=1e-15
-    )
+    np.testing.assert_allclose(task.jacobian([0.3])[:, 0], [0, 0, 0, 1, 0, 0], atol=1e-15)
 
 
-def test_a_color_without_numbers_is_none(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_color_without_numbers_is_none(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     shape = '<sphere radius="1"/></geometry><material name="m"><color/></material><geometry>'
     (tmp_path / "r.urdf").write_text(
-        robot(
-            links("a"), with_shape(shape).replace("<geometry></geometry>", ""), joint()
-        )
+        robot(links("a"), with_shape(shape).replace("<geometry></geometry>", ""), joint())
     )
     d = rp.Robot.load(tmp_path / "r.urdf").description
     assert [shape.color for shape in d.shapes] == [None]
@@ -757,9 +637,7 @@ def test_many_shapes_are_capped(tmp_path: Path) -> None:
         robot('<link name="a">' + visual * 1001 + "</link>", links("b"), joint())
     )
     d = rp.Robot.load(tmp_path / "r.urdf").description
-    assert len(d.shapes) == 1000 and d.notes == (
-        "only the first 1000 of 1001 shapes are drawn",
-    )
+    assert len(d.shapes) == 1000 and d.notes == ("only the first 1000 of 1001 shapes are drawn",)
 
 
 def test_names_that_no_file_can_have(tmp_path: Path) -> None:
@@ -783,9 +661,7 @@ def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
     )
     d = rp.Robot.load(tmp_path / "r.urdf").description
     assert d.joints[1].mimic is None
-    assert d.notes == (
-        "joint 'k' mimics 'f', which is fixed; read as an independent joint",
-    )
+    assert d.notes == ("joint 'k' mimics 'f', which is fixed; read as an independent joint",)
 
 
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -804,24 +680,19 @@ def test_xacro_is_expanded_where_it_is_installed(
     path = tmp_path / "r.xacro"
     path.write_text(XACRO)
     machine = rp.Robot.load(path)
-    assert machine.joint_names == ("j1", "j2") and machine.upper == pytest.approx(
-        [math.pi] * 2
-    )
+    assert machine.joint_names == ("j1", "j2") and machine.upper == pytest.approx([math.pi] * 2)
     assert machine.model.jointPlacements[2].translation[0] == 1.0
     path.write_text(XACRO.replace("2 * length", "2 * nothing"))
     assert "xacro cannot expand it" in (told := refusal(path)) and "nothing" in told
-    path.write_text(
-        XACRO.replace('<link name="l${k}"/>', '<xacro:arm k="${k}"/>')
-    )  # a macro that calls itself
+    # a macro that calls itself
+    path.write_text(XACRO.replace('<link name="l${k}"/>', '<xacro:arm k="${k}"/>'))
     assert "xacro" in refusal(path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "pip install xacro" in refusal(path)
 
 
 @pytest.mark.parametrize("place", ["package_dirs", "itself", "ROS", "AMENT", "beside"])
-def test_xacro_finds_packages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
-) -> None:
+def test_xacro_finds_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str) -> None:
     """Issue 37, item 20: $(find arm) is looked up where package://arm is; else the remedy says
     where to put it."""
     pytest.importorskip("xacro")
@@ -889,9 +760,7 @@ def test_every_real_robot_passes_and_stays_what_it_was() -> None:
             continue
         model, raw = pin.buildModelFromXML(d.xml), pin.buildModelFromUrdf(str(path))
         assert model.nq == model.nv == raw.nv, path
-        for ours, theirs in zip(
-            model.jointPlacements, raw.jointPlacements, strict=True
-        ):
+        for ours, theirs in zip(model.jointPlacements, raw.jointPlacements, strict=True):
             assert ours == theirs
         for ours, theirs in zip(model.inertias, raw.inertias, strict=True):
             assert ours == theirs
@@ -900,15 +769,9 @@ def test_every_real_robot_passes_and_stays_what_it_was() -> None:
         )
         limits = {j.name: (j.lower, j.upper) for j in d.joints}
         for name, lower, upper in zip(
-            model.names[1:],
-            model.lowerPositionLimit,
-            model.upperPositionLimit,
-            strict=False,
+            model.names[1:], model.lowerPositionLimit, model.upperPositionLimit, strict=False
         ):
-            assert (
-                max(limits[name][0], -NO_LIMIT),
-                min(limits[name][1], NO_LIMIT),
-            ) == (
+            assert (max(limits[name][0], -NO_LIMIT), min(limits[name][1], NO_LIMIT)) == (
                 lower,
                 upper,
             )
@@ -921,9 +784,7 @@ def sorted_as(model: pin.Model, d: object) -> list:
     return sorted(d.joints, key=lambda j: order.get(j.name, -1))
 
 
-def test_what_passes_pinocchio_reads(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_passes_pinocchio_reads(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Law, on damaged real files: refused in one line, or built by Pinocchio, which has no
     complaint."""
     dice = random.Random(33)
@@ -948,9 +809,7 @@ def test_what_passes_pinocchio_reads(
     for _ in range(200):
         root = copy.deepcopy(dice.choice(trees))
         for _ in range(dice.choice((1, 1, 2))):
-            element = dice.choice(
-                [e for e in root.iterdescendants() if isinstance(e.tag, str)]
-            )
+            element = dice.choice([e for e in root.iterdescendants() if isinstance(e.tag, str)])
             how = dice.randrange(4)
             if how == 0:
                 element.getparent().remove(element)
@@ -966,17 +825,13 @@ def test_what_passes_pinocchio_reads(
             d = rp.Robot.load(path).description
         except rp.UrdfError as error:
             outcomes["refused"] += 1
-            assert str(error).isprintable() and re.search(
-                r"line \d+: .+: .+", str(error)
-            ), error
+            assert str(error).isprintable() and re.search(r"line \d+: .+: .+", str(error)), error
             continue
         outcomes["built"] += 1
         model = pin.buildModelFromXML(d.xml)
         many = sum({"planar": 1, "floating": 1}.get(j.kind, 0) for j in d.joints)
         assert model.nq == model.nv + many
         assert model.njoints == 1 + sum(j.kind != "fixed" for j in d.joints)
-        complaints = [
-            c for c in capfd.readouterr().err.splitlines() if c.startswith("Error")
-        ]
+        complaints = [c for c in capfd.readouterr().err.splitlines() if c.startswith("Error")]
         assert not complaints, etree.tostring(root)
     assert min(outcomes.values()) > 30, outcomes

@@ -121,9 +121,7 @@ class BestCell:
     def __repr__(self) -> str:
         fits = "fits" if self.factor == 1 else f"{100 * self.factor:.0f} % of it fits"
         cell = self.cell
-        return (
-            f"<BestCell: {cell.size()} around {cell.where(np.zeros(cell.k))}, {fits}>"
-        )
+        return f"<BestCell: {cell.size()} around {cell.where(np.zeros(cell.k))}, {fits}>"
 
 
 def best_cell(
@@ -242,9 +240,7 @@ def _rotation(task: Task, orientation: Any, yaw: float) -> Array:
     return np.asarray(turn @ R)
 
 
-def _candidates(
-    box: Cell, at: Array | None, rng: np.random.Generator, report: Report
-) -> Grown:
+def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: Report) -> Grown:
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
     Random configurations are turned to the orientation of the box without moving the frame's
@@ -330,9 +326,7 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     candidates = [own]
     with suppress(InputError):  # it draws other configurations, which may all fail
         candidates += [
-            c
-            for c in searched(desired, cell)
-            if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
+            c for c in searched(desired, cell) if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
         ]
     return cell, chosen(candidates, task.reference), q
 
@@ -345,9 +339,7 @@ def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
 
 def _fits(candidate: Candidate) -> bool:
     """Test whether J⁺ reaches all corners of a box, inside the limits and free of collisions."""
-    return (
-        candidate.share == 1 and candidate.margin > 0 and candidate.body_distance >= 0
-    )
+    return candidate.share == 1 and candidate.margin > 0 and candidate.body_distance >= 0
 
 
 def _obstruction(cell: Cell, q: Array) -> str:

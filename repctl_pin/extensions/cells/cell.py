@@ -109,11 +109,7 @@ class Cell:
     """Symmetries that a design uses: their coordinates do not belong to u, and are 0."""
 
     def __init__(
-        self,
-        task: Task,
-        placement: Placement,
-        half_width: ArrayLike,
-        half_angle: ArrayLike = 0.0,
+        self, task: Task, placement: Placement, half_width: ArrayLike, half_angle: ArrayLike = 0.0
     ) -> None:
         if one_frame(require_task(task), "a cell").coordinates is not None:
             raise InputError(
@@ -137,9 +133,7 @@ class Cell:
             )
         widths = np.concatenate([w, theta[:turns]])
         if not widths.any():
-            raise InputError(
-                "a cell needs at least one half_width or half_angle above 0"
-            )
+            raise InputError("a cell needs at least one half_width or half_angle above 0")
         middle = as_middle(task, placement)
         freeze(self, task=task, placement=middle, widths=widths)
         freeze(self, free=(), symmetries=(), removed=())
@@ -244,9 +238,7 @@ class Cell:
 
     def at(self, u: ArrayLike) -> pin.SE3:
         """Convert coordinates u (k,) to a placement; 0 is the middle, ±1 the boundary."""
-        p, R = self.placements(
-            vector(u, self.k, "u", "one per coordinate of the cell")[None]
-        )
+        p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
         return pin.SE3(R[0].copy(), p[0])
 
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
@@ -281,9 +273,7 @@ class Cell:
             If the placement lies outside; the message names the coordinate and its value.
         """
         target = as_placement(target)
-        return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[
-            0
-        ]
+        return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
         """Test whether placements lie in the cell, (K,), given their coordinates.
@@ -305,9 +295,7 @@ class Cell:
         InputError
             If a placement lies outside; the message names it by its number.
         """
-        U, off = as_matrices(
-            ("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False
-        )
+        U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
         bad = ~self._contains(U, off)
         if not bad.any():
             return U
@@ -353,9 +341,7 @@ class Cell:
         point(region, "chart", [filled_struct(CHART, ints, reals, scalars)[0]])
         return region
 
-    def _tables(
-        self,
-    ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
+    def _tables(self) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
         """Return the members of the C struct :data:`CHART` that describe the cell, by their names.
 
         They are arrays of integers, arrays of numbers, and single numbers, in three dictionaries.
@@ -497,9 +483,7 @@ class Cell:
             Actual rotations of the frame. For an axis task they may differ from those of
             :meth:`placements` by a rotation about the tool's axis.
         """
-        U, R = as_matrices(
-            ("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False
-        )
+        U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         E = self._all_twists(self.spread(U), R)
         return np.concatenate(
             [E[:, :, self._active] * self._active_widths, E[:, :, self._removed]], 2
@@ -514,10 +498,7 @@ class Cell:
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
         inverse = np.linalg.inv(self._all_twists(Y, R))
-        slopes = [
-            inverse[:, on] / self._active_widths[:, None],
-            inverse[:, self._removed],
-        ]
+        slopes = [inverse[:, on] / self._active_widths[:, None], inverse[:, self._removed]]
         U = (Y - self._offset)[:, on] / self._active_widths
         return U, np.concatenate(slopes, axis=1)
 
@@ -534,9 +515,7 @@ class Cell:
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
         return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
 
-    def errors(
-        self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike
-    ) -> Array:
+    def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`.
 
         Goals are p_goal (K, 3), m, and R_goal (K, 3, 3), placements p and R of the same shapes.
@@ -570,9 +549,7 @@ class Cell:
         They are tested together with sampled poses, which lie inside the boundary.
         """
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
-        return np.concatenate(
-            [np.array(list(product((-1.0, 1.0), repeat=self.k))), faces]
-        )
+        return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
 
     # ---- words
     # -------------------------------------------------------------------------------------
@@ -581,9 +558,7 @@ class Cell:
     def names(self) -> tuple[str, ...]:
         """Name of each of the k coordinates u, such as ``x``, ``y``, ``about z``."""
         return tuple(
-            name
-            for name, on in zip(self.coordinate_names, self._active, strict=True)
-            if on
+            name for name, on in zip(self.coordinate_names, self._active, strict=True) if on
         )
 
     @property
@@ -601,9 +576,7 @@ class Cell:
     def units(self) -> tuple[str, ...]:
         """Unit of each of the k coordinates u, m or rad."""
         return tuple(
-            unit
-            for unit, on in zip(self.coordinate_units, self._active, strict=True)
-            if on
+            unit for unit, on in zip(self.coordinate_units, self._active, strict=True) if on
         )
 
     @property
@@ -644,9 +617,7 @@ class Cell:
 
     def __repr__(self) -> str:
         middle = self.where(np.zeros(self.k))
-        return (
-            f"<Cell {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
-        )
+        return f"<Cell {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
 
     # ---- inside
     # ------------------------------------------------------------------------------------
@@ -712,9 +683,7 @@ class Cell:
         """
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
-        Y[:, :positions] = (p - self.placement.translation)[
-            :, self.task.rows[:positions]
-        ]
+        Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]
         R_0 = self.placement.rotation
         if self.task.kind == "pose":
             Y[:, 3:] = rotation_vectors(R @ R_0.T)
@@ -729,13 +698,9 @@ class Cell:
         the middle placement, (K, 2), for an axis task.
         """
         (turns,) = as_matrices(
-            ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"),
-            exact=True,
-            finite=False,
+            ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False
         )
-        return (
-            turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
-        )
+        return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
 
     def _all_twists(self, Y: Array, R: Array) -> Array:
         """Evaluate the task velocity per unit (metre or rad) of each task coordinate: (K, m, m).
@@ -746,9 +711,7 @@ class Cell:
         T = self._frame_twists(Y)
         if self.task.kind != "axis":
             return T[:, self.task.rows]
-        return np.concatenate(
-            [T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1
-        )
+        return np.concatenate([T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1)
 
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
@@ -759,10 +722,6 @@ class Cell:
         T = np.zeros((len(Y), 6, self.task.m))
         T[:, self.task.rows[:positions], np.arange(positions)] = 1.0
         if len(self.rotation):
-            turn = (
-                np.eye(3)
-                if self.task.kind == "pose"
-                else self.placement.rotation[:, :2]
-            )
+            turn = np.eye(3) if self.task.kind == "pose" else self.placement.rotation[:, :2]
             T[:, 3:, 3:] = left_jacobian(Y[:, 3:] @ turn.T) @ turn
         return T

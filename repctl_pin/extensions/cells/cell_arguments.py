@@ -18,14 +18,7 @@ from ...arguments import Array, as_numbers, require_choice, shown
 from ...errors import InputError
 from ...model.chain_formulas import require_rotation
 from ...model.task import Task
-from .symmetry import (
-    NEAR,
-    axis_symmetry,
-    difference,
-    difference_words,
-    last_axis,
-    own_axis,
-)
+from .symmetry import NEAR, axis_symmetry, difference, difference_words, last_axis, own_axis
 
 LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
 """Smallest and largest half-width, m or rad, of a coordinate whose half-width is not 0."""
@@ -36,9 +29,7 @@ VERTICAL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 Angle = float | Literal["all"]
 
 
-def stacked(
-    task: Task, placements: Sequence[pin.SE3], name: str
-) -> tuple[Array, Array]:
+def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
     """Convert placements to arrays of positions (K, 3) and rotation matrices (K, 3, 3).
 
     The rotations are checked if the task commands a rotation. Error messages call a placement by
@@ -84,8 +75,7 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
     except (TypeError, ValueError, OverflowError):
         raise InputError(
-            f"must be one number in {unit} or {size}, {each}; got {shown(value)}",
-            argument=name,
+            f"must be one number in {unit} or {size}, {each}; got {shown(value)}", argument=name
         ) from None
     if not (np.isfinite(array).all() and (array >= 0).all()):
         raise InputError(f"must be 0 {unit} or more; got {value!r}", argument=name)
@@ -120,12 +110,7 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
         if own is not None and max(difference(own, VERTICAL)) <= NEAR:
             return own
     line = as_numbers(VERTICAL if axis is None else axis)
-    if (
-        line is None
-        or line.shape != (2, 3)
-        or not np.isfinite(line).all()
-        or not line[1].any()
-    ):
+    if line is None or line.shape != (2, 3) or not np.isfinite(line).all() or not line[1].any():
         raise InputError(
             f"must be a point, m, and a direction, (2, 3) numbers; got {shown(axis)}",
             argument="axis",
@@ -158,9 +143,7 @@ def as_height(task: Task, height: float) -> float:
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
         raise InputError(
-            f": the {task.kind} task does not command it",
-            argument="height",
-            remedy="omit it",
+            f": the {task.kind} task does not command it", argument="height", remedy="omit it"
         )
     return height
 
@@ -173,8 +156,7 @@ def as_turn(angle: Angle, name: str) -> float:
     half = as_half_width(angle, name, "rad")
     if half > np.pi:
         raise InputError(
-            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'",
-            argument=name,
+            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'", argument=name
         )
     return half
 
@@ -240,8 +222,6 @@ def no_joint(task: Task, name: str, line: Array) -> InputError:
         assert turned is not None  # own_axis tested it
         joint, off = task.joint_names[turned.joint], difference_words(own, line)
         point, direction = (", ".join(f"{x:.12g}" for x in row) for row in own)
-        remedy += (
-            f", or choose the axis of {joint}, through ({point}) along ({direction})"
-        )
+        remedy += f", or choose the axis of {joint}, through ({point}) along ({direction})"
     fact += f": the axis of {joint} is {off}" if off else ""
     return InputError(fact, argument=name, remedy=remedy)

@@ -74,12 +74,7 @@ def add_options(parser: Parser) -> None:
         "chosen such that the cell fits)",
     )
     parser.path("closed path that the box encloses, beginning at --start: ", "")
-    add(
-        "--degree",
-        default="auto",
-        metavar="D",
-        help="degree of the polynomial, or auto (default)",
-    )
+    add("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
     add(
         "--limit-margin",
         type=positive,
@@ -94,22 +89,13 @@ def add_options(parser: Parser) -> None:
     )
     sigma = "σ_min(J) to keep where possible (default 0: none)"
     add("--sigma-min", type=float, default=0.0, help=sigma)
-    add(
-        "--shrink",
-        action="store_true",
-        help="shrink the cell until one function covers it",
-    )
+    add("--shrink", action="store_true", help="shrink the cell until one function covers it")
     add(
         "--keep",
         action="store_true",
         help="keep the function on the part of the cell that it covers",
     )
-    add(
-        "--held-out",
-        type=integer,
-        default=8192,
-        help="number of held-out poses (default 8192)",
-    )
+    add("--held-out", type=integer, default=8192, help="number of held-out poses (default 8192)")
     add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add(
@@ -118,9 +104,7 @@ def add_options(parser: Parser) -> None:
         help="prove bounds of the margins over the whole cell, for at most a minute",
     )
     add("--json", action="store_true", help="print JSON instead of the table")
-    add(
-        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
-    )
+    add("--quiet", action="store_true", help="print only errors, and the JSON of --json")
 
 
 def _add_size(parser: Parser) -> None:
@@ -136,9 +120,7 @@ def _add_size(parser: Parser) -> None:
         text = f"orientation with the tool's z axis {where} (with --size)"
         add(f"--{name}", action="store_true", help=text)
     add(
-        "--rpy",
-        metavar="R,P,Y",
-        help="orientation as roll, pitch and yaw in degrees (with --size)",
+        "--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees (with --size)"
     )
     add(
         "--map",
@@ -163,12 +145,7 @@ def _add_sector(parser: Parser) -> None:
         help="cell in cylindrical coordinates around an axis, in place of a box",
     )
     add("--radius", metavar="W", help="half-width of the radius, m (with --sector)")
-    add(
-        "--height",
-        default="0",
-        metavar="W",
-        help="half-width of the height, m (default 0)",
-    )
+    add("--height", default="0", metavar="W", help="half-width of the height, m (default 0)")
     add(
         "--angle",
         default="all",
@@ -214,11 +191,7 @@ def run(options: Options) -> int:
             cell,
             posture=asked.posture,
             degree=options.asked_degree(),
-            incomplete="shrink"
-            if options.shrink
-            else "keep"
-            if options.keep
-            else "refuse",
+            incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
             **options.of("limit_margin", "body_distance", "sigma_min"),
             options=rp.FitOptions(**options.of("held_out", "seed")),
             progress=in_percent(say),
@@ -281,11 +254,7 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
         remedy = f"use --shrink to get a cell of {asked.cell.scaled(error.fits).size()}"
     if asked.crowded:
         remedy = f"it fits from none of the default starts; {remedy}"
-    return (
-        f"{remedy}, or --keep to keep the covered part of this one"
-        if error.partly
-        else remedy
-    )
+    return f"{remedy}, or --keep to keep the covered part of this one" if error.partly else remedy
 
 
 class _Asked(NamedTuple):
@@ -432,9 +401,7 @@ def _require_one_shape(options: Options) -> None:
     if options.sector and options.radius is None:
         raise InputError("--sector requires --radius")
     if not (given("--half-width") or given("--size") or options.sector):
-        raise InputError(
-            "--half-width is missing; give it, or --size, or --sector with --radius"
-        )
+        raise InputError("--half-width is missing; give it, or --size, or --sector with --radius")
 
 
 def _sizes(options: Options) -> tuple[Any, Any]:
@@ -479,9 +446,7 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-def _pictures(
-    design: rp.CellDesign, folder: Path, command: str
-) -> tuple[list[Path], list[str]]:
+def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], list[str]]:
     """Write cell.html and, if there are slices, cell.png to a folder.
 
     A slice is a map of the function over two coordinates of the cell. The page shows a motion along
@@ -517,9 +482,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
 
     path, failed = tour(design.cell), {}
 
-    def followed(
-        label: str, control: Any, period: float, **how: Any
-    ) -> dict[str, rp.Motion]:
+    def followed(label: str, control: Any, period: float, **how: Any) -> dict[str, rp.Motion]:
         """Follow the path; return an empty dict if that fails."""
         try:
             q0 = design.function(path.placement(0.0))
@@ -565,9 +528,7 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
         "posture": design.posture,
         **figures,
         "everywhere": design.evaluation.everywhere,
-        "failures": [
-            picked(stop, "cause", "share", "what") for stop in design.failures
-        ],
+        "failures": [picked(stop, "cause", "share", "what") for stop in design.failures],
         **({"turns": turns} if turns else {}),
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
         **({} if design.proof is None else {"proof": _proof(design.proof)}),

@@ -15,13 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arguments import Array, ratio_in_percent, read_only
-from ...certificate import (
-    CELL_THEOREM,
-    Proof,
-    fingerprint,
-    own_proof,
-    proved_words,
-)
+from ...certificate import CELL_THEOREM, Proof, fingerprint, own_proof, proved_words
 from ...design.subject import rounded, task_parts
 from ...model.task import Task
 from ...motion.fitting_circle import fitting_circle
@@ -99,9 +93,7 @@ class CellDesign:
         object.__setattr__(self, "proof", proof)
 
     @classmethod
-    def of(
-        cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any
-    ) -> CellDesign:
+    def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
         """Make a design from a chart, whose function is s = 0, and its evaluation.
 
         A chart is a pair of polynomials that approximate a configuration and the null space for
@@ -294,9 +286,7 @@ class CellDesign:
             for name, text in self.figures().items()
             for i, line in enumerate(text.split("\n"))
         ]
-        return "\n".join(
-            [f"one function for a cell of {task.robot.name} {task}", *lines]
-        )
+        return "\n".join([f"one function for a cell of {task.robot.name} {task}", *lines])
 
     def __repr__(self) -> str:
         return (
@@ -379,9 +369,7 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
     made = []
     for first, second in pairs:
         U = np.zeros((count * count, cell.k))
-        U[:, second], U[:, first] = (
-            grid.ravel() for grid in np.meshgrid(u, u, indexing="ij")
-        )
+        U[:, second], U[:, first] = (grid.ravel() for grid in np.meshgrid(u, u, indexing="ij"))
         at = sampled(design.desired, CandidateFunction.zero(chart), U)
         margin = np.where(at.ok, at.limit_margin, np.nan)
         extra = np.sqrt(at.ratio) - 1
@@ -414,12 +402,8 @@ def _problem_of_cell(
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
     draw = inside if path is None and plane is None else path
     if draw is inside and isinstance(design.cell, Sector):
-        draw = tour(
-            design.cell
-        )  # the orientation turns with the angle, which no circle does
-    problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(
-        region=design.cell
-    )
+        draw = tour(design.cell)  # the orientation turns with the angle, which no circle does
+    problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(region=design.cell)
     if start is not None or path is False:
         return problem
     q0 = design.function(problem.cycle.placement(0.0))

@@ -226,9 +226,7 @@ def _sides(at: Points) -> Array:
     return np.asarray(np.sign(np.linalg.det(J_V)))
 
 
-def _block(
-    desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
-) -> _Sample:
+def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array) -> _Sample:
     """Evaluate a sample of a candidate function at some of the poses, U (K, k).
 
     ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell. Where the sign is
@@ -261,9 +259,7 @@ def _largest_ratio(A: Array, B: Array) -> Array:
     """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
-    return np.asarray(
-        np.linalg.eigvalsh(Lt_over_A @ np.swapaxes(Lt_over_A, 1, 2))[:, -1], float
-    )
+    return np.asarray(np.linalg.eigvalsh(Lt_over_A @ np.swapaxes(Lt_over_A, 1, 2))[:, -1], float)
 
 
 @dataclass(frozen=True)
@@ -327,9 +323,7 @@ def evaluate_cell(
     held_out = rows_of(at, slice(count))
     inside = rows_of(held_out, held_out.covered)
     if not len(inside.U):
-        figures: dict[str, Any] = dict.fromkeys(
-            Evaluation.__dataclass_fields__, float("nan")
-        )
+        figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
         figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
         return Evaluation(**figures)
     distance, links, stop = _bodies(candidate, at, count, quick)
@@ -366,9 +360,7 @@ def evaluate_cell(
     )
 
 
-def _searched(
-    desired: Inverse, candidate: CandidateFunction, at: _Sample, quick: bool
-) -> Array:
+def _searched(desired: Inverse, candidate: CandidateFunction, at: _Sample, quick: bool) -> Array:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
     These are poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and larger
@@ -408,9 +400,7 @@ def _worst(values: Array, U: Array, count: int) -> Array:
     return ordered[unlike_rows(ordered, _SPREAD, count)]
 
 
-def _failures(
-    cell: Cell, at: _Sample, low: _Sample, near: Array
-) -> tuple[FailureReason, ...]:
+def _failures(cell: Cell, at: _Sample, low: _Sample, near: Array) -> tuple[FailureReason, ...]:
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
     ``at`` are the sampled poses, ``low`` those found by search. ``near`` (L, n) are configurations

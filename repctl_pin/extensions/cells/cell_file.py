@@ -189,9 +189,7 @@ def cell_file(design: CellDesign) -> _CellFile:
         failures=[described(_FailureFile, reason) for reason in evaluation.failures],
         turns=tuple(described(_TurnFile, turn) for turn in evaluation.turns),
         leaf_margin=msgspec.UNSET,
-        least_leaf_margin=None
-        if np.isnan(evaluation.leaf_margin)
-        else evaluation.leaf_margin,
+        least_leaf_margin=None if np.isnan(evaluation.leaf_margin) else evaluation.leaf_margin,
     )
     return described(
         _CellFile,
@@ -261,10 +259,7 @@ def _shapes_fingerprint(task: Task) -> str:
     srdf = None if entry is None else entry.srdf
     pairs = [] if srdf is None else sorted(map(sorted, disabled_pairs(srdf)))
     parts = [
-        [
-            _solid(solid, description, robot.package_dirs)
-            for solid in description.collisions
-        ]
+        [_solid(solid, description, robot.package_dirs) for solid in description.collisions]
         for description in (robot.description, robot.surroundings)
         if description is not None
     ]
@@ -290,13 +285,8 @@ def _bodies_at(task: Task, Q: ArrayLike) -> Array:
     sums = []
     for q in drive.joints(Q):
         pin.forwardKinematics(model, data, q)
-        moved = [
-            data.oMi[frames[link].parentJoint] * frames[link].placement
-            for link in links
-        ]
-        numbers = np.array(
-            [place.homogeneous[:3] for place in moved + standing]
-        ).ravel()
+        moved = [data.oMi[frames[link].parentJoint] * frames[link].placement for link in links]
+        numbers = np.array([place.homogeneous[:3] for place in moved + standing]).ravel()
         sums.append(float(numbers @ np.sin(1.0 + np.arange(len(numbers)))))
     return np.array(sums)
 
@@ -341,11 +331,7 @@ def _cell(content: _CellFile, task: Task) -> Cell:
     Along a symmetric coordinate, a single joint moves the frame, so the chart does not contain it.
     An InputError is raised if the numbers do not describe a cell of this task.
     """
-    widths, at, positions = (
-        np.array(content.widths),
-        np.array(content.placement),
-        min(3, task.m),
-    )
+    widths, at, positions = (np.array(content.widths), np.array(content.placement), min(3, task.m))
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(
             f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers"
@@ -357,18 +343,10 @@ def _cell(content: _CellFile, task: Task) -> Cell:
         turns = widths[positions:] if task.m > positions else 0.0
         return Cell(task, pin.SE3(at), widths[:positions], turns)
     w = np.pad(widths, (0, 6 - task.m))
-    names = {
-        "radius": w[0],
-        "angle": w[1],
-        "height": w[2],
-        "half_angle": w[3:5],
-        "spin": w[5],
-    }
+    names = {"radius": w[0], "angle": w[1], "height": w[2], "half_angle": w[3:5], "spin": w[5]}
     sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
     used = [one for one in sector.symmetries if one.coordinate in data.symmetric]
-    if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {
-        *data.symmetric
-    }:
+    if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {*data.symmetric}:
         raise InputError("the file uses a symmetry that the arm does not have")
     sector = sector.without(used, data.free)
     middle, moved = data.spin_middle, sector.tilted and SPIN in data.free
@@ -397,14 +375,9 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
     """
     if not content.degrees:
         raise InputError("a cell's file must name at least one degree that was tried")
-    degree = as_int(
-        content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE
-    )
+    degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
     cell = _cell(content, task)
-    C, due = (
-        np.array(content.coefficients),
-        (comb(cell.k + degree, cell.k), task.n, 1 + task.r),
-    )
+    C, due = (np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r))
     if C.shape != due:
         raise InputError(
             f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; "
@@ -430,9 +403,7 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
         nearest_bodies=("", "") if np.isnan(distance) else figures.nearest_bodies,
         failures=failures,
         turns=tuple(made(Turn, turn) for turn in figures.turns),
-        leaf_margin=np.nan
-        if figures.least_leaf_margin is None
-        else figures.least_leaf_margin,
+        leaf_margin=np.nan if figures.least_leaf_margin is None else figures.least_leaf_margin,
     )
     chart = Chart(cell, Monomials(cell.k, degree), C)
     return made(

@@ -25,13 +25,7 @@ from .chart import Chart
 from .cost import Cost, Descent, descend, predicted_gain
 from .failures import FailureReason, broken_limit, unreached
 from .kinematics import null_bases
-from .margins import (
-    CandidateFunction,
-    Margin,
-    distances_of,
-    limits_of,
-    singular_values_of,
-)
+from .margins import CandidateFunction, Margin, distances_of, limits_of, singular_values_of
 from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import Candidate
@@ -146,9 +140,7 @@ class CellFit:
         design = cast(CellDesign, found)
         return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
 
-    def design(
-        self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = ()
-    ) -> _Found:
+    def design(self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = ()) -> _Found:
         """Design a function over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
@@ -158,9 +150,7 @@ class CellFit:
         self.report("the reference", 0.1)
         edge = cell.corners()
         count = self.samples or (
-            128
-            if quick
-            else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
+            128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
         )
         U = cell.sample(count, self.seed + 1)
         ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
@@ -168,9 +158,7 @@ class CellFit:
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
         hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
-        chart = Chart.fitted(
-            cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4
-        )
+        chart = Chart.fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
         U, edge = U[good[:count]], edge[good[count:]]
         at_rest = chart.solve(np.concatenate([U, edge])).found
         U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
@@ -189,9 +177,7 @@ class CellFit:
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out
-        evaluation = evaluate_cell(
-            self.desired, chart, held_out, self.seed + 2, quick=quick
-        )
+        evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
         evaluation = replace(evaluation, turns=turns)
         return CellDesign.of(
             self.desired,
@@ -227,20 +213,14 @@ class CellFit:
             return found
         free = sector.without(sector.removed, (*sector.free, ANGLE))
         self.report("the price of the angle", 0.9)
-        work = replace(
-            self, held_out=min(_PRICED, self.held_out), report=reporting.silent
-        )
+        work = replace(self, held_out=min(_PRICED, self.held_out), report=reporting.silent)
         other = work.design(free, q)
         if not isinstance(other, CellDesign) or other.coverage == 0:
             return found
-        unasked = next(
-            t.reach for t in other.evaluation.turns if t.coordinate == names[ANGLE]
-        )
+        unasked = next(t.reach for t in other.evaluation.turns if t.coordinate == names[ANGLE])
         price = found.extra_speed - other.extra_speed
         turns[names[ANGLE]] = replace(turn, price=price, unasked=unasked)
-        return replace(
-            found, evaluation=replace(found.evaluation, turns=tuple(turns.values()))
-        )
+        return replace(found, evaluation=replace(found.evaluation, turns=tuple(turns.values())))
 
     def _highest(self, cell: Cell) -> int:
         """Return the highest degree to try for the polynomial s(u) of a function.
@@ -295,9 +275,7 @@ class CellFit:
             terms = Monomials(cell.k, d)
             nodes = _nodes(U, terms)
             below = best[-1].a if best else np.zeros((0, cell.task.r))
-            best.append(
-                _fit(Cost(self.desired, chart, terms, nodes), padded(below, terms))
-            )
+            best.append(_fit(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
             tried.append((d, best[-1].value.nearness))
             if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
                 break
@@ -313,11 +291,7 @@ class CellFit:
         ]
         penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds)
         kept = penalties.kept(
-            best,
-            terms,
-            self.report,
-            enough=1e-2 if quick else 1e-3,
-            guess=_labels(guess, chart, U),
+            best, terms, self.report, enough=1e-2 if quick else 1e-3, guess=_labels(guess, chart, U)
         )
         return kept, terms, tuple(tried)
 
@@ -328,12 +302,8 @@ class CellFit:
         """
         limits = limits_of(cell, self.limit_margin)
         found = [replace(limits, starts=24, violators=48) if quick else limits]
-        found += (
-            [distances_of(cell.task, self.body_distance)] if self.body_distance else []
-        )
-        return found + (
-            [singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else []
-        )
+        found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
+        return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
 
 
 def _nodes(U: Array, terms: Monomials) -> Array:
@@ -369,9 +339,7 @@ def _fit(cost: Cost, a: Array) -> Descent:
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
-def _recharted(
-    cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool
-) -> Chart:
+def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool) -> Chart:
     """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
     A chart has polynomials q_ref and n_ref; s is the position along the self-motion. Its q_ref
@@ -382,9 +350,7 @@ def _recharted(
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
         degree += 1
     for d in range(max(terms.degree, 3), degree + 1):
-        U = np.concatenate(
-            [cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()]
-        )
+        U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
         U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
@@ -438,9 +404,7 @@ def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
 
 
-def _rank(
-    found: _Found, limit_margin: float
-) -> tuple[float, bool, bool, float, float, float]:
+def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
     """Sort key of designs, larger is better, of which the best is used.
 
     It consists of coverage of the held-out poses, coverage of all poses, absence of collisions,
@@ -449,10 +413,7 @@ def _rank(
     """
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf, -np.inf
-    margin, everywhere = (
-        min(found.limit_margin, 0.4 * limit_margin),
-        found.evaluation.everywhere,
-    )
+    margin, everywhere = (min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere)
     return (
         found.coverage,
         everywhere,

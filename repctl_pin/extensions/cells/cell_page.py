@@ -58,10 +58,7 @@ def _edges(sector: Sector) -> Array:
     A sector is a cell in cylindrical coordinates. The points are those of one line, to be drawn.
     """
     there = np.linspace(-1.0, 1.0, _ARC)
-    arc, corners = (
-        [*there, *there[::-1]],
-        [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)],
-    )
+    arc, corners = ([*there, *there[::-1]], [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
     traced = [(*corner, angle) for corner in corners for angle in arc]
     traced += [(*corners[0], angle) for angle in there]
     traced += [(*corner, 1.0) for corner in corners]
@@ -105,9 +102,7 @@ def cell_page(
     if motions:
         cycles = next(iter(motions.values())).cycles
         shown = _coloured(motions)
-        animation = _tour_page(
-            design, shown, joint, f"{cycles} cycles of a sample path"
-        )
+        animation = _tour_page(design, shown, joint, f"{cycles} cycles of a sample path")
         still = picture(still_figure(shown), _STILL)
     return render(
         "cell.html",
@@ -121,8 +116,7 @@ def cell_page(
         slices=None if slices is None else framed(slices, words),
         figures=design.figures(),
         command=command,
-        details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)}
-        | versions(),
+        details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
     )
 
 
@@ -132,16 +126,11 @@ def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
     ``motions`` has one motion or two: of the desired inverse, if it succeeded, and of the function.
     """
     colours = [VERMILLION, BLUE][-len(motions) :]
-    return [
-        (*one, colour) for one, colour in zip(motions.items(), colours, strict=True)
-    ]
+    return [(*one, colour) for one, colour in zip(motions.items(), colours, strict=True)]
 
 
 def _tour_page(
-    design: CellDesign,
-    motions: Sequence[tuple[str, Motion, str]],
-    joint: int,
-    name: str,
+    design: CellDesign, motions: Sequence[tuple[str, Motion, str]], joint: int, name: str
 ) -> str:
     """Write the animation page of the motions side by side, with the outline of the cell.
 
@@ -151,17 +140,12 @@ def _tour_page(
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
     return playback_page(
-        [TracedChain(design.task, joint)],
-        tracks,
-        paths=[_box_of(design.cell), way],
-        name=name,
+        [TracedChain(design.task, joint)], tracks, paths=[_box_of(design.cell), way], name=name
     )
 
 
 def cell_headline(
-    design: CellDesign,
-    motions: Mapping[str, Motion] | None = None,
-    notes: Sequence[str] = (),
+    design: CellDesign, motions: Mapping[str, Motion] | None = None, notes: Sequence[str] = ()
 ) -> Headline:
     """Write what one function covers, and its cost; and as notes the limits and the bodies.
 

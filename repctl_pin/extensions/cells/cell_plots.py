@@ -69,9 +69,7 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
         grid = figure.subplots(1, len(drawn), squeeze=False).T
     else:
         figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)
-        grid = figure.subplots(
-            len(drawn), len(cuts), squeeze=False, width_ratios=shares
-        )
+        grid = figure.subplots(len(drawn), len(cuts), squeeze=False, width_ratios=shares)
     for row, what in zip(grid, drawn, strict=True):
         label, _, scale = _WHAT[what]
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
@@ -84,15 +82,13 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
             _slice_of_cell(ax, design, cut, what, ends)
             ax.locator_params("x", nbins=round(2 + 2 * share))
         label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
-        figure.colorbar(
-            row[0].collections[0], ax=list(row), shrink=0.9, aspect=30
-        ).set_label(label, color=INK)
+        figure.colorbar(row[0].collections[0], ax=list(row), shrink=0.9, aspect=30).set_label(
+            label, color=INK
+        )
     return figure
 
 
-def map_figure(
-    cell: Cell, posture: Array, factor: float, cuts: Sequence[Section]
-) -> Figure:
+def map_figure(cell: Cell, posture: Array, factor: float, cuts: Sequence[Section]) -> Figure:
     """Draw the map of the workspace, with the arm at a posture (n,) in the middle of a cell.
 
     The map shows where a box of poses works, in sections parallel to axes of the base. Its boxes
@@ -111,13 +107,9 @@ def map_figure(
     for ax, cut in zip(panels, cuts, strict=True):
         i, j = cut.axes
         share = np.ma.masked_where((cut.share == 0) | (cut.share == 1), cut.share)
-        partly = ax.pcolormesh(
-            cut.a, cut.b, 100 * share, cmap="Greys", vmin=0, vmax=150
-        )
+        partly = ax.pcolormesh(cut.a, cut.b, 100 * share, cmap="Greys", vmin=0, vmax=150)
         extra = np.ma.masked_invalid(100 * cut.extra)
-        whole = ax.pcolormesh(
-            cut.a, cut.b, extra, cmap="viridis_r", vmin=ends[0], vmax=ends[1]
-        )
+        whole = ax.pcolormesh(cut.a, cut.b, extra, cmap="viridis_r", vmin=ends[0], vmax=ends[1])
         ax.plot(arm[:, i], arm[:, j], "o-", color=INK, lw=2.5, ms=4)
         corners = cell.placements(cell.corners())[0]
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -130,8 +122,7 @@ def map_figure(
         ax.set_ylabel(f"{'xyz'[j]} of the middle (m)")
         still = next((k for k in (2, 1, 0) if k not in cut.axes), 2)
         ax.set_title(
-            f"at {'xyz'[still]} = {cell.placement.translation[still]:.2f} m",
-            fontsize="medium",
+            f"at {'xyz'[still]} = {cell.placement.translation[still]:.2f} m", fontsize="medium"
         )
     bar = figure.colorbar(whole, ax=list(panels), shrink=0.85, aspect=30, extend="max")
     bar.set_label("extra joint speed where it fits, %", color=INK)

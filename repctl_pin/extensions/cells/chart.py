@@ -108,9 +108,7 @@ class Chart:
         )
         return both[:, :, 0], both[:, :, 1:]
 
-    def gradients(
-        self, U: Array, dU: Array, J: Array, n_ref: Array, away: Array
-    ) -> Array:
+    def gradients(self, U: Array, dU: Array, J: Array, n_ref: Array, away: Array) -> Array:
         r"""Evaluate the gradients V (K, n, r) of the potentials ``h = n_refᵀ (q − q_ref)``.
 
         A controller that holds h constant follows the function of the chart.
@@ -236,9 +234,7 @@ class Chart:
             J_V = np.concatenate([J, np.swapaxes(n_ref[on], 1, 2)], axis=1)
             return solved(J_V, np.concatenate([e, g], axis=1))
 
-        Q, size = newton_rows(
-            correction, Q, longest=_STEP, tolerance=_EXACT, iterations=iterations
-        )
+        Q, size = newton_rows(correction, Q, longest=_STEP, tolerance=_EXACT, iterations=iterations)
         p, R, J = placed(cell.task, Q)
         e = cell.errors(p_goal, R_goal, p, R)
         return Q, R, J, np.abs(e).max(axis=1), size
@@ -306,17 +302,11 @@ class Chart:
         E = self.cell.twists(at.U, at.R) if E is None else E
         onto = np.zeros((len(J_V), m + r, r))
         onto[:, m:] = np.eye(r)
-        both = solved(
-            J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2)
-        )
+        both = solved(J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2))
         return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
 
     def joint_speeds(
-        self,
-        desired: Inverse,
-        at: Points,
-        ds: Array | None = None,
-        C: Array | None = None,
+        self, desired: Inverse, at: Points, ds: Array | None = None, C: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Evaluate the joint speeds of a function F and of G_d, per unit of task speed.
 

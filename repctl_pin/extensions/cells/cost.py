@@ -123,21 +123,11 @@ class Cost:
         *,
         weight: float = 0.0,
     ) -> None:
-        self.desired, self.chart, self.terms, self.weight = (
-            desired,
-            chart,
-            terms,
-            weight,
-        )
-        self.U, self.inner = (
-            np.concatenate([U, *(part.U for part in kept)]),
-            slice(len(U)),
-        )
+        self.desired, self.chart, self.terms, self.weight = (desired, chart, terms, weight)
+        self.U, self.inner = (np.concatenate([U, *(part.U for part in kept)]), slice(len(U)))
         ends = np.cumsum([len(U), *(len(part.U) for part in kept)])
         self.kept = [
-            (part, slice(a, b))
-            for part, a, b in zip(kept, ends, ends[1:], strict=False)
-            if b > a
+            (part, slice(a, b)) for part, a, b in zip(kept, ends, ends[1:], strict=False) if b > a
         ]
         self.T = terms.values(self.U)  # (K, N)
         self.dT = terms.slopes(self.T)  # (K, N, k)
@@ -157,23 +147,15 @@ class Cost:
             points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
             return _Value(np.inf, np.inf, np.nan, points, ds)
-        own, desired, _ = self._joint_speeds(
-            rows_of(points, self.inner), ds[self.inner]
-        )
+        own, desired, _ = self._joint_speeds(rows_of(points, self.inner), ds[self.inner])
         nearness = float(((own - desired) ** 2).sum() / len(own))
         if not np.isfinite(nearness):
             return _Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
-        penalty = self.weight * sum(
-            float((hinge**2).sum() / len(hinge)) for hinge in hinges
-        )
+        penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
         return _Value(
-            nearness + penalty,
-            nearness,
-            float((desired**2).sum() / len(desired)),
-            points,
-            ds,
+            nearness + penalty, nearness, float((desired**2).sum() / len(desired)), points, ds
         )
 
     def model(self, at: _Value) -> tuple[Array, Array]:
@@ -188,9 +170,7 @@ class Cost:
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         own, desired, B = self._joint_speeds(points, ds)
         residual = own - desired
-        K, n, k = (
-            residual.shape
-        )  # here k counts the coordinates removed by a symmetry, too
+        K, n, k = residual.shape  # here k counts the coordinates removed by a symmetry, too
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
         goals = rows_of(self.goals, self.inner)
@@ -198,11 +178,7 @@ class Cost:
             step = _DIFFERENCE * np.eye(r)[j]
             ends = [
                 chart.solve(
-                    points.U,
-                    s + w * step,
-                    points.Q + w * B @ step,
-                    goals=goals,
-                    iterations=3,
+                    points.U, s + w * step, points.Q + w * B @ step, goals=goals, iterations=3
                 )
                 for w in (1.0, -1.0)
             ]
@@ -214,9 +190,7 @@ class Cost:
         gram = np.zeros((len(self.U), r * (1 + k), r * (1 + k)))
         slope = np.zeros((len(self.U), r * (1 + k)))
         gram[self.inner] = np.swapaxes(flat, 1, 2) @ flat / K
-        slope[self.inner] = (
-            np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
-        )
+        slope[self.inner] = np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
         features = np.zeros((len(self.U), 1 + k, self.T.shape[1]))
         features[:, 0] = self.T
         features[self.inner, 1:] = np.swapaxes(
@@ -227,9 +201,7 @@ class Cost:
             there = rows_of(at.points, where)
             hinge = _hinge(part, there.Q)
             onto = chart.derivative(there, at.ds[where])[1]
-            D = (
-                -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]
-            )  # ∂hinge/∂s
+            D = -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]  # ∂hinge/∂s
             share = self.weight / len(hinge)
             gram[where, at_s[:, None], at_s] = share * np.swapaxes(D, 1, 2) @ D
             slope[where, at_s] = share * np.einsum("KPr,KP->Kr", D, hinge)
@@ -237,8 +209,7 @@ class Cost:
             "KpN,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
         )
         L = np.linalg.cholesky(
-            gram
-            + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
+            gram + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
         )
         return gradient.ravel(), 2 * _products(features, L, r)
 
@@ -324,9 +295,7 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     enough
         Relative change of the cost in a step below which the iteration ends.
     """
-    found = levenberg_marquardt(
-        _Problem(cost), a, _RULES, steps=_MOST, tolerance=enough
-    )
+    found = levenberg_marquardt(_Problem(cost), a, _RULES, steps=_MOST, tolerance=enough)
     return Descent(found.at.x, found.at.data, found.start, found.steps)
 
 

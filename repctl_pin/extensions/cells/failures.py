@@ -115,9 +115,7 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
         where = cell.where(some[at])
-        what = (
-            f"between the middle of the cell and {where} the arm passes a singularity"
-        )
+        what = f"between the middle of the cell and {where} the arm passes a singularity"
         part = share * float((~short).mean())
         failures.append(_reason("singularity", part, cell, some[at], what))
     return failures
@@ -132,9 +130,7 @@ def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
     """
     if not len(U):
         return None
-    what = (
-        f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
-    )
+    what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
     return _reason("fold", share, cell, U[0], what)
 
 

@@ -120,9 +120,7 @@ class InverseFunction:
             if q is not None:
                 return q
         u = self.cell.coordinates_of(target)  # says what is wrong with the target
-        Q, error = self._law(
-            u[None], np.zeros((1, self.task.r)) if c is None else c[None]
-        )
+        Q, error = self._law(u[None], np.zeros((1, self.task.r)) if c is None else c[None])
         if error is not None:
             raise error[1]
         return Q[0]
@@ -320,15 +318,9 @@ class InverseFunction:
         Targets have any of the forms of :meth:`batch`. A deviation is along the coordinates of
         width 0, m or rad.
         """
-        if (
-            isinstance(targets, np.ndarray)
-            and targets.ndim != 3
-            and targets.shape[-1:] != (7,)
-        ):
+        if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(
-                ("coordinates of this cell", targets, f"K {self.cell.k}"),
-                exact=True,
-                finite=False,
+                ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
             )
             return U, np.zeros(len(U))
         return self.cell.coordinates(*as_poses(self.task, targets))
@@ -349,9 +341,7 @@ class InverseFunction:
     def _leaf(self, leaf: ArrayLike) -> Array:
         """Check one leaf c, the position along the self-motion, and return it as an array (r,)."""
         array = as_numbers(leaf)
-        return vector(
-            leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c"
-        )
+        return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
 
     def _refused(self, q: Array, u: Array, *, found: bool) -> InputError:
         """Create the error at coordinates u (k,): no configuration, or q beyond a joint limit."""
@@ -360,19 +350,14 @@ class InverseFunction:
             return InputError(f"no configuration exists on this leaf at {where}")
         joint = int(np.argmin(self.task.limit_margin(q)))
         name = self.task.joint_names[joint]
-        return InputError(
-            f"at {where}, {name} = {q[joint]:.4g} would be outside its limits"
-        )
+        return InputError(f"at {where}, {name} = {q[joint]:.4g} would be outside its limits")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(type(self), keep_limits=self.keep_limits), (self.chart,)
 
     def __repr__(self) -> str:
         task = self.task
-        return (
-            f"<InverseFunction of {task.robot.name} {task.frame} "
-            f"over {self.cell.size()}>"
-        )
+        return f"<InverseFunction of {task.robot.name} {task.frame} over {self.cell.size()}>"
 
 
 class _NativeFunction:
@@ -390,9 +375,7 @@ class _NativeFunction:
         True to check the joint limits on the leaf c = 0, too.
     """
 
-    def __init__(
-        self, native: ctypes.CDLL, arm: Any, chart: Chart, keep_limits: bool
-    ) -> None:
+    def __init__(self, native: ctypes.CDLL, arm: Any, chart: Chart, keep_limits: bool) -> None:
         self._native, self._held = native, ctypes.PyDLL(native._name)
         self._arm, self._chart = arm, native_chart(chart)
         self._keep = int(keep_limits)

@@ -54,13 +54,8 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
     ``name`` is that of the function; ``given`` are its further arguments, arrays or C numbers.
     Arrays that it fills must be contiguous and of float.
     """
-    kept = [
-        np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
-        for x in given
-    ]
-    pointers = (
-        ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept
-    )
+    kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]
+    pointers = (ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept)
     native = library()
     assert native is not None, "there is a chain for it"
     native[name](ctypes.byref(arm), ctypes.c_long(count), *pointers)
@@ -169,9 +164,8 @@ def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
 
 def exp3(omega: Array) -> Array:
     """Convert rotation vectors ω (K, 3), rad, to rotation matrices exp(ω̂) (K, 3, 3)."""
-    return (
-        Rotation.from_rotvec(omega).as_matrix() if len(omega) else np.empty((0, 3, 3))
-    )  # SciPy 1.15 refuses K = 0
+    # SciPy 1.15 refuses K = 0
+    return Rotation.from_rotvec(omega).as_matrix() if len(omega) else np.empty((0, 3, 3))
 
 
 def left_jacobian(omega: Array) -> Array:

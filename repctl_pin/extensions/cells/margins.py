@@ -40,9 +40,7 @@ _NEARBY, _FAR, _APART = 12, 40, 0.06
 _HALVINGS = 6
 """Number of times that the spacing is halved around the leaf with the largest margin."""
 
-_LENGTHS = StepLengths(
-    first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25
-)
+_LENGTHS = StepLengths(first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25)
 """Step lengths of the search for small margins, in coordinates u of the cell."""
 
 _JUMP = 1.0
@@ -125,9 +123,7 @@ class Margin(Quantity):
 
         Points are the configurations of a function at K poses, as far as it exists there.
         """
-        return np.where(
-            at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf
-        )
+        return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
@@ -136,9 +132,7 @@ class Margin(Quantity):
         descends along it.
         """
         lowest = self.measure(at.Q).argmin(axis=1)
-        return self.slopes(at.Q, candidate.derivative(at))[
-            np.arange(len(lowest)), lowest
-        ]
+        return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
 
     def slopes(self, Q: Array, D: Array) -> Array:
         """Evaluate the derivatives (K, P, p) of the P margins along p directions in joint space.
@@ -149,14 +143,10 @@ class Margin(Quantity):
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
         ends = [
-            np.minimum(
-                self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS
-            )
+            np.minimum(self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS)
             for w in (1.0, -1.0)
         ]
-        return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (
-            2 * _DIFFERENCE
-        )
+        return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
 
     def attainable(
         self, chart: Chart, at: Points, *, far: bool = False, enough: float = np.inf
@@ -206,13 +196,7 @@ def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
     ``limited`` is a task, or a cell, whose symmetric coordinates narrow the limits.
     """
     return Margin(
-        "joint limits",
-        limited.limit_margin,
-        required,
-        0.4,
-        watched=4096,
-        starts=48,
-        violators=96,
+        "joint limits", limited.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
     )
 
 
@@ -237,13 +221,9 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
     """Make the :class:`Margin` of singularities: σ_min of J, with the value to be kept."""
 
     def measure(Q: Array) -> Array:
-        return np.asarray(
-            np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float
-        )
+        return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
 
-    return Margin(
-        "singularities", measure, required, 0.25, watched=2048, starts=24, violators=96
-    )
+    return Margin("singularities", measure, required, 0.25, watched=2048, starts=24, violators=96)
 
 
 def potential_gradients(chart: Chart, at: Points) -> Array:
@@ -289,9 +269,7 @@ class LeafMargin(Quantity):
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
 
 
-def lowest_distances(
-    bodies: Bodies, Q: Array, *, quick: bool = False
-) -> tuple[Array, float]:
+def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[Array, float]:
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
     The smallest of the K distances equals that of :meth:`Bodies.distances`, but is found sooner.

@@ -28,15 +28,11 @@ class Monomials:
 
     def __init__(self, k: int, degree: int) -> None:
         self.k, self.degree = k, degree
-        choices = [
-            c
-            for d in range(degree + 1)
-            for c in combinations_with_replacement(range(k), d)
-        ]
+        choices = [c for d in range(degree + 1) for c in combinations_with_replacement(range(k), d)]
         at = {c: i for i, c in enumerate(choices)}
-        self.exponents = np.array(
-            [[c.count(i) for i in range(k)] for c in choices]
-        ).reshape(len(choices), k)
+        self.exponents = np.array([[c.count(i) for i in range(k)] for c in choices]).reshape(
+            len(choices), k
+        )
         self.parent = np.array([at[c[:-1]] if c else 0 for c in choices])
         self.variable = np.array([c[-1] if c else 0 for c in choices])
         degrees = self.exponents.sum(axis=1)

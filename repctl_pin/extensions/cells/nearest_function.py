@@ -14,14 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import progress as reporting
-from ...arguments import (
-    Array,
-    as_int,
-    flag_or_function,
-    positive,
-    require_choice,
-    require_type,
-)
+from ...arguments import Array, as_int, flag_or_function, positive, require_choice, require_type
 from ...errors import InputError
 from ...fit_options import FitOptions, fit_options
 from ...strategies.strategy import AN_INVERSE, Inverse
@@ -167,14 +160,9 @@ def nearest_inverse_function(
     if samples is not None:
         samples = as_int(samples, "samples", 16, _MOST_SAMPLES)
     held_out = _HELD_OUT if options.held_out is None else options.held_out
-    require_choice(
-        incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell"
-    )
+    require_choice(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
     progress = flag_or_function(
-        progress,
-        "progress",
-        "a function of what is being done and the share that is done",
-        2,
+        progress, "progress", "a function of what is being done and the share that is done", 2
     )
     cell = _reduced(cell, desired, body_distance)
     fit = CellFit(
@@ -281,9 +269,7 @@ def _margin(value: float, name: str, unit: str = "") -> float:
     return number
 
 
-def _largest(
-    fit: CellFit, cell: Cell, q: Array, *, quick: bool
-) -> tuple[float, CellDesign | None]:
+def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
     """Find the largest factor below 1 by which the cell can be scaled to be covered, within 20 %.
 
     It is the remedy that an error names, and the result of ``incomplete="shrink"``. The cell is
@@ -307,9 +293,7 @@ def _largest(
         fit.report(f"what would fit: {100 * factor:.0f} %", 0.9)
         ends = rays(fit.desired, cell.scaled(factor), q, U)
         low, high = (
-            (factor, high)
-            if (ends.reached == 1).all() and ends.least.min() > 0
-            else (low, factor)
+            (factor, high) if (ends.reached == 1).all() and ends.least.min() > 0 else (low, factor)
         )
     while low > _LEAST_FACTOR:
         found = fit.design(cell.scaled(low), q, quick=quick)
@@ -330,10 +314,7 @@ def _refusal(
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))
-    why = (
-        ", and ".join(stop.what for stop in failures)
-        or "its configurations do not fit together"
-    )
+    why = ", and ".join(stop.what for stop in failures) or "its configurations do not fit together"
     ring = round_the_base(cell)
     remedy = (
         f"use incomplete='shrink' to get a cell of {cell.scaled(fits).size()}"

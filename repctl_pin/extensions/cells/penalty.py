@@ -88,9 +88,7 @@ class ActiveConstraint:
         asked = np.minimum(margin.required, most - _NEARLY * np.abs(most))
         short = asked - near[worst]
         edge = self.U[worst]
-        if not (
-            short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
-        ).any():
+        if not (short > np.maximum(margin.slack * asked, _NEARLY * margin.required)).any():
             return False
         chosen = np.argsort(-short)[: margin.violators]
         chosen = chosen[short[chosen] > 0]
@@ -207,17 +205,13 @@ class PenaltyMethod:
         """
         size = 0
         for i in range(self.rounds):
-            active = " and ".join(
-                w.margin.name for w in self.constraints if len(w.edge)
-            )
+            active = " and ".join(w.margin.name for w in self.constraints if len(w.edge))
             report(f"{active}, degree {terms.degree}", 0.5 + 0.03 * i)
             if not self._short(terms, descent.a) and i:
                 break
             candidate = CandidateFunction(self.chart, terms, descent.a)
             kept = [w.penalty(candidate) for w in self.constraints]
-            cost = Cost(
-                self.desired, self.chart, terms, self.nodes, kept, weight=self.weight
-            )
+            cost = Cost(self.desired, self.chart, terms, self.nodes, kept, weight=self.weight)
             stiffer = descend(cost, descent.a, enough=enough)
             if not np.isfinite(stiffer.value.cost):
                 break
@@ -234,9 +228,7 @@ class PenaltyMethod:
         All margins are tested, so that each adds its worst poses to those that are penalised.
         """
         candidate = CandidateFunction(self.chart, terms, a)
-        short = [
-            watch.short(candidate) for watch in self.constraints
-        ]  # without short-circuit
+        short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
         return any(short)
 
 

@@ -44,9 +44,7 @@ _AS_QUICK = 1.2
 the nearest to the reference is chosen."""
 
 
-def _in_the_middle(
-    cell: Cell, Q: Array, *, inward: bool = False
-) -> tuple[Array, Array]:
+def _in_the_middle(cell: Cell, Q: Array, *, inward: bool = False) -> tuple[Array, Array]:
     """Move configurations Q (K, n) to the middle of a cell by inverse kinematics.
 
     Return the configurations (K, n), and the task errors that remain (K,), m and rad. With
@@ -76,9 +74,7 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
         )
     if not _regular(cell, Q)[0]:
         raise InputError(
-            f": brought to {where}, {_SINGULAR_MIDDLE}",
-            argument="posture",
-            remedy="choose another",
+            f": brought to {where}, {_SINGULAR_MIDDLE}", argument="posture", remedy="choose another"
         )
     return task.check(Q[0], f"the posture, brought to {where},")
 
@@ -107,9 +103,7 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
         good = (left < EXACT) & (_margins(cell, Q) > 0) & _regular(cell, Q)
         candidates += judged(desired, cell, Q[good]) if good.any() else []
     first = chosen(candidates, task.reference)
-    candidates.sort(
-        key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed)
-    )
+    candidates.sort(key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed))
     ordered = [first, *(c for c in candidates if c is not first)]
     Q = np.array([c.q for c in ordered])
     return [ordered[i] for i in unlike_rows(Q, _APART, _OFFERED, norm=2)]
@@ -127,9 +121,7 @@ def _configurations(cell: Cell, seed: int) -> Array:
     """
     task, where = cell.task, f"the middle of the cell, {cell.where(np.zeros(cell.k))},"
     drawn = random_configurations(task, _STARTS, np.random.default_rng(seed))
-    Q, left = _in_the_middle(
-        cell, np.concatenate([task.reference[None], drawn]), inward=True
-    )
+    Q, left = _in_the_middle(cell, np.concatenate([task.reference[None], drawn]), inward=True)
     there = left < EXACT
     if not there.any():
         raise InputError(
@@ -241,8 +233,7 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     candidates = [c for c in candidates if min(c.margin, _ENOUGH) > best - _ALIKE]
     quick = _AS_QUICK * min(c.speed for c in candidates)
     return min(
-        (c for c in candidates if c.speed <= quick),
-        key=lambda c: np.linalg.norm(c.q - reference),
+        (c for c in candidates if c.speed <= quick), key=lambda c: np.linalg.norm(c.q - reference)
     )
 
 

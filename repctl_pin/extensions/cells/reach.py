@@ -44,13 +44,7 @@ _NEAR = 0.3
 
 
 def reached(
-    cell: Cell,
-    p: Array,
-    R: Array,
-    Q: Array,
-    *,
-    inward: bool = False,
-    iterations: int = 60,
+    cell: Cell, p: Array, R: Array, Q: Array, *, inward: bool = False, iterations: int = 60
 ) -> tuple[Array, Array]:
     """Solve the inverse kinematics of K poses, by Newton's method with J⁺.
 
@@ -88,20 +82,12 @@ def reached(
             dQ += _PUSH * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
         return dQ
 
-    Q, _ = newton_rows(
-        correction,
-        Q,
-        longest=_LONGEST,
-        tolerance=EXACT / 10,
-        iterations=iterations,
-    )
+    Q, _ = newton_rows(correction, Q, longest=_LONGEST, tolerance=EXACT / 10, iterations=iterations)
     p_now, R_now, _ = placed(task, Q)
     return Q, np.linalg.norm(cell.errors(p, R, p_now, R_now), axis=1)
 
 
-def unlike_rows(
-    rows: Array, distance: float, count: int, norm: float = np.inf
-) -> list[int]:
+def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
     """Select rows (K, ·) that differ from each other by more than a distance; return their indices.
 
     So only one of several similar results is used. Earlier rows are preferred, at most ``count``
@@ -142,9 +128,7 @@ class Rays:
     least: Array
 
 
-def rays(
-    desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16
-) -> Rays:
+def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16) -> Rays:
     """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
 
     A ray is the motion of the desired inverse G_d along a straight line in the cell's coordinates.
@@ -162,9 +146,7 @@ def rays(
         Number of points on each ray.
     """
     task, K = cell.task, len(U)
-    starts, ray = np.unique(
-        np.broadcast_to(q_middle, (K, task.n)), axis=0, return_inverse=True
-    )
+    starts, ray = np.unique(np.broadcast_to(q_middle, (K, task.n)), axis=0, return_inverse=True)
     Q = starts[ray]
     N = np.array([nullspace(task.jacobian(q)) for q in starts])[ray]
     reached, least = np.zeros(K), np.full(K, np.inf)

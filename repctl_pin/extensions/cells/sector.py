@@ -31,14 +31,7 @@ from .cell_arguments import (
     no_spin,
 )
 from .kinematics import exp3, left_jacobian
-from .symmetry import (
-    NEAR,
-    Symmetry,
-    axis_symmetry,
-    difference,
-    difference_words,
-    tool_symmetry,
-)
+from .symmetry import NEAR, Symmetry, axis_symmetry, difference, difference_words, tool_symmetry
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
 """Indices of radius, angle, height and spin among the m task coordinates; 3 and 4 are the tilts."""
@@ -128,9 +121,7 @@ class Sector(Cell):
         radius, height = as_half_width(radius, "radius", "m"), as_height(task, height)
         turns = as_tilts(task, half_angle)
         named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
-        round_about, about_tool = (
-            as_turn(width, name) for name, width in named.values()
-        )
+        round_about, about_tool = (as_turn(width, name) for name, width in named.values())
         symmetries = [axis_symmetry(task, line)]
         if task.kind == "pose" and not turns[2:].any():
             symmetries.append(tool_symmetry(task))
@@ -174,17 +165,13 @@ class Sector(Cell):
                 argument="radius",
                 remedy=f"keep it below {away:.3g}",
             )
-        if not np.delete(
-            self.widths, [one.coordinate for one in self.symmetries]
-        ).any():
+        if not np.delete(self.widths, [one.coordinate for one in self.symmetries]).any():
             raise InputError("a sector needs a radius, height or half_angle above 0")
 
     # ---- in C
     # -------------------------------------------------------------------------------------------
 
-    def _tables(
-        self,
-    ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
+    def _tables(self) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
         """Return the members of the C struct :data:`CHART` that describe the sector, by name.
 
         They are arrays of integers, arrays of numbers, and single numbers, in three dictionaries.
@@ -303,9 +290,7 @@ class Sector(Cell):
     # ---- other sectors
     # --------------------------------------------------------------------------------
 
-    def without(
-        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
-    ) -> Sector:
+    def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
         """Return the sector with the coordinates of the given symmetries removed from u, at 0.
 
         A single joint moves the frame along such a coordinate, so a function is designed without
@@ -332,9 +317,7 @@ class Sector(Cell):
         factors[[one.coordinate for one in self.symmetries]] = 1.0
         return self._changed(widths=self.widths * factors)
 
-    def turned(
-        self, middles: Mapping[int, float], halves: Mapping[int, float]
-    ) -> Sector:
+    def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
         """Return a sector whose placement is moved along symmetric coordinates.
 
         A design so centres a range in the limits of the joint that moves the frame along it.
@@ -352,9 +335,7 @@ class Sector(Cell):
         x = self.placement
         p = self.axis[0] + R @ (x.translation - self.axis[0])
         placement = pin.SE3(R @ x.rotation @ spin, p)
-        return self._changed(
-            placement=placement, widths=widths, spin_middle=spin_middle
-        )
+        return self._changed(placement=placement, widths=widths, spin_middle=spin_middle)
 
     # ---- words
     # -------------------------------------------------------------------------------------
@@ -362,9 +343,7 @@ class Sector(Cell):
     @property
     def coordinate_names(self) -> list[str]:
         """Name of each of the m task coordinates, those of width 0 included."""
-        return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][
-            : self.task.m
-        ]
+        return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][: self.task.m]
 
     @property
     def coordinate_units(self) -> list[str]:

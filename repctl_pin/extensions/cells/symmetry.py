@@ -123,18 +123,13 @@ def tool_symmetry(task: Task) -> Symmetry | None:
     """
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
-        return pin.SE3(
-            x.rotation @ pin.exp3(np.array([0.0, 0.0, angle])), x.translation
-        )
+        return pin.SE3(x.rotation @ pin.exp3(np.array([0.0, 0.0, angle])), x.translation)
 
     return _found(task, 5, range(task.n)[::-1], turned)
 
 
 def _found(
-    task: Task,
-    coordinate: int,
-    joints: range,
-    turned: Callable[[pin.SE3, float], pin.SE3],
+    task: Task, coordinate: int, joints: range, turned: Callable[[pin.SE3, float], pin.SE3]
 ) -> Symmetry | None:
     """Find the first of the joints that moves the frame as ``turned`` does; None if there is none.
 
@@ -148,9 +143,7 @@ def _found(
         after = [task.placement(q + _STEP * np.eye(task.n)[joint]) for q in Q]
         for sign in (1, -1):
             pairs = zip(before, after, strict=True)
-            if all(
-                _away(task, turned(x, sign * _STEP), y) < _TOLERANCE for x, y in pairs
-            ):
+            if all(_away(task, turned(x, sign * _STEP), y) < _TOLERANCE for x, y in pairs):
                 return Symmetry(coordinate, joint, sign)
     return None
 

@@ -96,9 +96,7 @@ def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
     last = np.abs(X[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0) > ROTATION
     if (last & finite).any():
         at = int(np.argmax(last & finite))
-        raise InputError(
-            f"the last row of target {at} must be 0, 0, 0, 1; got {X[at, 3].tolist()}"
-        )
+        raise InputError(f"the last row of target {at} must be 0, 0, 0, 1; got {X[at, 3].tolist()}")
     if task.kind in ("pose", "axis"):
         rows = np.flatnonzero(finite)
         squares = R[rows] @ np.swapaxes(R[rows], 1, 2)

@@ -133,9 +133,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
             return np.asarray(way * Q[:, joint : joint + 1], float)
 
         margin = Margin("joint", value, 0.0, 0.0, 0, _STARTS, 0)
-        found = candidate.at(
-            searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]])
-        )
+        found = candidate.at(searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]]))
         inside = found.Q[_inside(cell, found), joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
     widths = 2 * np.quantile(np.abs(q - sum(ends) / 2), [*_SHARES, share])
@@ -178,13 +176,9 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
         nearly, most, as_covered = np.maximum(ranges, reach).tolist()
         joint_range, spread = float(upper - lower), float(high - low)
         shares = {"nearly": nearly, "covered": covered, "as_covered": as_covered}
-        turns.append(
-            Turn(name, joint, joint_range, spread, float(reach), most, **shares)
-        )
+        turns.append(Turn(name, joint, joint_range, spread, float(reach), most, **shares))
         if one.coordinate in sector.free and reach > 0:
-            away = (
-                (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
-            )
+            away = (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
             middles[one.coordinate], halves[one.coordinate] = one.sign * away, reach / 2
             if one.coordinate != SPIN or not sector.tilted:  # the placement is moved
                 coefficients[0, one.joint, 0] += away

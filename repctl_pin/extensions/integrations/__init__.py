@@ -6,7 +6,4 @@ uses, can be used without ROS.
 
 from ...plugins import Extension
 
-EXTENSION = Extension(
-    __name__,
-    commands={"ros2": "ros2_command"},
-)
+EXTENSION = Extension(__name__, commands={"ros2": "ros2_command"})

@@ -101,17 +101,11 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
             _, size, count = state
             return (size > exact) & (count < _ITERATIONS)
 
-        def newton(
-            state: tuple[Numbers, Numbers, Numbers],
-        ) -> tuple[Numbers, Numbers, Numbers]:
+        def newton(state: tuple[Numbers, Numbers, Numbers]) -> tuple[Numbers, Numbers, Numbers]:
             q, _, count = state
             dq = jnp.linalg.solve(*system(x, c, q, (q_ref, n_ref)))
             size = jnp.abs(dq).max()
-            return (
-                q + dq * jnp.minimum(1.0, _STEP / jnp.maximum(size, exact)),
-                size,
-                count + 1,
-            )
+            return (q + dq * jnp.minimum(1.0, _STEP / jnp.maximum(size, exact)), size, count + 1)
 
         first = (q_ref + n_ref @ c, jnp.asarray(jnp.inf, x.dtype), 0)
         q, size, _ = jax.lax.while_loop(unfinished, newton, first)
@@ -132,11 +126,7 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
 
     def function(x: Numbers, leaf: Numbers | None = None) -> Numbers:
         x = _pose(x)
-        c = (
-            jnp.zeros(r, x.dtype)
-            if leaf is None
-            else jnp.asarray(leaf, x.dtype).reshape(r)
-        )
+        c = jnp.zeros(r, x.dtype) if leaf is None else jnp.asarray(leaf, x.dtype).reshape(r)
         q = solution(x, c)
         within = ((q >= F.task.lower) & (q <= F.task.upper)).all()
         if not F.keep_limits:
@@ -178,9 +168,7 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
         q_ref, n_ref = reference(x)
         away = q - q_ref
         for joint in turning:  # whole turns do not count
-            away = away.at[joint].add(
-                -2 * jnp.pi * jnp.rint(away[joint] / (2 * jnp.pi))
-            )
+            away = away.at[joint].add(-2 * jnp.pi * jnp.rint(away[joint] / (2 * jnp.pi)))
         return x, jnp.where(_inside(F.cell, x), n_ref.T @ away, jnp.nan)
 
     return jax.jit(back)
@@ -190,15 +178,11 @@ def _pose(x: Numbers) -> Numbers:
     """Check that a pose is a matrix (4, 4), and convert integers to floating-point numbers."""
     x = jnp.asarray(x)
     if x.shape != (4, 4):
-        raise InputError(
-            f"a pose is a homogeneous matrix (4, 4); got an array of shape {x.shape}"
-        )
+        raise InputError(f"a pose is a homogeneous matrix (4, 4); got an array of shape {x.shape}")
     return x if jnp.issubdtype(x.dtype, jnp.floating) else x.astype(float)
 
 
-def _kinematics(
-    F: InverseFunction,
-) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
+def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
     """Create the function from q (n,) to p (3,), m, and R (3, 3) of the frame, and J (m, n).
 
     It is the forward kinematics in JAX, along the chain of joints.
@@ -239,17 +223,14 @@ def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers
     """
     monomials, C = F.chart.monomials, np.asarray(F.chart.coefficients)
     blocks = [
-        slice(*pair)
-        for pair in zip(monomials.starts[1:], monomials.starts[2:], strict=False)
+        slice(*pair) for pair in zip(monomials.starts[1:], monomials.starts[2:], strict=False)
     ]
 
     def reference(x: Numbers) -> tuple[Numbers, Numbers]:
         u = _coordinates(F.chart.cell, x)
         T = jnp.ones(1, u.dtype)
         for block in blocks:  # u^α = u^α[parent] · u[variable], degree by degree
-            T = jnp.concatenate(
-                [T, T[monomials.parent[block]] * u[monomials.variable[block]]]
-            )
+            T = jnp.concatenate([T, T[monomials.parent[block]] * u[monomials.variable[block]]])
         both = jnp.tensordot(T, jnp.asarray(C, u.dtype), axes=1)
         return both[:, 0] + _shift(F.chart.cell, x), both[:, 1:]
 
@@ -304,9 +285,7 @@ def _inside(cell: Cell, x: Numbers) -> Numbers:
     y = _measured(cell, x)
     held = np.flatnonzero(cell.widths == 0)
     most = cell._bounds
-    near = jnp.abs(_coordinates(cell, x)) <= jnp.asarray(
-        most + max(EDGE, 8 * _eps(x)), x.dtype
-    )
+    near = jnp.abs(_coordinates(cell, x)) <= jnp.asarray(most + max(EDGE, 8 * _eps(x)), x.dtype)
     return near.all() & (jnp.abs(y[held]) <= max(TURNED, 8 * _eps(x))).all()
 
 
@@ -316,10 +295,7 @@ def _shift(cell: Cell, x: Numbers) -> Numbers:
     Along these, by a symmetry of the arm, F changes by these angles only: turning a pose around the
     base turns the first joint. They are left out of the polynomials' coordinates u.
     """
-    return (
-        jnp.asarray(cell.along, x.dtype)
-        @ _measured(cell, x)[np.array(cell._removed, int)]
-    )
+    return jnp.asarray(cell.along, x.dtype) @ _measured(cell, x)[np.array(cell._removed, int)]
 
 
 def _eps(x: Numbers) -> float:
@@ -361,9 +337,7 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
     s = jnp.sin(angle)
     one = jnp.ones_like(c)
     none = jnp.zeros_like(c)
-    back = jnp.stack([c, s, none, -s, c, none, none, none, one]).reshape(
-        3, 3
-    )  # R_a(-φ)
+    back = jnp.stack([c, s, none, -s, c, none, none, none, one]).reshape(3, 3)  # R_a(-φ)
     R_0 = jnp.asarray(sector.placement.rotation, x.dtype)
     turned = R_0.T @ B.T @ back @ B @ x[:3, :3]
     t = _tilts(jnp.eye(3, dtype=x.dtype), turned)

@@ -42,9 +42,7 @@ class FunctionKinematics:
     """
 
     def __init__(self, F: InverseFunction, leaf: ArrayLike | None = None) -> None:
-        require_type(
-            F, InverseFunction, "F", "a cell's function, such as found.function"
-        )
+        require_type(F, InverseFunction, "F", "a cell's function, such as found.function")
         self.function, self.leaf = F, leaf
         self.joint_names = list(F.task.joint_names)
         self._units = np.where(F.task.revolute, np.pi / 180, 1.0)
@@ -54,9 +52,7 @@ class FunctionKinematics:
 
         Positions after the first n, such as a gripper's, are ignored.
         """
-        return self.function.task.placement(
-            self._arm(joint_pos_deg) * self._units
-        ).homogeneous
+        return self.function.task.placement(self._arm(joint_pos_deg) * self._units).homogeneous
 
     def inverse_kinematics(
         self,
@@ -72,8 +68,7 @@ class FunctionKinematics:
         """
         joints = np.array(current_joint_pos, float)
         joints[: len(self._arm(joints))] = (
-            self.function(np.asarray(desired_ee_pose, float), leaf=self.leaf)
-            / self._units
+            self.function(np.asarray(desired_ee_pose, float), leaf=self.leaf) / self._units
         )
         return joints
 

@@ -17,9 +17,7 @@ try:
     from pink import Configuration
     from pink.tasks import Task as PinkTask
 except ImportError as error:
-    raise ImportError(
-        "this module requires pink; run `pip install pin-pink`"
-    ) from error
+    raise ImportError("this module requires pink; run `pip install pin-pink`") from error
 
 
 class RepeatableTask(PinkTask):
@@ -52,17 +50,12 @@ class RepeatableTask(PinkTask):
         lm_damping: float = 0.0,
     ) -> None:
         require_type(
-            inverse,
-            RepeatableInverse,
-            "inverse",
-            "a repeatable inverse, such as design.inverse",
+            inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
         )
         one_frame(inverse.task, "a pink task")
         super().__init__(cost=cost, gain=gain, lm_damping=lm_damping)
         if inverse.task.coordinates is not None:
-            raise InputError(
-                "a pink task requires a design in the robot's own joint coordinates"
-            )
+            raise InputError("a pink task requires a design in the robot's own joint coordinates")
         self.inverse = inverse
         self.leaf: Array | None = None
         self._names = inverse.task.joint_names
@@ -72,9 +65,7 @@ class RepeatableTask(PinkTask):
 
     def set_target(self, leaf: ArrayLike) -> None:
         """Set the level c (r,) of the potentials h to hold, such as ``inverse.leaf(q)``."""
-        self.leaf = vector(
-            leaf, self.inverse.task.r, "the level c", "one per potential"
-        )
+        self.leaf = vector(leaf, self.inverse.task.r, "the level c", "one per potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
         """Set the level c to hold to the value of the potentials h at a configuration of pink's."""
@@ -109,13 +100,9 @@ class RepeatableTask(PinkTask):
         if configuration.model is not self._model:
             self._find(configuration.model)
         q = configuration.q[self._at]
-        if (
-            self._circular.any()
-        ):  # Pinocchio represents a continuous joint as (cos, sin)
+        if self._circular.any():  # Pinocchio represents a continuous joint as (cos, sin)
             turned = self._at[self._circular]
-            q[self._circular] = np.arctan2(
-                configuration.q[turned + 1], configuration.q[turned]
-            )
+            q[self._circular] = np.arctan2(configuration.q[turned + 1], configuration.q[turned])
         return q
 
     def _find(self, model: pin.Model) -> None:
@@ -125,9 +112,7 @@ class RepeatableTask(PinkTask):
         """
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:
-            raise InputError(
-                f"pink's model has no joint {missing[0]!r}, which the design requires"
-            )
+            raise InputError(f"pink's model has no joint {missing[0]!r}, which the design requires")
         joints = [model.joints[model.getJointId(name)] for name in self._names]
         self._at = np.array([joint.idx_q for joint in joints])
         self._columns = np.array([joint.idx_v for joint in joints])

@@ -56,11 +56,7 @@ def answer(
 
 
 def _solved(
-    F: InverseFunction,
-    request: Any,
-    base: str,
-    leaf: Array | None,
-    tool: pin.SE3 | None,
+    F: InverseFunction, request: Any, base: str, leaf: Array | None, tool: pin.SE3 | None
 ) -> tuple[Array | None, int]:
     """Evaluate F at a request's pose: the joints (n,) and SUCCESS, or None and an error code."""
     if request.ik_link_name not in ("", F.task.frame):
@@ -70,9 +66,7 @@ def _solved(
     p, x = request.pose_stamped.pose.position, request.pose_stamped.pose.orientation
     try:
         target = target_of((p.x, p.y, p.z), (x.x, x.y, x.z, x.w), F.task, F.cell, tool)
-        q = InverseFunction(F.chart)(
-            target, leaf=leaf
-        )  # which refuses joints beyond a limit
+        q = InverseFunction(F.chart)(target, leaf=leaf)  # which refuses joints beyond a limit
     except InputError:
         return None, NO_SOLUTION
     if request.avoid_collisions and bodies_of(F.task).nearest(q).distance < 0:

@@ -127,13 +127,9 @@ class _ArmNode(Node):
         """Create publishers, subscriptions, services and timers, as the parameters ask."""
         newest = QoSProfile(depth=1)
         if self._output == "trajectory":
-            self._commands = self.create_publisher(
-                JointTrajectory, "joint_trajectory", newest
-            )
+            self._commands = self.create_publisher(JointTrajectory, "joint_trajectory", newest)
         else:
-            self._commands = self.create_publisher(
-                Float64MultiArray, "commands", newest
-            )
+            self._commands = self.create_publisher(Float64MultiArray, "commands", newest)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(PoseStamped, "target_pose", self._on_pose, newest)
         self.create_subscription(TwistStamped, "target_twist", self._on_twist, newest)
@@ -162,13 +158,7 @@ class _ArmNode(Node):
             leaf, base = self.servo.current_leaf, self.servo.base
             asked = request.ik_request
             return answer(
-                F,
-                asked,
-                response,
-                names=self._names,
-                base=base,
-                leaf=leaf,
-                tool=self.servo.tool,
+                F, asked, response, names=self._names, base=base, leaf=leaf, tool=self.servo.tool
             )
 
         self.create_service(GetPositionIK, "compute_ik", on_request)
@@ -186,9 +176,7 @@ class _ArmNode(Node):
             if not self.has_parameter(name):
                 raise unknown("parameter", name, _DEFAULTS)
         return {
-            name: list(value)
-            if hasattr(value, "__len__") and not isinstance(value, str)
-            else value
+            name: list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
             for name, value in values.items()
         }
 
@@ -201,9 +189,7 @@ class _ArmNode(Node):
         own = self.servo.task.joint_names
         given = list(own) if given is None else given
         if len(given) != len(own) or len(set(given)) != len(own):
-            raise InputError(
-                f"parameter joints must be {len(own)} names, for {', '.join(own)}"
-            )
+            raise InputError(f"parameter joints must be {len(own)} names, for {', '.join(own)}")
         return dict(zip(given, own, strict=True))
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
@@ -249,9 +235,7 @@ class _ArmNode(Node):
         v, w = message.twist.linear, message.twist.angular
         frame = message.header.frame_id
         age = self._age(message.header.stamp)
-        self.servo.twist(
-            (v.x, v.y, v.z, w.x, w.y, w.z), self._now(), frame=frame, age=age
-        )
+        self.servo.twist((v.x, v.y, v.z, w.x, w.y, w.z), self._now(), frame=frame, age=age)
 
     def _on_hand(self, message: PoseStamped) -> None:
         age = self._age(message.header.stamp)
@@ -295,9 +279,7 @@ class _ArmNode(Node):
         # no velocities: trajectory controllers refuse a last point that is not at rest
         due = Duration(seconds=self.servo.dt).to_msg()
         point = JointTrajectoryPoint(positions=q.tolist(), time_from_start=due)
-        self._commands.publish(
-            JointTrajectory(joint_names=list(self._names), points=[point])
-        )
+        self._commands.publish(JointTrajectory(joint_names=list(self._names), points=[point]))
 
     def publish_status(self) -> None:
         """Publish the servo's state on ``/diagnostics``, and log it when it changes."""
@@ -311,9 +293,7 @@ class _ArmNode(Node):
         values["leaf"] = "" if leaf is None else " ".join(f"{c:.9g}" for c in leaf)
         status = DiagnosticStatus(level=level, name="repctl: arm", message=said)
         status.hardware_id = servo.task.robot.name
-        status.values = [
-            KeyValue(key=key, value=value) for key, value in values.items()
-        ]
+        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -373,9 +353,7 @@ def _hand_axes(given: dict[str, Any]) -> Array | None:
     return placement_of([0.0, 0.0, 0.0, *given["hand_axes"]], "hand_axes").rotation
 
 
-def spin(
-    design: Design | CellDesign, arguments: Sequence[str], stop: threading.Event
-) -> None:
+def spin(design: Design | CellDesign, arguments: Sequence[str], stop: threading.Event) -> None:
     """Run the node until an event is set, then brake to rest and return.
 
     Parameters

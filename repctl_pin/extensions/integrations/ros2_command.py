@@ -45,7 +45,5 @@ def run(options: Options) -> int:
             remedy="source its setup.bash, or install repctl_pin with the extra ros2",
         ) from None
     with until_stopped() as stop:
-        spin(
-            design, ["--ros-args", *options.ros_args] if options.ros_args else [], stop
-        )
+        spin(design, ["--ros-args", *options.ros_args] if options.ros_args else [], stop)
     return 0

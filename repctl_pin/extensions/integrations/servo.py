@@ -111,11 +111,7 @@ class Servo:
         if tool is not None and isinstance(design, Design):
             design, tool = design.with_tool(tool), None
         self.cell = design.function.cell if isinstance(design, CellDesign) else None
-        inverse = (
-            design.function.inverse
-            if isinstance(design, CellDesign)
-            else design.inverse
-        )
+        inverse = design.function.inverse if isinstance(design, CellDesign) else design.inverse
         self._inverse = inverse
         self.task = one_frame(inverse.task, "the ROS 2 node")
         self.tool = None if tool is None else rigid(tool)
@@ -146,9 +142,7 @@ class Servo:
 
     # ---- messages ------------------------------------------------------------------------------
 
-    def joints(
-        self, positions: Mapping[str, float], now: float, *, age: float = 0.0
-    ) -> None:
+    def joints(self, positions: Mapping[str, float], now: float, *, age: float = 0.0) -> None:
         """Store measured positions of some or all joints, by name; other names are ignored.
 
         ``age`` is the message's age by its stamp, s.
@@ -169,9 +163,7 @@ class Servo:
         """
         if self._usable("target", frame, age):
             try:
-                target = target_of(
-                    position, quaternion, self.task, self.cell, self.tool
-                )
+                target = target_of(position, quaternion, self.task, self.cell, self.tool)
                 self._forget()
                 self._target = target
             except InputError as error:
@@ -303,11 +295,7 @@ class Servo:
     def at_rest(self) -> bool:
         """True if the last four commands are equal, and no part of a self-motion is left."""
         last = self._commands
-        return (
-            len(last) == _REST
-            and all((q == last[0]).all() for q in last)
-            and not self._piece
-        )
+        return len(last) == _REST and all((q == last[0]).all() for q in last) and not self._piece
 
     @property
     def stopped_early(self) -> bool:
@@ -343,9 +331,7 @@ class Servo:
         """Describe what stops the arm early: a joint limit, bodies, a singularity, Ω's edge."""
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)
-            return (
-                f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
-            )
+            return f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
         if self._governor.nearest_bodies is not None:
             one, other = self._governor.nearest_bodies
             return f"{one} and {other} are near each other ahead"
@@ -393,9 +379,7 @@ class Servo:
         Only then is the level c changed that the user has set: an arm at rest does not move by
         itself.
         """
-        return self.state is State.RUNNING and (
-            self._target is not None or self._twist is not None
-        )
+        return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _to_leaf(self, leaf: Array) -> None:
         """Plan the next part of the self-motion to the level c (r,), once the arm is at rest.
@@ -445,22 +429,16 @@ class Servo:
         If it is farther away, the commands slow down to rest. Returns False while they do, and
         True from then on, when no command may be sent.
         """
-        off = (
-            np.abs(q - self._commands[-1]) - age * self._limits.velocity
-        )  # moved since measured
+        off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
         if off.max() > self.tolerance and not self._fault:
             j = int(np.argmax(off))
             self._fault = True
             name = self.task.joint_names[j]
             unit = "rad" if self.task.revolute[j] else "m"
             away = abs(float(q[j] - self._commands[-1][j]))
-            self._stop(
-                f"the arm does not follow: {name} is {away:.3g} {unit} from its command"
-            )
+            self._stop(f"the arm does not follow: {name} is {away:.3g} {unit} from its command")
         if self._fault and self.at_rest and not self._held:
-            self.state = (
-                State.WAITING
-            )  # resumed: the next tick begins at the measured joints
+            self.state = State.WAITING  # resumed: the next tick begins at the measured joints
         return self._fault and self.at_rest
 
     # ---- what messages say ---------------------------------------------------------------------
@@ -472,9 +450,7 @@ class Servo:
         by its stamp, s. A message in another frame or late also stops the arm.
         """
         if frame not in ("", self.base):
-            self._refuse(
-                f"{what} refused: it is in frame {shown(frame)}, not in {self.base!r}"
-            )
+            self._refuse(f"{what} refused: it is in frame {shown(frame)}, not in {self.base!r}")
         elif not abs(age) <= self.timeout:
             self._refuse(f"{what} refused: its stamp is {clock_difference(age)}")
         elif self.state is State.RUNNING:

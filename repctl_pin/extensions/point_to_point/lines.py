@@ -77,9 +77,7 @@ class Line:
     ends: Array | None = None
 
     @classmethod
-    def of(
-        cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None
-    ) -> Line:
+    def of(cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None) -> Line:
         """Create a line of poses x(a), and measure its length; ``ends`` as the attribute."""
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())

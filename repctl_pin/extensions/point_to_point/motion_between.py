@@ -11,14 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import (
-    Array,
-    as_numbers,
-    flag_or_function,
-    positive,
-    read_only,
-    require_type,
-)
+from ...arguments import Array, as_numbers, flag_or_function, positive, read_only, require_type
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placements
 from ...model.task import Task
@@ -158,10 +151,7 @@ def motion_between(
     ('tool',)
     """
     progress = flag_or_function(
-        progress,
-        "progress",
-        "a function of what is being done and the share that is done",
-        2,
+        progress, "progress", "a function of what is being done and the share that is done", 2
     )
     if not isinstance(F, ToolFunction):
         what = "a function of a cell, such as design.function"

@@ -92,17 +92,10 @@ def run(options: Options) -> int:
     say("checking for collisions")
     result = _result(moved, motion)
     if not options.allow_violations:
-        refuse_violations(
-            motion, "move the poses, or write it anyway with --allow-violations"
-        )
+        refuse_violations(motion, "move the poses, or write it anyway with --allow-violations")
     texts = ((options.csv, csv_text), (options.yaml, yaml_text))
     files = [write_whole(name, text(moved)) for name, text in texts if name is not None]
-    return report(
-        options,
-        lambda: result,
-        lambda: fitted("\n".join(_lines(result, moved))),
-        files,
-    )
+    return report(options, lambda: result, lambda: fitted("\n".join(_lines(result, moved))), files)
 
 
 def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
@@ -118,9 +111,7 @@ def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
 
     table = read_waypoints(file)
     if table.times is not None:
-        raise InputError(
-            f"{file} has times, but the limits determine them; remove that column"
-        )
+        raise InputError(f"{file} has times, but the limits determine them; remove that column")
     R = table.rotations
     if R is None:
         R = np.tile(cell.placement.rotation, (len(table.points), 1, 1))
@@ -161,9 +152,5 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
     yield f"limit margin    {number(margin) if isfinite(margin) else 'no limits'}"
     if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
-        least = (
-            f"overlap up to {number(-distance)} m"
-            if hits
-            else f"minimum {number(distance)} m"
-        )
+        least = f"overlap up to {number(-distance)} m" if hits else f"minimum {number(distance)} m"
         yield f"body distance   {least}, between {links}"

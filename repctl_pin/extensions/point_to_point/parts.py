@@ -128,9 +128,7 @@ def parts_of(
     return lines, parts
 
 
-def _part(
-    last: int, curves: list[PPoly], lengths: list[float], passed: list[float]
-) -> Part:
+def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[float]) -> Part:
     """Join curves q(a) of given lengths, m, to the part that ends at the pose ``last``, an index.
 
     ``passed`` are the lengths from its start, m, at which poses are passed without a rest.
@@ -149,12 +147,7 @@ def _line_between(
     The straight line of the tool comes first, then that in the cell's coordinates, which stays
     inside. ``first`` and ``second`` name the poses in the InputError if neither can be used.
     """
-    ends = (
-        end[None, :3, 3],
-        end[None, :3, :3],
-        start[None, :3, 3],
-        start[None, :3, :3],
-    )
+    ends = (end[None, :3, 3], end[None, :3, :3], start[None, :3, 3], start[None, :3, :3])
     if np.linalg.norm(F.cell.errors(*ends)) < _SAME:
         raise InputError(f"{second} is equal to {first}; remove one of them")
     for line in (tool_line(F.cell, start, end), cell_line(F, start, end)):
@@ -166,14 +159,10 @@ def _line_between(
         why = "F is not smooth there"
     except InputError as error:
         why = str(error).partition(": ")[2]
-    raise InputError(
-        f"no motion from {first} to {second}: {why}; go through an intermediate pose"
-    )
+    raise InputError(f"no motion from {first} to {second}: {why}; go through an intermediate pose")
 
 
-def _blend(
-    F: Function, into: Line, out: Line, radius: float
-) -> tuple[Blend, PPoly | None] | None:
+def _blend(F: Function, into: Line, out: Line, radius: float) -> tuple[Blend, PPoly | None] | None:
     """Blend two lines, and fit the joints along the blend; None where the arm must rest.
 
     The curve of the joints is None for two lines that are one, whose blend has the length 0.

@@ -4,12 +4,6 @@ from ...plugins import Extension
 
 EXTENSION = Extension(
     __name__,
-    names={
-        "certify": "prove",
-        "path_certificate": "PathCertificate path_certificate",
-    },
-    parts={
-        "study_design": "study:with_certificate",
-        "study_notes": "study:unproved_note",
-    },
+    names={"certify": "prove", "path_certificate": "PathCertificate path_certificate"},
+    parts={"study_design": "study:with_certificate", "study_notes": "study:unproved_note"},
 )

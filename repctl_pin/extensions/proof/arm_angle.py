@@ -148,9 +148,7 @@ class ArmAngleChain:
         """
         on = self.moving
         both = np.concatenate([Q[:, on], half[:, on]], axis=1)
-        _, first, which = np.unique(
-            both, axis=0, return_index=True, return_inverse=True
-        )
+        _, first, which = np.unique(both, axis=0, return_index=True, return_inverse=True)
         Q, half, which = Q[first], half[first], which.reshape(-1)
         P, r = self.models(Q[:, on], half[:, on])
         return _bounds(self, P[which], r[which], half[which])
@@ -171,11 +169,7 @@ class ArmAngleChain:
             ARM_ANGLE,
             ints | {"joint": self.joint},
             reals | {"bases": [basis(axis) for axis in self.a]},
-            {
-                "space": space,
-                "P": len(self.p),
-                "stereographic": int(self.stereographic),
-            },
+            {"space": space, "P": len(self.p), "stereographic": int(self.stereographic)},
         )
         P, r = np.zeros((K, k, space.M)), np.zeros((K, k))
         Q, half = np.ascontiguousarray(Q, float), np.ascontiguousarray(half, float)

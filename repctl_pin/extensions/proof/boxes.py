@@ -131,9 +131,7 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     return np.array([a for a, _ in pieces]), np.array([b for _, b in pieces])
 
 
-def _outside(
-    box: tuple[Array, Array], other: tuple[Array, Array]
-) -> list[tuple[Array, Array]]:
+def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
     """Divide the part of a box outside another one into boxes, at most two per joint.
 
     A box is a pair of its lower and upper corner, (n,) each. The list is empty if the other box

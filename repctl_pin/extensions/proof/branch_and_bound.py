@@ -133,9 +133,7 @@ class _Search:
         self.split = np.concatenate([self.split[stays], found.split[left]])
         small = left & (half.max(axis=1) < _SMALLEST)
         if small.any() and not self.reason:
-            self._stop(
-                Q, half, int(np.argmax(small)), "a box too small to halve is undecided"
-            )
+            self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
 
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
         """Return the bound of the leaf margin from which a box counts as decided.
@@ -157,9 +155,7 @@ class _Search:
             self._stop(Q, half, least, f"the leaf margin there is {self.upper:.4g}")
         return self.goal
 
-    def _still_short(
-        self, enough: float, stays: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Count waiting boxes as decided if their bound now reaches ``enough``.
 
         A search without a goal lowers ``enough`` when it finds a smaller leaf margin. ``stays`` has
@@ -222,12 +218,8 @@ class _Search:
             )
             if self.gave_up:
                 worst = self._named(worst)
-        proved = bound > 0 and (
-            self.goal is None or (bound >= self.goal and not self.reason)
-        )
-        return Proof(
-            "", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal
-        )
+        proved = bound > 0 and (self.goal is None or (bound >= self.goal and not self.reason))
+        return Proof("", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal)
 
     def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
         """Name an arm angle as the reason if it may be singular in the smallest undecided box.

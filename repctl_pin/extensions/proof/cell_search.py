@@ -111,9 +111,7 @@ class _CellSearch:
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
         """Test which boxes have bounds of both margins, leaf and limit, above their goals: (K,)."""
-        return np.asarray(
-            (found.leaf_margin > self.leaf) & (found.limit_margin > self.limit)
-        )
+        return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:
         """Compute the share of the cell that is undecided, from 0 to 1."""
@@ -157,28 +155,15 @@ class _CellSearch:
                 np.where(points.found, 1.0, -1.0),
                 "no configuration exists on this leaf at that pose",
             ),
-            (
-                leaf_margins(chart, points) - self.leaf,
-                "the leaf margin there is {leaf:.4g}",
-            ),
+            (leaf_margins(chart, points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
-            (
-                -away.max(axis=1),
-                "F is farther from q_ref there than d*, by {away:.2g} rad or m",
-            ),
-            (
-                (high - low).max(axis=1) - 2 * _SMALLEST,
-                "a box too small to halve is undecided",
-            ),
+            (-away.max(axis=1), "F is farther from q_ref there than d*, by {away:.2g} rad or m"),
+            ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
         ):
             where = int(np.argmin(short))
             if short[where] < 0:
                 least = float(short[where])
-                values = {
-                    "leaf": least + self.leaf,
-                    "limit": least + self.limit,
-                    "away": -least,
-                }
+                values = {"leaf": least + self.leaf, "limit": least + self.limit, "away": -least}
                 self.stop(where, low, high, name.format(**values))
                 return
 
@@ -195,9 +180,7 @@ class _CellSearch:
 
         The description and the fingerprint of what is proved are added later.
         """
-        leaf, sigma, limit = (
-            (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
-        )
+        leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         proved = not self.reason
         return Proof("", proved, leaf, limit, sigma, self.boxes, *self.at, self.reason)
 
@@ -210,7 +193,4 @@ def grid(counts: Array) -> tuple[Array, Array]:
     edges = [np.linspace(-1, 1, int(count) + 1) for count in counts]
     low = np.meshgrid(*[e[:-1] for e in edges], indexing="ij")
     high = np.meshgrid(*[e[1:] for e in edges], indexing="ij")
-    return (
-        np.stack([x.ravel() for x in low], axis=1),
-        np.stack([x.ravel() for x in high], axis=1),
-    )
+    return (np.stack([x.ravel() for x in low], axis=1), np.stack([x.ravel() for x in high], axis=1))

@@ -113,11 +113,7 @@ class CellProof:
         value = self.polynomials.sizes
         self.blur = self.eps * (1 + chart.monomials.size / 64) * value  # (n, 1 + r)
         self.farthest = value[:, 0] + self.near
-        made = [
-            whole.seen_from(k, way)
-            for k in range(1, len(whole.p))
-            for way in (0.0, 0.5, 1.0)
-        ]
+        made = [whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)]
         self.see_from(max(made, key=self._tightness))
 
     def use(self, native: ctypes.CDLL) -> None:
@@ -366,9 +362,7 @@ class _Polynomials:
         """Number of leading terms that can be nonzero in each derivative ``∂^α``: (M,)."""
         monomials = self.chart.monomials
         orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
-        return np.asarray(
-            monomials.starts[np.maximum(monomials.degree - orders + 1, 0)]
-        )
+        return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])
 
 
 def _pose_tables(cell: Cell) -> dict[str, Array]:

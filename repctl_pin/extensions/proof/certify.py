@@ -117,19 +117,13 @@ def prove(
                 f"not a {type(what).__name__}"
             )
     goal = None if margin is None else _share(margin)
-    least = (
-        None
-        if limit_margin is None
-        else finite(limit_margin, "limit_margin", "rad or m")
-    )
+    least = None if limit_margin is None else finite(limit_margin, "limit_margin", "rad or m")
     seconds = positive(seconds, "seconds", "s")
     if region is not None:
         require_type(region, Region, "region", A_REGION)
         if not isinstance(what, Design):
             raise InputError(
-                ": a function is proved over its own cell",
-                argument="region",
-                remedy="omit it",
+                ": a function is proved over its own cell", argument="region", remedy="omit it"
             )
     closing = _asked_closing(closes, ratio)
     if not callable(progress):
@@ -247,9 +241,7 @@ def _of_region(
     return replace(proof, closes=closes)
 
 
-def _named(
-    found: Proof, design: Design, region: Region, report: reporting.Report
-) -> Proof:
+def _named(found: Proof, design: Design, region: Region, report: reporting.Report) -> Proof:
     """Name the singularity that prevented a proof, if signs of det J_V prove that there is one.
 
     J_V is the task Jacobian stacked on the gradients of the potentials. Where its determinant
@@ -271,8 +263,7 @@ def _named(
         found,
         worst=(pair[0] + pair[1]) / 2,
         half=np.abs(pair[0] - pair[1]) / 2,
-        reason=reason
-        + _without(design, region, float(region.ratio(pair[1][None])[0]), report),
+        reason=reason + _without(design, region, float(region.ratio(pair[1][None])[0]), report),
     )
 
 
@@ -324,9 +315,7 @@ def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
     return np.asarray(np.linalg.det(J_V) / np.where(sizes > 0, sizes, 1.0))
 
 
-def _without(
-    design: Design, region: Region, share: float, report: reporting.Report
-) -> str:
+def _without(design: Design, region: Region, share: float, report: reporting.Report) -> str:
     """Write how wide Ω may be without a singularity, as the end of a sentence; empty if not known.
 
     Ω is the region of joint space that was to be proved. ``share`` is the factor by which to scale

@@ -96,8 +96,7 @@ class Chain:
                 reach[joint] = np.linalg.norm(self.shift) + lengths[joint + 1 : k].sum()
             else:
                 reach[joint] = (
-                    np.linalg.norm(self.p[k] - self.shift)
-                    + lengths[k + 1 : joint + 1].sum()
+                    np.linalg.norm(self.p[k] - self.shift) + lengths[k + 1 : joint + 1].sum()
                 )
         return reach
 
@@ -121,9 +120,7 @@ class Chain:
             "first": np.searchsorted(row, np.arange(len(self.S) + 1)),
             "column": column,
         }
-        reals = {
-            name: getattr(self, name) for name in ("R", "p", "a", "shift", "reach")
-        }
+        reals = {name: getattr(self, name) for name in ("R", "p", "a", "shift", "reach")}
         reals |= {"o": self.o, "S": self.S[row, column]}
         sizes = {"P": len(self.S), "k": self.middle, "n": self.n, "N": self.N}
         return filled_struct(CHAIN, ints, reals, sizes)[0]
@@ -197,9 +194,7 @@ def tool_reach(chain: Chain) -> float:
 
     It is the sum of the lengths of the link offsets between them, with prismatic joints at 0.
     """
-    return float(
-        np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1]
-    )
+    return float(np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1])
 
 
 def frame_change(kind: str, distance: Array) -> Array:

@@ -166,9 +166,7 @@ class LeafMarginProblem:
         for arm in self.features.arms:
             found = arm.gradient_bounds(Q, half)
             values = np.concatenate([found.V, found.dV.reshape(K, -1)], axis=1)
-            bounds = np.concatenate(
-                [found.rest, self.eps * found.size[:, None]], axis=1
-            )
+            bounds = np.concatenate([found.rest, self.eps * found.size[:, None]], axis=1)
             out[..., : n + n * n] += arm.weights[:, None] * values[:, None]
             out[..., n + n * n :] += np.abs(arm.weights)[:, None] * bounds[:, None]
         return out

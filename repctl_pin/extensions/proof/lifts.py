@@ -246,9 +246,7 @@ class _Search:
         order = take[parents]
         return low, high, self.place[order], self.within[order]
 
-    def _raise(
-        self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array
-    ) -> None:
+    def _raise(self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array) -> None:
         """Raise the rates to prove where a box has a larger one at its centre, which no sample had.
 
         A rate is the motion of a joint per metre of a line. ``value`` (L, n) are the rates at the
@@ -368,11 +366,7 @@ def _sampled(
 
 
 def rate_bounds(
-    problem: LeafMarginProblem,
-    Q: Array,
-    half: Array,
-    most: Array,
-    ratio: float | Array,
+    problem: LeafMarginProblem, Q: Array, half: Array, most: Array, ratio: float | Array
 ) -> tuple[Array, Array, NDArray[np.int32]]:
     """Bound how far each joint moves per metre of a line of the end effector, on boxes of joints.
 

@@ -66,9 +66,7 @@ class PathCertificate:
     def words(self) -> str:
         """Whether the path closes, and why or why not, in words."""
         if self.shrinks:
-            return (
-                "the path can be shrunk to its start, so it closes: checked, not proved"
-            )
+            return "the path can be shrunk to its start, so it closes: checked, not proved"
         return f"the path need not close: {self.reason}"
 
 
@@ -107,9 +105,7 @@ def path_certificate(
     >>> rp.path_certificate(design.inverse, path, q0).words
     'the path can be shrunk to its start, so it closes: checked, not proved'
     """
-    require_type(
-        inverse, RepeatableInverse, "inverse", "a repeatable inverse: design.inverse"
-    )
+    require_type(inverse, RepeatableInverse, "inverse", "a repeatable inverse: design.inverse")
     require_type(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     q0 = vector(q0, inverse.task.n, "q0")
     off = np.abs(inverse.task.error(q0, path.placement(0.0))).max()
@@ -120,14 +116,7 @@ def path_certificate(
         )
     shares = np.arange(_RAYS + 1) / _RAYS
     try:
-        motion = follow(
-            inverse,
-            path,
-            q0,
-            cycles=1,
-            steps=_RAYS * _STEPS,
-            integrator=LeafLock(2),
-        )
+        motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS, integrator=LeafLock(2))
     except SingularityError as error:
         why = f"the motion stops at a singularity ({error})"
         return PathCertificate(False, np.nan, np.nan, why)

@@ -213,8 +213,7 @@ class _Builder:
         rows = np.zeros((len(joints), self.n))
         rows[np.arange(len(joints)), joints] = 1 / scale
         z = [
-            self._argument(row, c / s)
-            for row, c, s in zip(rows, field.center, scale, strict=True)
+            self._argument(row, c / s) for row, c, s in zip(rows, field.center, scale, strict=True)
         ]
         most = [self.arguments[v].most for v in z]
         known: dict[_Exponents, int] = {}
@@ -231,9 +230,7 @@ class _Builder:
                 for j, two, by_j in _lowered(one):
                     both = by_i * by_j * c / (scale[i] * scale[j])
                     if joints[i] <= joints[j]:
-                        self.C.append(
-                            (int(joints[i]), int(joints[j]), monomial(two), both)
-                        )
+                        self.C.append((int(joints[i]), int(joints[j]), monomial(two), both))
                     for l, three, by_l in _lowered(two):
                         cubic = both * (by_l / scale[l])
                         if sum(beta) == 3:
@@ -271,9 +268,7 @@ class _Builder:
             if joints[m] >= ijl[-1]:
                 size = np.prod([x**e for x, e in zip(most, four, strict=True)])
                 key = (*ijl, int(joints[m]))
-                self.T4[key] = self.T4.get(key, 0.0) + np.abs(c) * (
-                    by_m * size / scale[m]
-                )
+                self.T4[key] = self.T4.get(key, 0.0) + np.abs(c) * (by_m * size / scale[m])
 
     def _monomial(
         self, beta: _Exponents, z: list[int], monomial: Callable[[_Exponents], int]
@@ -305,8 +300,7 @@ class _Builder:
             z = self._argument(row, 0.0)
             error = self.arguments[z].error + 8 * U
             sine, cosine = (
-                self._feature(_Feature(kind, 0, z, 1.0, error))
-                for kind in (_SINE, _COSINE)
+                self._feature(_Feature(kind, 0, z, 1.0, error)) for kind in (_SINE, _COSINE)
             )
             (used,) = np.nonzero(row)
             for i in used:
@@ -336,17 +330,14 @@ class _Builder:
         bounds = np.array([one[3:] for one in self.found]).reshape(-1, 2)
         kind, parent, variable = kinds.T
         bound, error = bounds.T
-        wrong = (
-            error + (F + 16) * U * bound
-        )  # of a term: its own rounding, its coefficient's, and the sum's
+        # of a term: its own rounding, its coefficient's, and the sum's
+        wrong = error + (F + 16) * U * bound
         half = self.box.half_width
         V, slopes = np.abs(G) @ bound, (np.abs(C) @ bound) @ half
         E = np.abs(G) @ wrong + (np.abs(C) @ wrong) @ half
         size = (V + slopes).max(axis=1)
         T = np.asarray(self.T * (1 + 1e-12), float)
-        third = np.array(
-            sorted({f for terms in self.C3.values() for f in terms}), np.int32
-        )
+        third = np.array(sorted({f for terms in self.C3.values() for f in terms}), np.int32)
         at = {int(f): i for i, f in enumerate(third)}
         C3, T4 = (
             np.zeros((r, n, n, n, len(third))),
@@ -384,7 +375,5 @@ def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:
     Returns triples: index of the variable, exponents of the derivative, and its factor.
     """
     return [
-        (i, (*beta[:i], power - 1, *beta[i + 1 :]), power)
-        for i, power in enumerate(beta)
-        if power
+        (i, (*beta[:i], power - 1, *beta[i + 1 :]), power) for i, power in enumerate(beta) if power
     ]

@@ -23,9 +23,7 @@ _CLOSING = 5.0
 """Minimum processor time for the closing radius along the path, s."""
 
 
-def with_certificate(
-    design: Design, spent: float, say: Callable[[str], None]
-) -> Design:
+def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -> Design:
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
     So a study states what is proved, and takes little longer. If Ω, the region of joint space of
@@ -40,9 +38,7 @@ def with_certificate(
         proof = prove(design, margin=margin, closes=False, seconds=seconds)
         if proof and isinstance(design.region, Tube):
             proof = prove(design, margin=margin, seconds=max(_CLOSING, seconds))
-    except (
-        InputError
-    ):  # bounds of these potentials, or the region's shape, are not known
+    except InputError:  # bounds of these potentials, or the region's shape, are not known
         return design
     return replace(design, proof=proof) if proof else design
 

@@ -9,10 +9,6 @@ from ...plugins import Extension
 
 EXTENSION = Extension(
     __name__,
-    names={
-        "audit": "Audit audit",
-        "recording": "Recording",
-        "relabel": "Relabeled relabel",
-    },
+    names={"audit": "Audit audit", "recording": "Recording", "relabel": "Relabeled relabel"},
     commands={"audit": "audit_command", "relabel": "relabel_command"},
 )

@@ -52,8 +52,7 @@ class Ambiguity:
     def residuals(self) -> tuple[float, ...]:
         """Root mean square of the misfit of each labelling, rad or m."""
         return tuple(
-            float(np.sqrt(np.mean(one**2))) if len(one) else np.nan
-            for one in self.misfits
+            float(np.sqrt(np.mean(one**2))) if len(one) else np.nan for one in self.misfits
         )
 
 
@@ -96,9 +95,7 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
         misfit = _misfit(Monomials(U.shape[1], degree), U, fold, Q, parts)
     name = {1: "linear", 2: "quadratic", 3: "cubic"}[degree]
     method = f"ridge-regularised {name} fit q(pose), on held-out {what}"
-    return Ambiguity(
-        tuple(np.linalg.norm(misfit[:, one], axis=1) for one in parts), degree, method
-    )
+    return Ambiguity(tuple(np.linalg.norm(misfit[:, one], axis=1) for one in parts), degree, method)
 
 
 def _folds(session: Column) -> tuple[Column, str]:
@@ -109,9 +106,7 @@ def _folds(session: Column) -> tuple[Column, str]:
     """
     sessions = np.unique(session)
     if len(sessions) > 1:
-        return np.searchsorted(sessions, session) % min(
-            len(sessions), _FOLDS
-        ), "sessions"
+        return np.searchsorted(sessions, session) % min(len(sessions), _FOLDS), "sessions"
     count = len(session)
     return np.arange(count) * _FOLDS // max(count, 1), "blocks of time"
 
@@ -129,9 +124,7 @@ def _scaled(U: Array) -> Array:
     return np.asarray((2 * U - (low + high))[:, on] / (high - low)[on], float)
 
 
-def _misfit(
-    terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]
-) -> Array:
+def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]) -> Array:
     """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
 
     The labellings stand side by side in the columns of Q; ``parts`` are the columns of each,
@@ -178,8 +171,5 @@ def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Arra
             made[i, f] = W
             each = np.sum(W * (gram[f] @ W - 2 * right[f]), axis=0)
             cost[i] += [each[one].sum() for one in parts]
-    best = [
-        made[i][:, :, one]
-        for i, one in zip(np.argmin(cost, axis=0), parts, strict=True)
-    ]
+    best = [made[i][:, :, one] for i, one in zip(np.argmin(cost, axis=0), parts, strict=True)]
     return np.concatenate(best, axis=2)

@@ -177,9 +177,7 @@ class Audit:
         (lower, upper, _), rate = self.task.joint_limits, self.joints.rate
         margin = np.where(rate > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
         with np.errstate(divide="ignore", invalid="ignore"):
-            left = np.where(
-                np.abs(rate) > self.joints.error, margin / np.abs(rate), np.inf
-            )
+            left = np.where(np.abs(rate) > self.joints.error, margin / np.abs(rate), np.inf)
         joint = int(np.argmin(left))
         if not 0 <= left[joint] < 100 * (self.log.t[-1] - self.log.t[0]):
             return None
@@ -331,9 +329,7 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
             name = "frame" if frame is not None else "kind"
-            raise InputError(
-                ": a task has its own", argument=name, remedy=f"omit {name}="
-            )
+            raise InputError(": a task has its own", argument=name, remedy=f"omit {name}=")
         if robot.coordinates is not None:
             raise InputError(
                 ": a log holds the robot's own joints, not the coordinates of this task",
@@ -341,9 +337,7 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
                 remedy="pass the robot",
             )
         return robot
-    return choose_task(
-        robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind
-    )
+    return choose_task(robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind)
 
 
 def _units(task: Task, log: JointLog) -> list[str]:
@@ -368,9 +362,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
     turned = q * np.where(task.revolute, _DEGREE, 1.0)
     within = (_beyond(task, turned) <= _SOME).all()
     if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
-        raise InputError(
-            f"{found}: the values look like degrees", remedy="pass degrees=True"
-        )
+        raise InputError(f"{found}: the values look like degrees", remedy="pass degrees=True")
     if beyond[worst] <= _SLIGHT:
         return [f"{found}; check the times"]
     if beyond[worst] < _SOME:
@@ -405,9 +397,7 @@ def _beyond(task: Task, q: Array) -> Array:
     return np.maximum(-task.limit_margin(q).min(axis=0), 0.0)
 
 
-def _measured(
-    task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]
-) -> Audit:
+def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:
     """Judge the configurations at the visits, and measure the links; return the audit.
 
     The verdict is on the joints. To say it in metres, the point of each link that is displaced most

@@ -28,22 +28,12 @@ def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     add = parser.add_argument
     add("log", metavar="LOG", help="recorded joints: a .csv, .npz or .parquet file")
-    add(
-        "--robot",
-        metavar="ROBOT",
-        required=True,
-        help="catalogue name or path to a URDF",
-    )
+    add("--robot", metavar="ROBOT", required=True, help="catalogue name or path to a URDF")
     parser.loading()
     add(
-        "--frame",
-        help="link that is the hand (default: the end of the arm); two hands: LEFT,RIGHT",
+        "--frame", help="link that is the hand (default: the end of the arm); two hands: LEFT,RIGHT"
     )
-    add(
-        "--task",
-        metavar="KIND",
-        help=f"{KINDS} (default: as in study)",
-    )
+    add("--task", metavar="KIND", help=f"{KINDS} (default: as in study)")
     add("--degrees", action="store_true", help="the log has revolute joints in degrees")
     add(
         "--tolerance",
@@ -68,11 +58,7 @@ def run(options: Options) -> int:
     frame, kind = options.asked_frames()
     try:
         found = rp.audit(
-            options.log,
-            robot,
-            frame=frame,
-            kind=kind,
-            **options.of("degrees", "tolerance"),
+            options.log, robot, frame=frame, kind=kind, **options.of("degrees", "tolerance")
         )
     except InputError as error:
         if error.remedy == "pass degrees=True":

@@ -79,11 +79,7 @@ def _audit_sentence(audit: Audit) -> list[Span]:
     A log in which no pose is visited often enough gets a sentence that says so.
     """
     if audit.found is None:
-        return [
-            Span(
-                f"The log does not repeat{_distance(audit)}. Nothing can be said of creep."
-            )
-        ]
+        return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of creep.")]
     back = capital(hands_are(len(audit.task.frames)))
     returns = Span(f" {back} back at the same pose {audit.returns} times.")
     return [*_verdict(audit), returns]
@@ -117,9 +113,7 @@ def _verdict(audit: Audit) -> list[Span]:
     if audit.verdict == JUMPS:
         count = int(audit.found.groups.max()) + 1
         return [
-            Span(
-                f"Your arm does not repeat: it jumps between {count} configurations, {name} "
-            ),
+            Span(f"Your arm does not repeat: it jumps between {count} configurations, {name} "),
             Span(off, "bad"),
             Span(" apart."),
         ]
@@ -132,9 +126,7 @@ def _verdict(audit: Audit) -> list[Span]:
     if audit.returns >= ENOUGH - 1:
         hides = "whether" if audit.found.within else "how"
         return [
-            Span(
-                f"Inconclusive: {name} differs by up to {off}, but the noise of the log "
-            ),
+            Span(f"Inconclusive: {name} differs by up to {off}, but the noise of the log "),
             Span(f"hides {hides} the arm creeps."),
         ]
     noise = "within" if audit.found.within else "more than"
@@ -162,8 +154,7 @@ def _headline(audit: Audit) -> Headline:
     """Write the headline of the page: the sentence of the audit, and its consequences below it."""
     notes = [note.removeprefix("! ") for note in _leads(audit)]
     return Headline(
-        tuple(_audit_sentence(audit)),
-        tuple(Span(f"{capital(note)}.") for note in notes),
+        tuple(_audit_sentence(audit)), tuple(Span(f"{capital(note)}.") for note in notes)
     )
 
 
@@ -190,25 +181,16 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
     assert audit.joints is not None
     seconds, unit = audit.clock
     if audit.rate > audit.error:
-        low, high = (
-            metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1)
-        )
+        low, high = (metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1))
         rate = f"{metres(audit.rate * seconds)} per {unit}"
         return f"the {_part_of(audit)}", rate, f"(95 %: {low} to {high})"
     joint = int(np.argmax(np.abs(audit.joints.rate) / audit.joints.error))
     rate, error = (
         number(float(value))
-        for value in (
-            abs(audit.joints.rate[joint]) * seconds,
-            audit.joints.error[joint] * seconds,
-        )
+        for value in (abs(audit.joints.rate[joint]) * seconds, audit.joints.error[joint] * seconds)
     )
     name = audit.task.joint_names[joint]
-    return (
-        name,
-        f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}",
-        f"(± {error})",
-    )
+    return (name, f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}", f"(± {error})")
 
 
 def _part_of(audit: Audit) -> str:
@@ -267,9 +249,7 @@ def _leads(audit: Audit) -> list[str]:
         said.append(_order(audit.found.groups))
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range
-        said.append(
-            f"! at this rate {joint} leaves its range in another {_time_span(when)}"
-        )
+        said.append(f"! at this rate {joint} leaves its range in another {_time_span(when)}")
     noise = _number(float(audit.visits.noise.max()))
     said.append(
         f"the same pose: within {metres(audit.visits.tolerance)}; noise of the joints: {noise}"
@@ -319,9 +299,7 @@ def _audit_page(audit: Audit) -> str:
     many, evenly spaced ones are shown.
     """
     task, visits = audit.task, audit.visits
-    ends = np.unique(
-        np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int)
-    )
+    ends = np.unique(np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int))
     steps = _STEPS if len(ends) <= _STEPS else _STEPS // 2
     rows = [_between(audit, end, steps) for end in ends]
     q = np.vstack([rows[0][:1], *(cycle[1:] for cycle in rows)])
@@ -340,11 +318,7 @@ def _audit_page(audit: Audit) -> str:
         t,
         motion=motion if len(task.frames) > 1 else None,
     )
-    count = (
-        f", {len(ends)} of its {audit.returns} returns"
-        if len(ends) < audit.returns
-        else ""
-    )
+    count = f", {len(ends)} of its {audit.returns} returns" if len(ends) < audit.returns else ""
     return playback_page(
         traced_chains(task, visits.q[0]),
         [track],

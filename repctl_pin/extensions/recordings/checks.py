@@ -48,13 +48,10 @@ def require_metres(task: Task, p: Array) -> None:
     if reach <= 0 or away < 20 * reach:
         return
     fact = (
-        f"the positions are {away:.3g} m from the base in the median; "
-        f"the arm reaches {reach:.2g} m"
+        f"the positions are {away:.3g} m from the base in the median; the arm reaches {reach:.2g} m"
     )
     if away / 1000 < 1.5 * reach:
-        raise InputError(
-            f"{fact}: they look like millimetres", remedy="divide them by 1000"
-        )
+        raise InputError(f"{fact}: they look like millimetres", remedy="divide them by 1000")
     raise InputError(fact, remedy="give positions in m, in the frame of the base")
 
 
@@ -65,10 +62,7 @@ def require_radians(task: Task, Q: Array) -> None:
         return
     converted = np.where(task.revolute, np.radians(Q), Q)
     size = float(np.abs(Q[:, task.revolute]).max())
-    if (
-        size > 2 * np.pi
-        and float((task.limit_margin(converted).min(axis=1) >= 0).mean()) > 0.9
-    ):
+    if size > 2 * np.pi and float((task.limit_margin(converted).min(axis=1) >= 0).mean()) > 0.9:
         raise InputError(
             f"the joints go to {size:.3g} and fit their limits as degrees only",
             remedy="convert them to rad",
@@ -90,9 +84,7 @@ def require_limits(task: Task, Q: Array) -> None:
         )
 
 
-def require_agreement(
-    task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool
-) -> None:
+def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
     A constant offset of the tool or of the base is refused if it exceeds both the noise, which is
@@ -128,9 +120,7 @@ def require_agreement(
     )
 
 
-def _explanation(
-    task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool
-) -> tuple[str, str]:
+def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> tuple[str, str]:
     """Find the mistake in recorded numbers that explains why joints and poses disagree.
 
     Other orders of the joints and quaternions that begin with qw are tried. Returns the
@@ -140,10 +130,7 @@ def _explanation(
     for order in _orders(task.n):
         if _alike(_distance(task, Q[few][:, order], p[few], R[few])):
             names = ", ".join(task.joint_names)
-            return (
-                ": the joints are in another order",
-                f"give them in the order {names}",
-            )
+            return (": the joints are in another order", f"give them in the order {names}")
     turned = _first_is_w(R)
     if quaternions and _alike(_distance(task, Q, p, turned)):
         return ": the quaternions begin with qw", "give qx, qy, qz, qw"
@@ -164,9 +151,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     without = _miss(task, p, R, p_own, R_own)
     back = np.swapaxes(R_own, 1, 2)
     # another frame of the tool: p = p_own + R_own d, R = R_own D
-    d = np.linalg.lstsq(
-        R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6
-    )[0]
+    d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
     D = mean_rotation(back @ R) if task.kind.turns else np.eye(3)
     at = row(np.round(d, 3) + 0.0)
     tool = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
@@ -185,9 +170,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
         if 1.05 * _size(other[2]) + 1e-3 < _size(best[2]):
             best = other
     free = len(Q) * len(rows)
-    least = _EXPLAINED * np.sqrt(
-        free / (free - min(6, 2 * len(rows)))
-    )  # an offset fits noise
+    least = _EXPLAINED * np.sqrt(free / (free - min(6, 2 * len(rows))))  # an offset fits noise
     shifted = without[0] > max(_CALIBRATED_M, least * best[2][0])
     turned = without[1] > max(_CALIBRATED_RAD, least * best[2][1])
     return best[:2] if shifted or turned else None
@@ -260,9 +243,7 @@ def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
     return _miss(task, p, R, p_own, R_own)
 
 
-def _miss(
-    task: Task, p: Array, R: Array, p_own: Array, R_own: Array
-) -> tuple[float, float]:
+def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[float, float]:
     """Compute the median distances, m and rad, between two series of poses, as the task counts.
 
     The series are p, R and p_own, R_own, (K, 3) and (K, 3, 3). For a position task the angle is 0,

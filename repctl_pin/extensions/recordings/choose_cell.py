@@ -101,11 +101,7 @@ def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign
     if recording.joints is not None:
         try:
             return nearest_inverse_function(
-                control,
-                cell,
-                posture=_posture(recording, cell),
-                incomplete="keep",
-                options=options,
+                control, cell, posture=_posture(recording, cell), incomplete="keep", options=options
             )
         except InputError:
             pass

@@ -18,26 +18,13 @@ from ...errors import InputError
 from ...model.task import Task
 from ...tables import Column, Table, read_table
 
-_CLOCKS = (
-    "time",
-    "t",
-    "times",
-    "timestamp",
-    "stamp",
-    "sec",
-    "secs",
-    "seconds",
-    "%time",
-    "__time",
-)
+_CLOCKS = ("time", "t", "times", "timestamp", "stamp", "sec", "secs", "seconds", "%time", "__time")
 """Names of a column of times; a unit may follow, as in ``time_ms``."""
 
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of time, s."""
 
-_UNIT_NAMES = {"sec": "s", "secs": "s", "seconds": "s", "µs": "us"} | {
-    u: u for u in _UNITS
-}
+_UNIT_NAMES = {"sec": "s", "secs": "s", "seconds": "s", "µs": "us"} | {u: u for u in _UNITS}
 _EPOCH = (6.3e8, 4.1e9)
 """Times since 1970 that are recognised, s: from 1990 to 2100."""
 
@@ -145,13 +132,9 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
             f"{where}: there is no column of times among {', '.join(columns)}",
             remedy="name one time, in s",
         )
-    single = {
-        name: c for name, c in columns.items() if c.ndim == 1 and c.dtype.kind in "fiu"
-    }
+    single = {name: c for name, c in columns.items() if c.ndim == 1 and c.dtype.kind in "fiu"}
     if clock not in single:
-        raise InputError(
-            f"{where}: the times in {clock!r} are not numbers, one per row"
-        )
+        raise InputError(f"{where}: the times in {clock!r} are not numbers, one per row")
     header = [name for name in single if name != clock]
     try:
         names, by_name = _columns(header, joints)
@@ -204,9 +187,7 @@ def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
         for unit, s in _UNITS.items()
         if _STEPS[0] <= step * s <= _STEPS[1] and ratio / s <= _TOO_FAST
     ]
-    usual = [
-        u for u in possible if _USUAL_STEPS[0] <= step * _UNITS[u] <= _USUAL_STEPS[1]
-    ]
+    usual = [u for u in possible if _USUAL_STEPS[0] <= step * _UNITS[u] <= _USUAL_STEPS[1]]
     units = usual or possible
     if not units:
         return "s", False  # the speeds are noted
@@ -232,14 +213,10 @@ def _clock(header: Sequence[str]) -> str | None:
     ``time_ms``.
     """
     bare = {
-        name: re.sub(
-            r"[ _.(\[]+(s|sec|secs|seconds|ms|us|µs|ns)[)\]]?$", "", name.lower()
-        )
+        name: re.sub(r"[ _.(\[]+(s|sec|secs|seconds|ms|us|µs|ns)[)\]]?$", "", name.lower())
         for name in header
     }
-    found = [
-        name for name in header if name.lower() in _CLOCKS or bare[name] in _CLOCKS
-    ]
+    found = [name for name in header if name.lower() in _CLOCKS or bare[name] in _CLOCKS]
     return min(found, key=lambda name: _CLOCKS.index(bare[name]), default=None)
 
 
@@ -256,12 +233,8 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
         what = f"no column is named {missing}"
     elif others:
         listed = ", ".join(others[:_LISTED]) + ", …" * (len(others) > _LISTED)
-        what = (
-            f"there are no joint positions: the columns {listed} are other quantities"
-        )
-    return InputError(
-        f"{where}: {what}", remedy=f"name the columns {', '.join(joints)}"
-    )
+        what = f"there are no joint positions: the columns {listed} are other quantities"
+    return InputError(f"{where}: {what}", remedy=f"name the columns {', '.join(joints)}")
 
 
 def joint_log(t: Any, q: Any, units: Array) -> JointLog:
@@ -274,8 +247,7 @@ def joint_log(t: Any, q: Any, units: Array) -> JointLog:
     if sizes is None or sizes[1] != (*sizes[0], n):
         got = "others" if sizes is None else f"shapes {sizes[0]} and {sizes[1]}"
         raise InputError(
-            f"must be numbers: times (T,) and joint positions (T, {n}); got {got}",
-            argument="log",
+            f"must be numbers: times (T,) and joint positions (T, {n}); got {got}", argument="log"
         )
     assert times is not None and values is not None
     return _checked("log", times, units * values, True, None)
@@ -355,10 +327,7 @@ def words_of(name: str, joints: Sequence[str]) -> set[str]:
 
 def _holds(name: str, joint: str) -> bool:
     """Check whether a column's name contains a joint's name, with no letter or digit next to it."""
-    return (
-        re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name)
-        is not None
-    )
+    return re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name) is not None
 
 
 def _whole(columns: Mapping[str, Column], n: int) -> str | None:
@@ -383,9 +352,7 @@ def _whole(columns: Mapping[str, Column], n: int) -> str | None:
     return found[0] if found else None
 
 
-def _checked(
-    name: str, t: Array, q: Array, by_name: bool, table: Table | None
-) -> JointLog:
+def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) -> JointLog:
     """Make a log without rows that lack a number or repeat the time of the row before.
 
     ``table`` is the file that was read, by which the error names the line; None for arrays.
@@ -397,9 +364,7 @@ def _checked(
         at = int(rows[int(np.argmax(steps < 0)) + 1])
         place = f"{name}, row {at}" if table is None else table.line(at)
         raise InputError(
-            f"{place}: time runs backwards",
-            remedy="sort the rows, or split the file",
-            at=at,
+            f"{place}: time runs backwards", remedy="sort the rows, or split the file", at=at
         )
     rows = rows[np.append(True, steps > 0)] if len(rows) else rows
     if len(rows) < 3:

@@ -15,15 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ...arguments import (
-    Array,
-    as_configurations,
-    as_numbers,
-    file_name,
-    freeze,
-    read_only,
-    shown,
-)
+from ...arguments import Array, as_configurations, as_numbers, file_name, freeze, read_only, shown
 from ...errors import InputError
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
@@ -226,9 +218,7 @@ def thinned(recording: Recording, most: int) -> Recording:
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)
     values = vars(recording)
-    arrays = {
-        n: value[some] for n, value in values.items() if isinstance(value, np.ndarray)
-    }
+    arrays = {n: value[some] for n, value in values.items() if isinstance(value, np.ndarray)}
     freeze(other, **values | arrays)
     return other
 
@@ -245,9 +235,7 @@ def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
     The function takes a block of rows of each array, and returns an array or a tuple of arrays with
     as many rows. The blocks are joined, so the result is that of one call on all rows.
     """
-    parts = [
-        function(*(values[at] for values in arrays)) for at in blocks(len(arrays[0]))
-    ]
+    parts = [function(*(values[at] for values in arrays)) for at in blocks(len(arrays[0]))]
     if isinstance(parts[0], tuple):
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
     return np.concatenate(parts)
@@ -325,8 +313,7 @@ def _times(given: ArrayLike, size: int) -> Array:
     t = as_numbers(given)
     if t is None or t.shape != (size,):
         raise InputError(
-            f"must be {size} numbers, s, one per frame; got {shown(given)}",
-            argument="times",
+            f"must be {size} numbers, s, one per frame; got {shown(given)}", argument="times"
         )
     if not np.isfinite(t).all():
         raise InputError("a time is not finite", at=int(np.argmin(np.isfinite(t))))

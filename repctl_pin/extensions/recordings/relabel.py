@@ -15,14 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import progress as reporting
-from ...arguments import (
-    Array,
-    file_name,
-    flag_or_function,
-    read_only,
-    require_type,
-    vector,
-)
+from ...arguments import Array, file_name, flag_or_function, read_only, require_type, vector
 from ...errors import InputError
 from ...fit_options import FitOptions, fit_options
 from ...tables import write_table
@@ -162,9 +155,7 @@ class Relabeled:
         return {
             "frames": frames,
             "ambiguity": f"{arrow}{after:.3g} {unit}\n{self.ambiguity.method}",
-            "limit margin": margin
-            if np.isfinite(self.margins_after[self.found][0])
-            else "none",
+            "limit margin": margin if np.isfinite(self.margins_after[self.found][0]) else "none",
             **({} if self.recording.joints is None else {"moved": self._moved()}),
             "cell": self.design.cell.size(),
             "middle": self.design.cell.where(np.zeros(self.design.cell.k)),
@@ -228,13 +219,9 @@ class Relabeled:
         text = ", ".join(f"{c:.3g}" for c in self.leaf + 0.0)
         if self.recorded_leaves is None:
             return f"c = {text}"
-        low, middle, high = np.nanquantile(
-            self.recorded_leaves, [0.05, 0.5, 0.95], axis=0
-        )
+        low, middle, high = np.nanquantile(self.recorded_leaves, [0.05, 0.5, 0.95], axis=0)
         near = (
-            ""
-            if np.allclose(middle, self.leaf, atol=5e-4)
-            else f", {_row(middle)} in the median"
+            "" if np.allclose(middle, self.leaf, atol=5e-4) else f", {_row(middle)} in the median"
         )
         return f"c = {text}; recorded: {_row(low)} to {_row(high)}{near}"
 
@@ -247,18 +234,12 @@ class Relabeled:
         lines = [self._gap(gap) for gap in self.gaps if gap in longest]
         rest = sum(gap.frames for gap in self.gaps if gap not in longest)
         if rest:
-            lines.append(
-                f"and {rest:,} frames in {len(self.gaps) - len(longest)} other ranges"
-            )
+            lines.append(f"and {rest:,} frames in {len(self.gaps) - len(longest)} other ranges")
         return "\n".join(lines)
 
     def _gap(self, gap: _Gap) -> str:
         timed = self.recording.times is not None
-        span = (
-            f"{gap.start:.6g}–{gap.end:.6g} s"
-            if timed
-            else f"{gap.start:.0f}–{gap.end:.0f}"
-        )
+        span = f"{gap.start:.6g}–{gap.end:.6g} s" if timed else f"{gap.start:.0f}–{gap.end:.0f}"
         many = len(self.recording.names) > 1
         where = f"session {gap.session}: " if many else "" if timed else "frames "
         return f"{where}{span} ({gap.frames:,} frames), {gap.why}"
@@ -325,10 +306,7 @@ def relabel(
     options = fit_options(options)
     options.require_only(("samples", "held_out", "seed"), "relabel")
     progress = flag_or_function(
-        progress,
-        "progress",
-        "a function of what is being done and the share that is done",
-        2,
+        progress, "progress", "a function of what is being done and the share that is done", 2
     )
     if leaf is not None:
         leaf = vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
@@ -355,12 +333,7 @@ def relabel(
 
 
 def _require_same_task(recording: Recording, design: CellDesign) -> None:
-    require_type(
-        design,
-        CellDesign,
-        "design",
-        "the function of a cell, such as rp.load_cell(file)",
-    )
+    require_type(design, CellDesign, "design", "the function of a cell, such as rp.load_cell(file)")
     if design.task.as_dict() != recording.task.as_dict():
         raise InputError(
             f"the recording is for {recording.task!r}, the cell for {design.task!r}",
@@ -390,9 +363,7 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
     return in_blocks(label, recording.positions, recording.rotations)
 
 
-def _nearest_leaf(
-    F: InverseFunction, recording: Recording, recorded: Array | None
-) -> Array:
+def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
     """Find the level c (r,) nearest to the recorded median that loses no frame and no limit margin.
 
     So the new elbow is near the recorded one. Levels between the median of ``recorded`` (K, r) and
@@ -427,9 +398,7 @@ def _result(
     ``c`` is their level (r,), and ``recorded`` the levels (K, r) of the recorded configurations.
     """
     before, found = recording.joints, np.isfinite(Q[:, 0])
-    U, off = in_blocks(
-        design.cell.coordinates, recording.positions, recording.rotations
-    )
+    U, off = in_blocks(design.cell.coordinates, recording.positions, recording.rotations)
     labels = [Q[found]] if before is None else [before[found], Q[found]]
     return Relabeled(
         recording,

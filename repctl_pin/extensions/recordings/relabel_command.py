@@ -29,9 +29,7 @@ joints, cell.json (the function), and report.html."""
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     add = parser.add_argument
-    add(
-        "file", metavar="FILE", help="recording: .csv, .npz, or .parquet (with pyarrow)"
-    )
+    add("file", metavar="FILE", help="recording: .csv, .npz, or .parquet (with pyarrow)")
     parser.what(
         "the robot (catalogue name or URDF), or a saved cell (.json) whose function is used; for a "
         "robot, the cell that holds the frames is found"
@@ -48,11 +46,7 @@ def add_options(parser: Parser) -> None:
     held = "number of held-out poses of the function's design (default 1024)"
     add("--held-out", type=integer, default=1024, help=held)
     add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
-    add(
-        "--out",
-        metavar="FOLDER",
-        help="output folder (default repctl-out/NAME of the file)",
-    )
+    add("--out", metavar="FOLDER", help="output folder (default repctl-out/NAME of the file)")
     parser.json("the table")
 
 
@@ -64,9 +58,7 @@ def run(options: Options) -> int:
     file = Path(options.file)
     folder = options.output_folder(file.stem)
     if file.resolve() == (folder / file.name).resolve():
-        raise InputError(
-            f"would replace {file}", argument="--out", remedy="choose another folder"
-        )
+        raise InputError(f"would replace {file}", argument="--out", remedy="choose another folder")
     say = progress(options.json)
     needed("matplotlib", "meshcat", by="repctl relabel")
     design = options.load_saved() if options.saved else None

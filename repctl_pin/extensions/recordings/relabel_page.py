@@ -85,10 +85,7 @@ def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
         figures=[
             *_arms(relabeled),
             ("Joints", framed(png(_labels_figure(relabeled), DPI), _LABELS)),
-            (
-                "Shares of the frames",
-                framed(png(_shares_figure(relabeled), DPI), _SHARES),
-            ),
+            ("Shares of the frames", framed(png(_shares_figure(relabeled), DPI), _SHARES)),
         ],
         terms_of=relabeled.figures(),
         glossary=_GLOSSARY,
@@ -187,8 +184,7 @@ def _at_one_pose(relabeled: Relabeled) -> list[int]:
     cell = relabeled.design.cell
     U, _ = cell.coordinates(recording.positions, recording.rotations)
     sessions = [
-        np.flatnonzero(found & (recording.session == k))
-        for k in range(len(recording.names))
+        np.flatnonzero(found & (recording.session == k)) for k in range(len(recording.names))
     ]
     sessions = [frames for frames in sessions if len(frames)][:_MOST_ARMS]
     if len(sessions) < 2:
@@ -239,12 +235,7 @@ def _labels_figure(relabeled: Relabeled) -> Figure:
         ax.set_xticks([])
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=2,
-        markerscale=5,
-        frameon=False,
+        handles, labels, loc="outside lower center", ncols=2, markerscale=5, frameon=False
     )
     return figure
 

@@ -185,8 +185,7 @@ def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
     low = np.array([np.min((q - r)[groups == g], axis=0) for g in range(count)])
     high = np.array([np.max((q + r)[groups == g], axis=0) for g in range(count)])
     return all(
-        ((low[g] > high[:g]) | (high[g] < low[:g])).any(axis=1).all()
-        for g in range(1, count)
+        ((low[g] > high[:g]) | (high[g] < low[:g])).any(axis=1).all() for g in range(1, count)
     )
 
 

@@ -181,9 +181,7 @@ def _noise_of(Q: Array) -> Array:
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
     sizes = [
-        np.median(np.abs(np.diff(Q, k, axis=0)), axis=0)
-        / 0.6745
-        / np.sqrt(comb(2 * k, k))
+        np.median(np.abs(np.diff(Q, k, axis=0)), axis=0) / 0.6745 / np.sqrt(comb(2 * k, k))
         for k in range(3, 7)
     ]
     return np.min(sizes, axis=0)
@@ -230,12 +228,7 @@ def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Ar
 
 
 def _tolerance(
-    task: Task,
-    Q: Array,
-    X: Array,
-    noise: Array,
-    radian: float,
-    whole: NDArray[np.bool_],
+    task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
 ) -> float:
     """Compute the default tolerance of a hand pose, m, to which ``_FLOOR`` is added.
 
@@ -247,13 +240,9 @@ def _tolerance(
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
     weight = np.where(task.kind.linear, 1.0, radian)
-    hand = float(
-        np.sqrt(np.mean(np.sum((weight[:, None] * J * noise) ** 2, axis=(1, 2))))
-    )
+    hand = float(np.sqrt(np.mean(np.sum((weight[:, None] * J * noise) ** 2, axis=(1, 2)))))
     bends = np.linalg.norm(np.diff(X, 2, axis=0), axis=1)[whole[1:] & whole[:-1]]
-    return 4 * np.sqrt(2) * hand + (
-        float(np.quantile(bends, 0.95)) / 8 if len(bends) else 0.0
-    )
+    return 4 * np.sqrt(2) * hand + (float(np.quantile(bends, 0.95)) / 8 if len(bends) else 0.0)
 
 
 def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
@@ -278,11 +267,7 @@ def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
 
 
 def _closest(
-    X: Array,
-    pose: Array,
-    run: NDArray[np.intp],
-    whole: NDArray[np.bool_],
-    tolerance: float,
+    X: Array, pose: Array, run: NDArray[np.intp], whole: NDArray[np.bool_], tolerance: float
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
@@ -316,9 +301,7 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
     if others:
         return min(others)
     away = np.delete(np.arange(len(X)), np.concatenate([one.run for one in found]))
-    return (
-        float(np.linalg.norm(X[away] - X[row], axis=1).min()) if len(away) else np.inf
-    )
+    return float(np.linalg.norm(X[away] - X[row], axis=1).min()) if len(away) else np.inf
 
 
 def _at(values: Array, at: float) -> Array:
@@ -355,9 +338,7 @@ def _configuration(
     return _Estimate(_onto(task, q, target), task.error(q, target), A, bend)
 
 
-def _errors(
-    task: Task, made: list[_Estimate], noise: Array, quantum: Array
-) -> tuple[Array, Array]:
+def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> tuple[Array, Array]:
     """Compute the standard deviations (N, n) and the biases (N, n) of the configurations ``made``.
 
     ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes an error that moves
@@ -377,9 +358,7 @@ def _errors(
     return np.array(deviation), np.array(bias)
 
 
-def _average(
-    task: Task, Q: Array, target: pin.SE3, noise: Array
-) -> tuple[Array, Array, Array]:
+def _average(task: Task, Q: Array, target: pin.SE3, noise: Array) -> tuple[Array, Array, Array]:
     """Average the configurations (K, n) of a visit.
 
     Its rows need not lie evenly around the pose ``target``. A linear regression of q on the error e

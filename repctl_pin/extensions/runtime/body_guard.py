@@ -215,11 +215,7 @@ class BodyGuard:
         return known
 
     def _remember(
-        self,
-        Q: Array,
-        pairs: NDArray[np.intp],
-        lower: Array,
-        measured: NDArray[np.intp],
+        self, Q: Array, pairs: NDArray[np.intp], lower: Array, measured: NDArray[np.intp]
     ) -> None:
         """Remember the bounds at some samples of a plan, in place of the oldest remembered ones.
 

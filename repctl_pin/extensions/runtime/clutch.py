@@ -12,12 +12,7 @@ from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_numbers, positive, shown
 from ...errors import InputError
-from ...model.chain_formulas import (
-    Placement,
-    as_placement,
-    is_rotation,
-    require_rotation,
-)
+from ...model.chain_formulas import Placement, as_placement, is_rotation, require_rotation
 
 _TURN = 2 * np.pi
 
@@ -58,11 +53,7 @@ class Clutch:
     """
 
     def __init__(
-        self,
-        *,
-        scale: float = 1.0,
-        rotation_scale: float = 1.0,
-        axes: ArrayLike | None = None,
+        self, *, scale: float = 1.0, rotation_scale: float = 1.0, axes: ArrayLike | None = None
     ) -> None:
         self._scale = positive(scale, "scale", "", zero=True)
         self._turned = positive(rotation_scale, "rotation_scale", "", zero=True)
@@ -124,9 +115,7 @@ class Clutch:
         size = float(np.linalg.norm(angle))
         last = float(np.linalg.norm(self._angle))
         axis = angle / size if size > 1e-6 else self._angle / max(last, 1e-300)
-        turns = (
-            np.round((self._angle @ axis - size) / _TURN) if last > np.pi / 2 else 0.0
-        )
+        turns = np.round((self._angle @ axis - size) / _TURN) if last > np.pi / 2 else 0.0
         self._angle = angle + _TURN * turns * axis
         return self._angle
 
@@ -141,8 +130,6 @@ def _axes(value: ArrayLike) -> Array:
     """Convert the user's axes to a rotation (3, 3); InputError if they are none."""
     axes = as_numbers(value)
     if axes is None or axes.shape != (3, 3):
-        raise InputError(
-            f"must be a 3 × 3 rotation matrix; got {shown(value)}", argument="axes"
-        )
+        raise InputError(f"must be a 3 × 3 rotation matrix; got {shown(value)}", argument="axes")
     require_rotation(axes, "axes")
     return axes

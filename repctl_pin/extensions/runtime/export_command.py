@@ -50,6 +50,4 @@ def run(options: Options) -> int:
             region=design.region,
             closes=(alone and design.proof and design.proof.closes) or None,
         )
-    return report(
-        options, lambda: {**design.task.as_dict(), "name": options.name}, files=files
-    )
+    return report(options, lambda: {**design.task.as_dict(), "name": options.name}, files=files)

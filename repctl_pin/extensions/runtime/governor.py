@@ -13,15 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import (
-    Array,
-    as_configurations,
-    as_numbers,
-    positive,
-    require_type,
-    row,
-    shown,
-)
+from ...arguments import Array, as_configurations, as_numbers, positive, require_type, row, shown
 from ...certificate import ClosingRadius, beyond
 from ...errors import InputError
 from ...model.bodies import Bodies
@@ -343,9 +335,7 @@ class Governor:
         """
         self._check_started()
         if target is not None and twist is not None:
-            raise InputError(
-                "target and twist are mutually exclusive; give one of them"
-            )
+            raise InputError("target and twist are mutually exclusive; give one of them")
         given = 0
         if target is not None:
             known = type(target) is self._task.target_type  # its check takes longer
@@ -389,9 +379,7 @@ class Governor:
     def _check_started(self) -> None:
         """Raise InputError if the governor has not started."""
         if not self._on:
-            raise InputError(
-                "the governor has not started; call start(q) with the robot's joints"
-            )
+            raise InputError("the governor has not started; call start(q) with the robot's joints")
 
 
 def _as_twists(twist: ArrayLike, task: Task) -> Array:
@@ -405,8 +393,7 @@ def _as_twists(twist: ArrayLike, task: Task) -> Array:
     if rates is None or rates.shape != (size,):
         each = f" for each of {', '.join(task.frames)}" if size > 6 else ""
         raise InputError(
-            f"must be 6 numbers (v, ω){each}, m/s and rad/s; got {shown(twist)}",
-            argument="twist",
+            f"must be 6 numbers (v, ω){each}, m/s and rad/s; got {shown(twist)}", argument="twist"
         )
     return rates
 
@@ -420,9 +407,7 @@ def _kept_limits(task: Task, limits: Limits) -> JointLimits:
     for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
         if value is not None:
             raise InputError(
-                ": a governor does not keep it",
-                argument=name,
-                remedy=f"omit {name}= of limits",
+                ": a governor does not keep it", argument=name, remedy=f"omit {name}= of limits"
             )
     if not np.isfinite(kept.velocity).all():
         name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]

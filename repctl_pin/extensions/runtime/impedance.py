@@ -11,16 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ...arguments import (
-    FLOAT,
-    Array,
-    as_numbers,
-    per_joint,
-    positive,
-    require_type,
-    shown,
-    vector,
-)
+from ...arguments import FLOAT, Array, as_numbers, per_joint, positive, require_type, shown, vector
 from ...errors import InputError
 from ...model.chain_formulas import Placement
 from ...model.kind import Kind
@@ -98,10 +89,7 @@ class LeafImpedance:
         observer_limit: ArrayLike = 5.0,
     ) -> None:
         self.inverse = require_type(
-            inverse,
-            RepeatableInverse,
-            "inverse",
-            "a repeatable inverse, such as design.inverse",
+            inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
         )
         self.task = task = self.inverse.task
         if task.coordinates is not None:
@@ -127,9 +115,7 @@ class LeafImpedance:
             ) from None
 
     def __repr__(self) -> str:
-        return described(
-            self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s"
-        )
+        return described(self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s")
 
     def observer(self, dt: float) -> Observer:
         """Create a disturbance observer for :meth:`torque`; each arm needs its own.
@@ -195,23 +181,17 @@ class LeafImpedance:
         if twist is not None:
             size = self.task.twist_size
             twist = _checked(twist, size, "the twist (v, ω)", "m/s and rad/s")
-        if observer is not None and not (
-            type(observer) is Observer and len(observer.state) == r
-        ):
+        if observer is not None and not (type(observer) is Observer and len(observer.state) == r):
             raise InputError(
                 f"must be what observer(dt) of this control made; got {shown(observer)}",
                 argument="observer",
             )
         with np.errstate(over="ignore", invalid="ignore"):
             M, b = self._dynamics.own(q, qdot)
-            return self._law.own(
-                q, qdot, M, b, self.task.as_target(target), twist, leaf, observer
-            )
+            return self._law.own(q, qdot, M, b, self.task.as_target(target), twist, leaf, observer)
 
 
-def _checked(
-    values: ArrayLike, n: int, name: str, each: str = "one per joint"
-) -> Array:
+def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
     """Check n numbers and return them as an array; one of finite doubles is returned as it is.
 
     It is called at every tick of a control loop, so the usual case is decided by one product. An
@@ -236,20 +216,14 @@ def _stiffness(given: ArrayLike, kind: Kind) -> Array:
     values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:
         values = np.where(kind.linear, values[0], values[1])
-    if (
-        values is None
-        or values.shape != (m,)
-        or not (np.isfinite(values) & (values > 0)).all()
-    ):
+    if values is None or values.shape != (m,) or not (np.isfinite(values) & (values > 0)).all():
         raise InputError(
             f"stiffness must be two numbers above 0, N/m and Nm/rad, or {m}; got {shown(given)}"
         )
     return values
 
 
-def _torque_law(
-    inverse: RepeatableInverse, gains: Gains
-) -> NumPyTorques | NativeTorques:
+def _torque_law(inverse: RepeatableInverse, gains: Gains) -> NumPyTorques | NativeTorques:
     """Create the torque law of one thread: in C, or in NumPy where C cannot hold the potentials.
 
     User-defined potentials are such a case.

@@ -30,11 +30,7 @@ _ALLOWED = 0.98
 
 
 def leaf_change(
-    inverse: RepeatableInverse,
-    q: ArrayLike,
-    leaf: ArrayLike,
-    limits: JointLimits,
-    dt: float,
+    inverse: RepeatableInverse, q: ArrayLike, leaf: ArrayLike, limits: JointLimits, dt: float
 ) -> Array:
     """Sample a self-motion towards another leaf: f(q) constant, h(q) on a straight line to c.
 
@@ -89,9 +85,7 @@ def leaf_change(
     return Q[1:]
 
 
-def _refined(
-    inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array
-) -> Array:
+def _refined(inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array) -> Array:
     """Solve for the next sample by Newton's method, from the previous one q (n,).
 
     The sample has the frame at ``place`` and the level ``leaf`` (r,). InputError is raised if six

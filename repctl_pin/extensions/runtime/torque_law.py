@@ -152,9 +152,7 @@ class NumPyTorques:
         try:
             np.linalg.cholesky(M)
         except np.linalg.LinAlgError:
-            raise InputError(
-                "the joint-space inertia M is not positive definite"
-            ) from None
+            raise InputError("the joint-space inertia M is not positive definite") from None
         A = root[:, None] * (J @ np.linalg.solve(M, J.T)) * root
         if not (np.isfinite(A).all() and np.isfinite(e).all()):
             raise _not_finite()
@@ -196,9 +194,7 @@ class NativeTorques:
         The task.
     """
 
-    def __init__(
-        self, arm: Any, reference: NumPyTorques, gains: Gains, task: Task
-    ) -> None:
+    def __init__(self, arm: Any, reference: NumPyTorques, gains: Gains, task: Task) -> None:
         n, r, frames = task.n, task.r, len(task.frames)
         self._arm, self._reference = arm, reference
         damping = gains.damping, gains.leaf_frequency, gains.leaf_damping

@@ -96,18 +96,11 @@ class _JerkSegment(Segment):
         u = np.clip(self.speed[i] * tau * S + slope / 2 * tau**2 * C, 0.0, h)
         x = self.x[i] + slope * u + self.bend[i] * u**2 / 2
         rate = np.sqrt(np.maximum(x, 0.0))
-        found = (
-            self.s[i] + u,
-            rate,
-            (slope + self.bend[i] * u) / 2,
-            self.bend[i] * rate / 2,
-        )
+        found = (self.s[i] + u, rate, (slope + self.bend[i] * u) / 2, self.bend[i] * rate / 2)
         for k, rest, sign in ((0, 0.0, 1.0), (len(self.s) - 2, self.s[-1], -1.0)):
             rows = i == k
             T = self.t[k + 1] - self.t[k]
-            since = np.clip(
-                (tau if sign > 0 else T - tau)[rows], 0.0, T
-            )  # since rest, or until it
+            since = np.clip((tau if sign > 0 else T - tau)[rows], 0.0, T)  # since rest, or until it
             jerk = 6 * h[rows] / T**3
             cubic = (
                 rest + sign * jerk * since**3 / 6,
@@ -121,9 +114,7 @@ class _JerkSegment(Segment):
 
     def between(self) -> Array:
         """Times at which limits are checked between stages, s from the start: (9 (K − 1),)."""
-        return (
-            self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)
-        ).ravel()
+        return (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)).ravel()
 
     def used(self, limits: JointLimits) -> Array:
         """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,).
@@ -153,16 +144,11 @@ def _exponentials(z: Array) -> tuple[Array, Array]:
     grown = np.minimum(safe, 300.0)  # beyond the interval's end, which is clipped
     S = np.where(z > 0, np.sinh(grown), np.sin(safe)) / safe
     C = np.where(z > 0, np.sinh(grown / 2), np.sin(safe / 2)) ** 2 * 2 / safe**2
-    return np.where(small, 1 + z / 6 + z**2 / 120, S), np.where(
-        small, 0.5 + z / 24 + z**2 / 720, C
-    )
+    return np.where(small, 1 + z / 6 + z**2 / 120, S), np.where(small, 0.5 + z / 24 + z**2 / 720, C)
 
 
 def with_jerk(
-    first: Segment,
-    limits: JointLimits,
-    seams: tuple[int, ...] = (),
-    weight: float = 1.0,
+    first: Segment, limits: JointLimits, seams: tuple[int, ...] = (), weight: float = 1.0
 ) -> _JerkSegment:
     """Find the time-optimal profile with bounded jerk along a curve, from rest to rest.
 
@@ -205,9 +191,7 @@ def with_jerk(
                 remedy="use a smoother path",
             )
         bend = np.diff(slope) / np.diff(s)
-        found = _JerkSegment(
-            first.curve, s, np.sqrt(x), t, _passed(knots, s, t), x, bend
-        )
+        found = _JerkSegment(first.curve, s, np.sqrt(x), t, _passed(knots, s, t), x, bend)
         used = found.used(limits)
         if used.max() < _WELL_KEPT:
             break
@@ -237,8 +221,7 @@ def _converged(
         if np.isfinite(took):
             shares = np.linspace(0, 1, 21)
             times = [
-                weights
-                @ _times(path.s, x + a * (new - x), slope + a * (new_slope - slope))
+                weights @ _times(path.s, x + a * (new - x), slope + a * (new_slope - slope))
                 for a in shares
             ]
             a = shares[int(np.argmin(times))]
@@ -259,9 +242,7 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
     passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
     early, late = knots < s[1], knots > s[-2]
     passed[early] = t[1] * np.cbrt(knots[early] / s[1])
-    passed[late] = t[-1] - (t[-1] - t[-2]) * np.cbrt(
-        (s[-1] - knots[late]) / (s[-1] - s[-2])
-    )
+    passed[late] = t[-1] - (t[-1] - t[-2]) * np.cbrt((s[-1] - knots[late]) / (s[-1] - s[-2]))
     return passed
 
 
@@ -278,17 +259,13 @@ def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
     def stages(way: Array, slope: Array) -> Array:
         used = np.maximum(np.abs(slope), 1e-12)
         reached = float(
-            np.min(limits.acceleration / used) ** 3
-            / np.min(limits.jerk / used) ** 2
-            / 12
+            np.min(limits.acceleration / used) ** 3 / np.min(limits.jerk / used) ** 2 / 12
         )
         h, most = way[0], way[min(_MERGED, len(way) // 8)]
         if reached >= h:
             return way[way >= min(reached, most) * (1 - 1e-9)]
         begin = max(reached, _FINEST * h)
-        more = begin * _GROWTH ** np.arange(
-            max(1, int(np.log(h / begin) / np.log(_GROWTH)))
-        )
+        more = begin * _GROWTH ** np.arange(max(1, int(np.log(h / begin) / np.log(_GROWTH))))
         return np.concatenate([more[more < h * (1 - 1e-9)], way])
 
     half = len(grid) // 2
@@ -333,9 +310,7 @@ class _Path:
             slope, bend = curve(u, 1), curve(u, 2)
             points.append((share, slope, bend, _torques(limits, curve(u), slope, bend)))
         middle = s[:-1] + h / 2
-        most, most_between = (
-            limits.most_rate(curve(u), curve(u, 1)) ** 2 for u in (s, middle)
-        )
+        most, most_between = (limits.most_rate(curve(u), curve(u, 1)) ** 2 for u in (s, middle))
         return cls(s, curve(middle, 3), most, most_between, tuple(points), curve)
 
     def from_rest(self, limits: JointLimits) -> Array:
@@ -383,10 +358,7 @@ def _times(s: Array, x: Array, slope: Array) -> Array:
     z[[0, -1]] = 0.0
     root = np.sqrt(np.abs(z))
     safe = np.where(root < 1e-2, 1.0, root)
-    curved = (
-        np.where(z > 0, np.arctanh(np.where(safe < 1, safe, np.nan)), np.arctan(safe))
-        / safe
-    )
+    curved = np.where(z > 0, np.arctanh(np.where(safe < 1, safe, np.nan)), np.arctan(safe)) / safe
     t = 2 * h / mean * np.where(root < 1e-2, 1 + z / 3 + z**2 / 5, curved)
     t[[0, -1]] *= 1.5  # constant jerk: t = 3 h / v
     return t
@@ -475,9 +447,7 @@ def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_
     return _sparse(np.concatenate(equal), np.concatenate(where), 2 * m)
 
 
-def _optimum(
-    cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: Array
-) -> Array:
+def _optimum(cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: Array) -> Array:
     """Solve ``min cost·z`` with the rows ``A z ≤ b``, ``equal z = 0``, and z within its bounds.
 
     ``between`` (N, 2) are the bounds. Few of the many rows hold with equality: those that nearly do
@@ -528,8 +498,7 @@ def _rows(
         """
         k = bend / h - share * (1 - share) / 2 * h * x
         return np.stack(
-            [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k],
-            axis=-1,
+            [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k], axis=-1
         ).reshape(-1, 4)
 
     whole = 1 / path.most_between[1:-1, None]

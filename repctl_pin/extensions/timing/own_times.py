@@ -66,13 +66,7 @@ class _OwnTimes(Segment):
 
 
 def with_own_times(
-    Q: Array,
-    clock: Array,
-    limits: JointLimits,
-    *,
-    added: int,
-    most: float,
-    joints: Sequence[str],
+    Q: Array, clock: Array, limits: JointLimits, *, added: int, most: float, joints: Sequence[str]
 ) -> _OwnTimes:
     """Time a smooth joint path by its own times, smoothed as little as the limits allow.
 
@@ -138,9 +132,7 @@ def with_own_times(
     return found
 
 
-def _worst(
-    limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]
-) -> str:
+def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
     """Describe the limit that is exceeded most, and when, as the end of an error message.
 
     ``moved`` are q, q̇, q̈ and q⃛, each (T, n), at the times t (T,), s; ``joints`` are names.
@@ -150,18 +142,13 @@ def _worst(
         k, j = divmod(int(np.argmax(used)), used.shape[1])
         share = float(used[k, j])
         found.append(
-            (
-                share,
-                f"{joints[j]} would need {share:.4g} times its {what} at {t[k]:.3g} s",
-            )
+            (share, f"{joints[j]} would need {share:.4g} times its {what} at {t[k]:.3g} s")
         )
     if limits.tool is not None:
         used = limits.tool(moved[0], moved[1])
         k = int(np.argmax(used))
         share = float(used[k])
-        found.append(
-            (share, f"the tool would need {share:.4g} times its speed at {t[k]:.3g} s")
-        )
+        found.append((share, f"the tool would need {share:.4g} times its speed at {t[k]:.3g} s"))
     share, words = max(found)
     return words if share > 1 else "a torque would exceed its limit"
 

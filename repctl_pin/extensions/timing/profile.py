@@ -65,9 +65,7 @@ class Segment:
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
-        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (
-            2 * (self.s[i + 1] - self.s[i])
-        )
+        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (2 * (self.s[i + 1] - self.s[i]))
         tau = t - self.t[i]
         s = self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
         return s, self.speed[i] + push * tau, push, np.zeros(len(t))
@@ -94,9 +92,7 @@ class Segment:
         return most_used(limits, self.derivatives(t)[:3])
 
 
-def used_fractions(
-    limits: JointLimits, moved: Sequence[Array]
-) -> Iterator[tuple[str, int, Array]]:
+def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tuple[str, int, Array]]:
     """Yield the used fractions (T, n) of the limits of speed, acceleration and jerk; 1 is all.
 
     ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each fraction
@@ -180,9 +176,7 @@ class Course:
         """Number of joints."""
         return int(self.segments[0].curve.c.shape[2])
 
-    def _parts(
-        self, t: Array
-    ) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
+    def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
         """Generate the segments at times (T,), s.
 
         With each come the rows of t that are in it, its own times there, which may be beyond its
@@ -319,9 +313,7 @@ def _tangent(points: Array) -> Array:
 
     It is the tangent of the polynomial through the points; 0 if they coincide.
     """
-    x = np.concatenate(
-        [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-    )
+    x = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if x[-1] == 0:
         return np.zeros(points.shape[1])
     slope = np.linalg.solve(np.vander(x / x[-1], increasing=True), points)[1]
@@ -371,15 +363,11 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
 
     velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
     if limits.tool is not None:
-        velocity = JointVelocityConstraintVarying(
-            lambda s: _speeds_at(limits, curve, s)
-        )
+        velocity = JointVelocityConstraintVarying(lambda s: _speeds_at(limits, curve, s))
     constraints = [velocity, JointAccelerationConstraint(limits.acceleration)]
     if limits.torque is not None:
         torque = np.stack([-limits.torque, limits.torque], axis=1)
-        constraints.append(
-            JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque)))
-        )
+        constraints.append(JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque))))
         constraints[-1].set_discretization_type(1)
     solver = TOPPRA(
         constraints,
@@ -423,7 +411,5 @@ def _speeds_at(limits: JointLimits, curve: Any, s: float) -> Array:
     """
     slope = curve(np.array([s]), 1)
     rate = limits.most_rate(curve(np.array([s])), slope)
-    speeds = np.minimum(
-        np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12
-    )
+    speeds = np.minimum(np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12)
     return np.stack([-speeds, speeds], axis=1)

@@ -81,9 +81,7 @@ class _Change:
         r = self.rate * W
         d = self.goal - self.override
         inside = t < self.time
-        way = W * (
-            o * u + r * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4) + d * (u**3 - u**4 / 2)
-        )
+        way = W * (o * u + r * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4) + d * (u**3 - u**4 / 2))
         value = o + r * u * (1 - u) ** 2 + d * u**2 * (3 - 2 * u)
         first = (r * (1 - 4 * u + 3 * u**2) + d * 6 * u * (1 - u)) / W
         second = (r * (6 * u - 4) + d * (6 - 12 * u)) / W**2
@@ -137,9 +135,7 @@ class Run:
     """
 
     def __init__(self, timed: TimedMotion, *, q: ArrayLike | None = None) -> None:
-        require_type(
-            timed, TimedMotion, "timed", "a timed motion, such as rp.timed makes"
-        )
+        require_type(timed, TimedMotion, "timed", "a timed motion, such as rp.timed makes")
         if timed.trajectory is None:
             raise InputError("timed has no trajectory; pass a result of rp.timed")
         self._timed, self._trajectory = timed, timed.trajectory
@@ -194,9 +190,7 @@ class Run:
             )
         self._aim(override)
         self._since += dt
-        way, o, rate, _ = (
-            float(part[0]) for part in self._change.at(np.array([self._since]))
-        )
+        way, o, rate, _ = (float(part[0]) for part in self._change.at(np.array([self._since])))
         self._t = min(max(self._change.begin + way, 0.0), self._end)
         self._override, self._rate = o, rate
         if self._t in (0.0, self._end):
@@ -221,8 +215,7 @@ class Run:
         """
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (
-            (left <= 0 and change.goal[0] == wish)
-            or self._since - self._looked < _AGAIN
+            (left <= 0 and change.goal[0] == wish) or self._since - self._looked < _AGAIN
         ):
             return
         if not self._timed.starts[0] < self._t < self._timed.starts[-1]:  # at rest
@@ -234,9 +227,7 @@ class Run:
             found = self._quickest(
                 np.asarray(self._override + (wish - self._override) * _SHARES, float)
             )
-        if found is not None and not (
-            change.goal[0] == wish and found.time[0] > 0.95 * left
-        ):
+        if found is not None and not (change.goal[0] == wish and found.time[0] > 0.95 * left):
             self._change = found
             self._since = 0.0
             self._looked = 0.0
@@ -251,24 +242,18 @@ class Run:
         far = np.abs(goals - self._override)
         shortest = 1.5 * far * np.max(slope / self._timed.acceleration)
         if self._timed.jerk is not None:
-            shortest = np.maximum(
-                shortest, np.sqrt(6 * far * np.max(slope / self._timed.jerk))
-            )
+            shortest = np.maximum(shortest, np.sqrt(6 * far * np.max(slope / self._timed.jerk)))
         times = (np.maximum(shortest, _QUICKEST)[:, None] * _LONGER).ravel()
         changes = _Change(
             self._t, self._override, self._rate, np.repeat(goals, len(_LONGER)), times
         )
         for k in np.flatnonzero(self._kept(changes, _COARSE)):
             one = _Change(
-                self._t,
-                self._override,
-                self._rate,
-                changes.goal[k : k + 1],
-                times[k : k + 1],
+                self._t, self._override, self._rate, changes.goal[k : k + 1], times[k : k + 1]
             )
-            if self._kept(
-                one, np.linspace(0.0, 1.0, int(min(times[k] / _FINE, _MOST_POINTS)) + 2)
-            )[0]:
+            if self._kept(one, np.linspace(0.0, 1.0, int(min(times[k] / _FINE, _MOST_POINTS)) + 2))[
+                0
+            ]:
                 return one
         return None
 
@@ -286,8 +271,7 @@ class Run:
         used = np.maximum(used, np.abs(q[2] * o**2 + q[1] * rate) / timed.acceleration)
         if timed.jerk is not None:
             used = np.maximum(
-                used,
-                np.abs(q[3] * o**3 + 3 * q[2] * o * rate + q[1] * push) / timed.jerk,
+                used, np.abs(q[3] * o**3 + 3 * q[2] * o * rate + q[1] * push) / timed.jerk
             )
         return np.asarray(used.max(axis=(0, 2)) <= _TOLERANCE)
 
@@ -299,15 +283,11 @@ class Run:
         ends = max(timed.t[max(k - 1, 0)], 0.0), timed.t[min(k + 1, len(timed.t) - 1)]
 
         def away(t: float) -> float:
-            return float(
-                np.linalg.norm(self._trajectory.derivatives(np.array([t]))[0, 0] - q)
-            )
+            return float(np.linalg.norm(self._trajectory.derivatives(np.array([t]))[0, 0] - q))
 
         from scipy.optimize import minimize_scalar  # slow to import
 
-        found = minimize_scalar(
-            away, bounds=ends, method="bounded", options={"xatol": 1e-12}
-        )
+        found = minimize_scalar(away, bounds=ends, method="bounded", options={"xatol": 1e-12})
         t = float(found.x) if found.fun < away(float(timed.t[k])) else float(timed.t[k])
         if not away(t) < _NEAR:
             raise InputError(

@@ -13,14 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import (
-    Array,
-    flag,
-    positive,
-    read_only,
-    require_choice,
-    require_type,
-)
+from ...arguments import Array, flag, positive, read_only, require_choice, require_type
 from ...errors import InputError
 from ...model.bodies import bodies_of
 from ...motion.joint_motion import JointMotion
@@ -46,11 +39,7 @@ _MOMENT = 1e-3
 
 
 def timed(
-    motion: Motion,
-    limits: Limits,
-    *,
-    keep_times: bool = False,
-    rate: float = 1000.0,
+    motion: Motion, limits: Limits, *, keep_times: bool = False, rate: float = 1000.0
 ) -> TimedMotion:
     """Time a motion's joint path from rest to rest, as quickly as the limits allow.
 
@@ -94,12 +83,9 @@ def timed(
     keep_times = flag(keep_times, "keep_times")
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
-    if (kept.jerk is not None or keep_times) and np.linalg.norm(
-        once[-1] - once[0]
-    ) < CLOSED:
-        once = once + np.linspace(0.0, 1.0, steps + 1)[:, None] * (
-            once[0] - once[-1]
-        )  # jerk feels 1e-9 rad
+    if (kept.jerk is not None or keep_times) and np.linalg.norm(once[-1] - once[0]) < CLOSED:
+        # jerk feels 1e-9 rad
+        once = once + np.linspace(0.0, 1.0, steps + 1)[:, None] * (once[0] - once[-1])
 
     def repeated(cycles: int) -> Array:
         return np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
@@ -230,9 +216,7 @@ def _as_fast_as_possible(
     return laps.profile(runs, stops, limits)
 
 
-def _in_own_times(
-    laps: _Laps, limits: JointLimits, motion: Motion
-) -> tuple[Profile, list[int]]:
+def _in_own_times(laps: _Laps, limits: JointLimits, motion: Motion) -> tuple[Profile, list[int]]:
     """Time a joint path in its own times, such as those of a file's waypoints, from stop to stop.
 
     Returns the profile, and the stops within the first cycle. The arm stops at sharp corners, and
@@ -303,9 +287,7 @@ def _sampled(
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.arange(-lead, samples - lead, dtype=float) * dt
     course = profile.course.stretched(factor)
-    back, before, q, after, beyond = (
-        course.positions(clock + k * moment) for k in range(-2, 3)
-    )
+    back, before, q, after, beyond = (course.positions(clock + k * moment) for k in range(-2, 3))
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)
     rows, starts = np.arange(samples + more * period), marks
@@ -383,32 +365,19 @@ def approach(
     >>> np.allclose(way.q[-1], motion.q[0])
     True
     """
-    task = require_type(
-        motion, JointMotion, "motion", "a motion, such as rp.follow makes"
-    ).task
+    task = require_type(motion, JointMotion, "motion", "a motion, such as rp.follow makes").task
     bodies = flag(bodies, "bodies")
     kept = joint_limits(task, limits)
     now = task.check(q_now, "q_now")
     goal = motion.q[0]
     if require_choice(to, ("start", "nearest"), "goal") == "nearest":
         goal = motion.q[
-            np.argmin(
-                np.linalg.norm(
-                    motion.joints(motion.q[: motion.steps + 1] - now), axis=1
-                )
-            )
+            np.argmin(np.linalg.norm(motion.joints(motion.q[: motion.steps + 1] - now), axis=1))
         ]
-    ends = [
-        now,
-        task.check(
-            goal, f"the motion's {'start' if to == 'start' else 'nearest point'}"
-        ),
-    ]
+    ends = [now, task.check(goal, f"the motion's {'start' if to == 'start' else 'nearest point'}")]
     begin, end = motion.joints(np.array(ends))
     if np.linalg.norm(end - begin) < 1e-9:
-        where = (
-            "at the start of the motion" if to == "start" else "on the motion's path"
-        )
+        where = "at the start of the motion" if to == "start" else "on the motion's path"
         raise InputError(f"the arm is {where} already; there is nothing to approach")
     share = np.linspace(0, 1, _LOOKED_AT)[:, None]
     if bodies:
@@ -447,9 +416,7 @@ def _fastest_cycle(motion: Motion) -> float | None:
     Its acceleration limits are published ones of the robot, or assumed.
     """
     end = motion.steps + 1
-    once = replace(
-        motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end]
-    )
+    once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])
     acceleration = presumed_acceleration(motion.task)[0]
     try:
         return timed(once, Limits(acceleration=acceleration)).duration

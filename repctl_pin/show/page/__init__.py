@@ -2,13 +2,4 @@
 
 from ...errors import needed
 
-needed(
-    "PIL",
-    "collada",
-    "jinja2",
-    "meshcat",
-    "tornado",
-    "trimesh",
-    "umsgpack",
-    by="an animation",
-)
+needed("PIL", "collada", "jinja2", "meshcat", "tornado", "trimesh", "umsgpack", by="an animation")

@@ -73,9 +73,7 @@ class Animation:
         return f"Animation(a page of {len(self.page) / 1e6:.1f} MB)"
 
 
-def animation(
-    motions: Mapping[str, Motion] | Study, *, seconds: float | None = None
-) -> Animation:
+def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
     """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
 
     J⁺ and the nearest repeatable have fixed colours; other motions have a warm colour if they
@@ -113,16 +111,12 @@ def animation(
         raise InputError("an animation requires motions; there is none")
     for name, motion in motions.items():
         require_type(
-            motion,
-            Motion,
-            f"motions[{name!r}]",
-            "a motion, such as rp.follow(control, path, q0)",
+            motion, Motion, f"motions[{name!r}]", "a motion, such as rp.follow(control, path, q0)"
         )
     every = list(motions.values())
     robot = every[0].task.robot
     other = next(
-        (m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names),
-        None,
+        (m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None
     )
     if other is not None:
         raise InputError(
@@ -144,9 +138,7 @@ def animation(
                 paths.append(points)
     name = " and ".join(dict.fromkeys(motion.path.name for motion in every))
     return Animation(
-        playback_page(
-            list(chains.values()), tracks, paths=paths, name=name, seconds=seconds
-        )
+        playback_page(list(chains.values()), tracks, paths=paths, name=name, seconds=seconds)
     )
 
 
@@ -164,6 +156,5 @@ def _colours(drifts: Mapping[str, float]) -> list[str]:
         for colours in (_WARM, _COOL)
     )
     return [
-        known.get(name) or next(cool if drift <= limit else warm)
-        for name, drift in drifts.items()
+        known.get(name) or next(cool if drift <= limit else warm) for name, drift in drifts.items()
     ]

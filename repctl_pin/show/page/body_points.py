@@ -53,9 +53,7 @@ def body_drift(
     off, which = displacements(placements[first], placements, bodies)
     kept = [
         body[np.union1d(np.unique(which[:, s]), _outermost(body, count))]
-        for s, (body, count) in enumerate(
-            zip(bodies, directions or [8] * len(bodies), strict=True)
-        )
+        for s, (body, count) in enumerate(zip(bodies, directions or [8] * len(bodies), strict=True))
     ]
     return tuple(kept), off
 

@@ -49,10 +49,7 @@ _SCRIPTS = (
 
 
 def page(
-    scene: dict[str, Any],
-    commands: Sequence[bytes],
-    motion: Sequence[Array],
-    headline: Headline,
+    scene: dict[str, Any], commands: Sequence[bytes], motion: Sequence[Array], headline: Headline
 ) -> str:
     """Write the animation page, with the viewer, the bodies and the motion inside.
 
@@ -78,9 +75,7 @@ def page(
         scene=scene,
         data=Markup(_as_script(scene)),
         viewer=Markup(_viewer()),
-        commands=Markup(
-            pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))
-        ),
+        commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),
         motion=Markup(pack(numbers)),
         script=Markup(_script()),
     )
@@ -113,7 +108,7 @@ def _script() -> str:
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
-    left_out = r"(?m)^(import .*\n|export |\s*//.*\n| +)"
+    left_out = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)"
     return '"use strict";\n' + re.sub(left_out, "", "\n".join(texts))
 
 
@@ -123,11 +118,7 @@ def _as_script(value: Any) -> str:
     A text that contains ``</script>`` cannot end the element.
     """
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return (
-        text.replace("<", "\\u003c")
-        .replace("\u2028", "\\u2028")
-        .replace("\u2029", "\\u2029")
-    )
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
 def pack(data: bytes) -> str:
@@ -146,9 +137,7 @@ def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)
     thirds = [
-        np.diff(
-            np.rint(series / unit), n=3, axis=0, prepend=np.zeros((3, len(series.T)))
-        )
+        np.diff(np.rint(series / unit), n=3, axis=0, prepend=np.zeros((3, len(series.T))))
         for series in motion
     ]
     d = np.concatenate([third.T.ravel() for third in thirds]).astype(np.int64)

@@ -26,13 +26,7 @@ _Element = dict[str, Any]
 """Element of a three.js scene, in its JSON format."""
 
 _LIGHTS = ("AmbientLight", "FillLight", "PointLightNegativeX", "PointLightPositiveX")
-_HIDDEN = (
-    "/Grid",
-    "/Axes",
-    *(f"/Lights/{light}" for light in _LIGHTS),
-    "/library",
-    "/Background",
-)
+_HIDDEN = ("/Grid", "/Axes", *(f"/Lights/{light}" for light in _LIGHTS), "/library", "/Background")
 """Elements that meshcat's viewer shows by default and the page replaces."""
 
 _ARRAYS = {"Int8Array": (0x11, "<i1"), "Uint8Array": (0x12, "<u1"), "Uint16Array": (0x14, "<u2"),
@@ -93,9 +87,7 @@ def key(shape: Shape) -> Key:
 
     Shapes of equal bodies have equal keys, so that the page holds each body only once.
     """
-    return (
-        ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
-    )
+    return ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
 
 
 def _object(shape: Shape, surfaces: Surfaces) -> _Element:
@@ -195,16 +187,11 @@ def _triangles(surface: Surface) -> _Element:
     attributes = {
         "position": _array("Float32Array", s.points, 3),
         "normal": _array("Int8Array", np.round(s.normals * 127), 3, normalized=True),
-        "color": _array(
-            "Uint8Array", np.round(lifted(s.colors) * 255), 3, normalized=True
-        ),
+        "color": _array("Uint8Array", np.round(lifted(s.colors) * 255), 3, normalized=True),
     }
     small = len(s.points) < 2**16
     index = _array("Uint16Array" if small else "Uint32Array", s.faces, 1)
-    return {
-        "type": "BufferGeometry",
-        "data": {"attributes": attributes, "index": index},
-    }
+    return {"type": "BufferGeometry", "data": {"attributes": attributes, "index": index}}
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:

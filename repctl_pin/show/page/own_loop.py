@@ -36,9 +36,7 @@ _Numbers = dict[str, Any]
 
 
 def own_loop(
-    motion: Motion,
-    strategies: Sequence[Strategy],
-    closes: ClosingRadius | None = None,
+    motion: Motion, strategies: Sequence[Strategy], closes: ClosingRadius | None = None
 ) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop, in plain Python types.
 
@@ -143,9 +141,7 @@ def study_loop(study: Study) -> _Numbers | None:
         return None
     proof = study.design.proof if "repeatable" in moved else None
     return own_loop(
-        next(iter(moved.values())),
-        [laws[key] for key in moved],
-        proof.closes if proof else None,
+        next(iter(moved.values())), [laws[key] for key in moved], proof.closes if proof else None
     )
 
 
@@ -177,14 +173,8 @@ def _first_axis(task: Task) -> _Numbers | None:
     """
     if not task.revolute[0]:
         return None
-    axis, origin = (
-        places(task.reference)[0] for places in (task.axes, task.joint_origins)
-    )
-    return {
-        "axis": axis.tolist(),
-        "origin": origin.tolist(),
-        "name": task.robot_joints[0],
-    }
+    axis, origin = (places(task.reference)[0] for places in (task.axes, task.joint_origins))
+    return {"axis": axis.tolist(), "origin": origin.tolist(), "name": task.robot_joints[0]}
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:
@@ -220,9 +210,7 @@ def _potentials(h: Potentials) -> list[_Numbers] | None:
             found += described
         return found
     if isinstance(h, FourierMap):
-        return [
-            {name: getattr(h, name).tolist() for name in ("waves", "sines", "cosines")}
-        ]
+        return [{name: getattr(h, name).tolist() for name in ("waves", "sines", "cosines")}]
     if not isinstance(h, PolynomialMap):
         return None
     terms = [

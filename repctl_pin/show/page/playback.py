@@ -106,21 +106,10 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
     ``#RRGGBB``.
     """
     task, Q = motion.task, motion.task.to_robot(motion.q)
-    return Playback(
-        label,
-        color,
-        Q,
-        motion.cycles,
-        motion.drift,
-        task.unit,
-        motion.t,
-        motion,
-    )
+    return Playback(label, color, Q, motion.cycles, motion.drift, task.unit, motion.t, motion)
 
 
-def read_playbacks(
-    file: str | Path, robot: Robot, *, cycles: int | None = None
-) -> list[Playback]:
+def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Playback]:
     """Read the motions of a robot from a CSV file, one for each strategy in it.
 
     A strategy is a controller, such as J⁺. Joints without a column stay at the reference pose.
@@ -139,9 +128,7 @@ def read_playbacks(
     InputError
         If the file cannot be used.
     """
-    turns = {
-        joint.name: joint.kind != "prismatic" for joint in robot.description.joints
-    }
+    turns = {joint.name: joint.kind != "prismatic" for joint in robot.description.joints}
     tracks = []
     for k, found in enumerate(read_motions(file, robot.joint_names, cycles=cycles)):
         Q = np.tile(robot.reference, (len(found.q), 1))
@@ -222,11 +209,7 @@ def playback_page(
             for done, track, arm in zip(said, tracks, arms, strict=True)
         ]
         headline = headline_of(summaries, cycles, stopped, hands=len(chains))
-    lines = (
-        list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1))
-        if paths is None
-        else list(paths)
-    )
+    lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
     origins = [
         chain.task.joint_origins(chain.task.from_robot(track.Q[0]))
         for chain in chains
@@ -316,12 +299,7 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
     q = chain.task.from_robot(track.Q)
     t = np.arange(float(len(track.Q))) if track.t is None else track.t
     return JointMotion(
-        chain.task,
-        t,
-        q,
-        np.gradient(q, t, axis=0),
-        track.cycles,
-        (len(q) - 1) // track.cycles,
+        chain.task, t, q, np.gradient(q, t, axis=0), track.cycles, (len(q) - 1) // track.cycles
     )
 
 
@@ -334,9 +312,7 @@ def _is_of(chain: Task, task: Task) -> bool:
     return all(getattr(chain, name) == getattr(task, name) for name in same)
 
 
-def _broken(
-    played: Sequence[JointMotion], track: Playback, rows: Array
-) -> FirstViolation | None:
+def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion, which the page marks; else None.
 
     ``played`` holds the motion of each chain, ``rows`` (T, nq) the shown configurations. Speed
@@ -378,25 +354,17 @@ def _summary(
     because the chains move each other's bodies.
     """
     alone = len(played) == 1
-    summaries = [
-        motion_summary(track.label, one, moved, bodies=alone) for one in played
-    ]
-    violations = [
-        summary.limit_violation for summary in summaries if summary.limit_violation
-    ]
+    summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]
+    violations = [summary.limit_violation for summary in summaries if summary.limit_violation]
     loss = track.motion.path_loss if isinstance(track.motion, Motion) else None
     worst = replace(
         summaries[0],
         hand_off=max(summary.hand_off for summary in summaries),
         ends=summaries[0].ends if alone else {},
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
-        path_loss=None
-        if loss is None
-        else (cycle_of(loss[0], track.cycles), *loss[1:]),
+        path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
         limit_violation=min(violations, default=None),
-        speed_ratio=0.0
-        if track.t is None
-        else max(summary.speed_ratio for summary in summaries),
+        speed_ratio=0.0 if track.t is None else max(summary.speed_ratio for summary in summaries),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
     return with_outlook(worst, played)

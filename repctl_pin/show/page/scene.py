@@ -142,9 +142,7 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
-        raise InputError(
-            f"{samples} samples are not {cycles} cycles of equal steps and a start"
-        )
+        raise InputError(f"{samples} samples are not {cycles} cycles of equal steps and a start")
     stride = -(-(cycles - 1) // (_SHOWN - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
     most = min(per_cycle - 1, steps)
@@ -274,9 +272,7 @@ def animation_page(
         "arms": described,
         "own": own,
     }
-    motion = [
-        np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]
-    ]
+    motion = [np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]]
     return page(scene, commands, motion, headline)
 
 
@@ -318,10 +314,7 @@ def _describe(
         for points, moves in zip(arm.points, moving, strict=True)
         if moves
     ]
-    rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [
-        0,
-        frames.per_cycle - 1,
-    ]
+    rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [0, frames.per_cycle - 1]
     off = arm.off.max(axis=1, initial=0.0)[rows]  # (cycles shown, 2): at start and end
     shapes = [
         {
@@ -368,10 +361,7 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
     Shapes that stand still are written with one pose, which keeps the page small.
     """
     return (
-        np.ptp(placements, axis=0)
-        .reshape(placements.shape[1], -1)
-        .max(axis=1, initial=0.0)
-        > 1e-12
+        np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
     )
 
 

@@ -33,9 +33,7 @@ def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
 
-def still(
-    ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False
-) -> Axes:
+def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False) -> Axes:
     """Draw the arm at the start (grey) and at the end of a motion, the path, and the elbow's trace.
 
     Parameters
@@ -52,17 +50,12 @@ def still(
         True if only x and y are drawn, as for a planar arm.
     """
     task, dims = motion.task, 2 if flat else 3
-    every = np.unique(
-        np.linspace(0, len(motion.q) - 1, 40 * motion.cycles + 1).astype(int)
-    )
+    every = np.unique(np.linspace(0, len(motion.q) - 1, 40 * motion.cycles + 1).astype(int))
     trace = np.array([task.joint_origins(q)[elbow] for q in motion.q[every]])
     path = motion.path.points(121)
     ax.plot(*path.T[:dims], color=INK, lw=1.0)
     ax.plot(*trace.T[:dims], color=colour, lw=0.9, alpha=0.75)
-    for q, shade, width, order in (
-        (motion.q[0], _START, 4.5, 2),
-        (motion.q[-1], colour, 2.4, 3),
-    ):
+    for q, shade, width, order in ((motion.q[0], _START, 4.5, 2), (motion.q[-1], colour, 2.4, 3)):
         line = bones(task, q)
         ax.plot(
             *line.T[:dims],
@@ -89,9 +82,7 @@ def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
     figure = Figure(figsize=(5.0 * len(motions), 4.6), layout="constrained")
     axes: list[Any] = []
     for k, (label, motion, colour) in enumerate(motions, 1):
-        ax: Any = figure.add_subplot(
-            1, len(motions), k, projection=None if flat else "3d"
-        )
+        ax: Any = figure.add_subplot(1, len(motions), k, projection=None if flat else "3d")
         still(ax, motion, joint, colour, flat=flat)
         after = counted(motion.cycles, "cycle")
         ax.set_title(f"{plain(label)}: start (grey), after {after}", fontsize=10)
@@ -99,9 +90,7 @@ def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
     return viewed(figure, axes, stations, flat)
 
 
-def viewed(
-    figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat: bool
-) -> Figure:
+def viewed(figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat: bool) -> Figure:
     """Label all axes of a figure, and give them one view in which the arm and path are seen best.
 
     ``stations`` (P, 3), m, are points of the arm and of the path; ``flat`` is True for drawings of
@@ -126,14 +115,12 @@ def _same_room(axes: list[Any], flat: bool) -> None:
     so that its numbers do not overlap.
     """
     names = "xy" if flat else "xyz"
-    ends = np.array(
-        [[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names]
-    )  # (d, axes, 2)
+    # (d, axes, 2)
+    ends = np.array([[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names])
     low = ends[..., 0].min(axis=1)
     high = ends[..., 1].max(axis=1)
-    narrow = np.maximum(
-        0.0, 0.2 * (high - low).max() - (high - low)
-    )  # a flat motion still needs room for its numbers
+    # a flat motion still needs room for its numbers
+    narrow = np.maximum(0.0, 0.2 * (high - low).max() - (high - low))
     low, high = low - narrow / 2, high + narrow / 2
     sizes = high - low
     for name, a, b, size in zip(names, low, high, sizes, strict=True):

@@ -24,15 +24,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import (
-    Array,
-    as_int,
-    flag,
-    list_of,
-    list_of_names,
-    require_type,
-    vector,
-)
+from ...arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
 from ...errors import InputError
 from ...model.arm_links import arm_links
 from ...model.length import arm_length
@@ -134,9 +126,7 @@ class Viewer:
         self._clients: set[_Poses] = set()
         self._last = b""
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(
-            target=self._serve, args=(sockets, page), daemon=True
-        )
+        self._thread = threading.Thread(target=self._serve, args=(sockets, page), daemon=True)
         self._thread.start()
 
     def __repr__(self) -> str:
@@ -182,12 +172,7 @@ class Viewer:
         goal = np.full(3, np.nan) if target is None else vector(target, 3, "target")
         elbows = [self.task.joint_origins(q)[self._elbow] for q in now]
         numbers = [
-            *(
-                poses_of(placements).ravel(),
-                drift,
-                past,
-                [flag(out_of_reach, "out_of_reach")],
-            ),
+            *(poses_of(placements).ravel(), drift, past, [flag(out_of_reach, "out_of_reach")]),
             *(goal, [as_int(cycles, "cycles", 0)]),
             *(self.task.positions(both).ravel(), np.ravel(elbows)),
         ]
@@ -301,10 +286,7 @@ class Viewer:
         This is the function of the viewer's thread.
         """
         asyncio.set_event_loop(self._loop)
-        handlers: list[Any] = [
-            ("/", _Page, {"page": page}),
-            ("/poses", _Poses, {"viewer": self}),
-        ]
+        handlers: list[Any] = [("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]
         server = HTTPServer(Application(handlers, websocket_max_message_size=_MESSAGE))
         self._loop.call_soon(server.add_sockets, sockets)
         self._loop.run_forever()
@@ -372,9 +354,7 @@ class _Poses(WebSocketHandler):
         self.sent = b""
 
     def check_origin(self, origin: str) -> bool:
-        return origin in (
-            f"http://{name}:{self.viewer._port}" for name in (_HOST, "localhost")
-        )
+        return origin in (f"http://{name}:{self.viewer._port}" for name in (_HOST, "localhost"))
 
     def open(self, *args: str, **kwargs: str) -> None:
         self.viewer._clients.add(self)

@@ -31,24 +31,16 @@ def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
         Label, motion and colour of each.
     """
     for label, motion, colour in motions:
-        s = (
-            (motion.t[: motion.steps] - motion.t[0])
-            / (motion.t[-1] - motion.t[0])
-            * motion.cycles
-        )
+        s = (motion.t[: motion.steps] - motion.t[0]) / (motion.t[-1] - motion.t[0]) * motion.cycles
         ax.plot(s, motion.speed[: motion.steps], color=colour, lw=1.5, label=label)
         if motion.cycles > 1:
-            last = slice(
-                (motion.cycles - 1) * motion.steps, motion.cycles * motion.steps
-            )
+            last = slice((motion.cycles - 1) * motion.steps, motion.cycles * motion.steps)
             ax.plot(s, motion.speed[last], color=colour, lw=1.2, ls=(0, (3, 2)))
     ax.set_xlim(0, 1)
     ax.set_ylim(bottom=0)
     ax.set_xlabel("part of the cycle")
     ax.set_ylabel(
-        f"joint speed ‖q̇‖ ({motions[0][1].task.unit}/s)".replace(
-            "rad and m/s", "rad/s and m/s"
-        )
+        f"joint speed ‖q̇‖ ({motions[0][1].task.unit}/s)".replace("rad and m/s", "rad/s and m/s")
     )
     return quiet(ax)
 
@@ -69,13 +61,9 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
         (label, colour, _least_in_cycles(motion.limit_margin.min(axis=1), motion))
         for label, motion, colour in motions
     ]
-    lines = [
-        line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6
-    ]
+    lines = [line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6]
     if not lines:
-        ax.text(
-            0.5, 0.5, "no joint limits", transform=ax.transAxes, ha="center", color=INK
-        )
+        ax.text(0.5, 0.5, "no joint limits", transform=ax.transAxes, ha="center", color=INK)
     _least_over_cycles(ax, lines, motions[0][1].cycles)
     ax.set_ylabel(f"minimum joint-limit margin ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
@@ -92,17 +80,14 @@ def _bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) ->
         Label, motion and colour of each.
     """
     lines = [
-        (label, colour, _least_in_cycles(m.coarse.body_distance, m))
-        for label, m, colour in motions
+        (label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions
     ]
     _least_over_cycles(ax, lines, motions[0][1].cycles)
     ax.set_ylabel("minimum body distance (m)")
     return quiet(ax, whole=True)
 
 
-def _least_over_cycles(
-    ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int
-) -> None:
+def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int) -> None:
     """Draw lines of a minimum per cycle, and shade the range below 0 in grey: a violation.
 
     Each line is a label, a colour and an array (cycles,), such as the minimum body distance, m.
@@ -111,17 +96,9 @@ def _least_over_cycles(
     ax.set_xlabel("cycle")
     if not lines:
         return
-    for (label, colour, least), marker in zip(
-        lines, "osD^vPX" * len(lines), strict=False
-    ):
+    for (label, colour, least), marker in zip(lines, "osD^vPX" * len(lines), strict=False):
         ax.plot(
-            np.arange(1, cycles + 1),
-            least,
-            marker=marker,
-            ms=4,
-            lw=1.4,
-            color=colour,
-            label=label,
+            np.arange(1, cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label
         )
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
@@ -135,9 +112,7 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
     ``values`` are at equal steps over the whole motion, with one more at its end.
     """
     steps = (len(values) - 1) // motion.cycles
-    return np.array(
-        [values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)]
-    )
+    return np.array([values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)])
 
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
@@ -150,9 +125,7 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
     for ax in third:
-        _bodies_over_cycles(ax, motions).set_title(
-            "body distance", fontsize=9, loc="left"
-        )
+        _bodies_over_cycles(ax, motions).set_title("body distance", fontsize=9, loc="left")
     _speed_over_cycle(left, motions)
     dashed = ", the last dashed" if motions[0][1].cycles > 1 else ""
     left.set_title(f"speed over the first cycle{dashed}", fontsize=9, loc="left")
@@ -161,9 +134,7 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     return legend_below(figure, left)
 
 
-def orbit(
-    ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int
-) -> Axes:
+def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
     """Draw one joint against another over all cycles: a view of the motion in joint space.
 
     A motion that repeats is a closed curve. A disc marks the end of each motion, and a cross the
@@ -180,17 +151,9 @@ def orbit(
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
+        ax.plot(motion.q[:, across], motion.q[:, upward], color=colour, lw=1.0, label=label)
         ax.plot(
-            motion.q[:, across], motion.q[:, upward], color=colour, lw=1.0, label=label
-        )
-        ax.plot(
-            *motion.q[-1, [across, upward]],
-            "o",
-            color=colour,
-            ms=5,
-            mec="white",
-            mew=0.8,
-            zorder=4,
+            *motion.q[-1, [across, upward]], "o", color=colour, ms=5, mec="white", mew=0.8, zorder=4
         )
     ax.plot(*motions[0][1].q[0, [across, upward]], "k+", ms=9, mew=1.4, zorder=5)
     ax.set_xlabel(axis_label(task, across))

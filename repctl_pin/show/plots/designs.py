@@ -25,9 +25,7 @@ from .motions import axis_label, quiet, titled
 
 
 def cost_against_degree(
-    ax: Axes,
-    degrees: Sequence[tuple[int, float, float]],
-    baselines: Sequence[Baseline] = (),
+    ax: Axes, degrees: Sequence[tuple[int, float, float]], baselines: Sequence[Baseline] = ()
 ) -> Axes:
     """Draw the cost of designs against the degree of their polynomials, with other inverses.
 
@@ -60,13 +58,7 @@ def cost_against_degree(
         if baseline.evaluation is None:
             ax.plot([], [], " ", label=f"{baseline.name}: singular in Ω")
         else:
-            ax.axhline(
-                baseline.evaluation.cost,
-                color=GREY,
-                ls=style,
-                lw=1.4,
-                label=baseline.name,
-            )
+            ax.axhline(baseline.evaluation.cost, color=GREY, ls=style, lw=1.4, label=baseline.name)
     ax.set_yscale("log")
     ax.set_xticks(d, [f"{int(v)}" for v in d])
     ax.set_xlim(d.min() - 0.4, d.max() + 0.4)
@@ -93,9 +85,7 @@ def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
         Largest value of the colour scale; by default the largest of the values.
     """
     shown = values[np.isfinite(values)]
-    return shown.size > 0 and bool(
-        np.ptp(shown) >= _VARIATION * (top or np.abs(shown).max())
-    )
+    return shown.size > 0 and bool(np.ptp(shown) >= _VARIATION * (top or np.abs(shown).max()))
 
 
 def joint_map(
@@ -131,23 +121,12 @@ def joint_map(
     shown = np.ma.masked_invalid(values)
     colours = "viridis_r" if top is None else "viridis"
     shade = ax.pcolormesh(
-        grid.x,
-        grid.y,
-        shown,
-        cmap=colours,
-        vmin=0,
-        vmax=top,
-        shading="nearest",
-        rasterized=True,
+        grid.x, grid.y, shown, cmap=colours, vmin=0, vmax=top, shading="nearest", rasterized=True
     )
     if varies(values, 0.5 * top if top else None):  # else all lines would read alike
-        lines = ax.contour(
-            grid.x, grid.y, shown, levels=5, colors="white", linewidths=0.9
-        )
+        lines = ax.contour(grid.x, grid.y, shown, levels=5, colors="white", linewidths=0.9)
         digits = max(0, 1 - int(np.floor(np.log10(np.ptp(np.array(lines.levels)) / 6))))
-        for value in ax.clabel(
-            lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=8, colors="white"
-        ):
+        for value in ax.clabel(lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=8, colors="white"):
             value.set_path_effects([withStroke(linewidth=2.2, foreground=INK)])
     ax.plot(*design.region.center[[across, upward]], "+", color=INK, ms=9, mew=1.5)
     ax.set_xlabel(axis_label(design.task, across))
@@ -224,13 +203,7 @@ def _plain_log_ticks(ax: Axes) -> None:
     ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend
     span = high / low
     ax.yaxis.set_major_locator(
-        LogLocator(
-            subs=(1, 1.5, 2, 3, 5, 7)
-            if span < 15
-            else (1, 2, 5)
-            if span < 300
-            else (1,)
-        )
+        LogLocator(subs=(1, 1.5, 2, 3, 5, 7) if span < 15 else (1, 2, 5) if span < 300 else (1,))
     )
     ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())

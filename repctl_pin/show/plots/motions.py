@@ -168,10 +168,7 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
     there, as a controller does that is drawn to another posture. ``motions`` lists the label,
     motion and colour of each.
     """
-    rest = max(
-        (float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)),
-        default=0.0,
-    )
+    rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [
         one
         for one in motions
@@ -199,9 +196,7 @@ def _end_labels(ax: Axes, curves: Sequence[_Curve]) -> None:
     ends = [float(curve.values[-1]) for curve in order]
     at_ends = [min(float(to_axes.transform((1.0, end))[1]), 1.0) for end in ends]
     places = _apart(at_ends, [_LINE * (text.count("\n") + 1) for text in words])
-    for curve, text, end, y, place in zip(
-        order, words, ends, at_ends, places, strict=True
-    ):
+    for curve, text, end, y, place in zip(order, words, ends, at_ends, places, strict=True):
         line = {"arrowstyle": "-", "color": curve.colour, "lw": 0.8, "relpos": (0, 0.5)}
         ax.annotate(
             text,
@@ -251,9 +246,7 @@ def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
     return places
 
 
-def _joint_over_cycles(
-    ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int
-) -> Axes:
+def _joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
     """Draw the position of one joint against time in cycles, with nearby limits as dashed lines.
 
     ``joint`` is its index, from 0. A cross marks where a motion first exceeds a joint limit, if it
@@ -271,9 +264,7 @@ def _joint_over_cycles(
         for beyond in violations_of(motion, motion.coarse):
             if beyond.names == task.joint_names[joint : joint + 1]:
                 ax.plot(
-                    beyond.moment,
-                    motion.q[round(beyond.moment * motion.steps), joint],
-                    **_BEYOND,
+                    beyond.moment, motion.q[round(beyond.moment * motion.steps), joint], **_BEYOND
                 )
     low, high = ax.get_ylim()
     span = high - low
@@ -282,9 +273,7 @@ def _joint_over_cycles(
         if low - 0.5 * span < limit < high + 0.5 * span:
             ax.axhline(limit, color=INK, lw=0.8, ls="--")
     ax.set_title(plain(task.joint_names[joint]), fontsize=9, loc="left")
-    ends = " to ".join(
-        f"{limit:.2f}" if np.isfinite(limit) else "∞" for limit in limits
-    )
+    ends = " to ".join(f"{limit:.2f}" if np.isfinite(limit) else "∞" for limit in limits)
     words = f"limits {ends}" if np.isfinite(limits).any() else "no limits"
     ax.set_title(words.replace("-", "−"), fontsize=8, loc="right", color=GREY)
     ax.set_ylabel("rad" if task.revolute[joint] else "m")
@@ -333,8 +322,7 @@ def _free_corner(ax: Axes, curves: Sequence[_Curve]) -> tuple[float, float] | No
     to_axes = ax.transData + ax.transAxes.inverted()
     shares = np.linspace(0, 1, 101)
     lines = [
-        to_axes.transform(np.c_[1 : len(curve.values) + 1, curve.values]).T
-        for curve in curves
+        to_axes.transform(np.c_[1 : len(curve.values) + 1, curve.values]).T for curve in curves
     ]
     for left in (0.1, 0.6):
         near = (shares > left - 0.08) & (shares < left + _INSET[0])
@@ -360,9 +348,7 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
     joints = liveliest_joints(motions, _SHOWN_JOINTS)
     columns = 2 if len(joints) == _SHOWN_JOINTS else 1
     rows = len(joints) // columns
-    most = (
-        f": the {len(joints)} joints of {n} that drift most" if n > len(joints) else ""
-    )
+    most = f": the {len(joints)} joints of {n} that drift most" if n > len(joints) else ""
     size = (10, 1.9 * rows + 0.9) if columns == 2 else (7, 1.7 * rows + 0.9)
     heading = f"{title}{most}".removeprefix(": ")
     figure = titled(*size, heading, layout=None)
@@ -375,9 +361,7 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
     return legend_below(figure, axes[0, 0])
 
 
-def liveliest_joints(
-    motions: Sequence[tuple[str, Motion, str]], count: int = 3
-) -> list[int]:
+def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
     """Find the joints that drift most at the ends of cycles; return their indices, sorted.
 
     A figure has space for ``count`` of them. Motions that move away in the first cycle and then
@@ -417,9 +401,7 @@ def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
     if layout is not None and "bbox_inches" not in options:
         figure.set_dpi(dpi)
         layout.execute(figure)
-        figure.set_layout_engine(
-            None
-        )  # savefig would draw everything twice, first for the layout
+        figure.set_layout_engine(None)  # savefig would draw everything twice, first for the layout
     file = io.BytesIO()
     fast = {"compress_level": 4}  # 1 % larger, in two thirds of the time
     figure.savefig(file, format="png", dpi=dpi, pil_kwargs=fast, **options)
@@ -427,10 +409,7 @@ def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
 
 
 def titled(
-    width: float,
-    height: float,
-    title: str,
-    layout: Literal["constrained"] | None = "constrained",
+    width: float, height: float, title: str, layout: Literal["constrained"] | None = "constrained"
 ) -> Figure:
     """Make an empty figure of a width and height in inches, with a title at its left."""
     figure = Figure(figsize=(width, height), layout=layout)
@@ -444,12 +423,7 @@ _PAD = 0.045
 
 
 def _arrange(
-    figure: Figure,
-    axes: NDArray[np.object_],
-    *,
-    top: float,
-    bottom: float,
-    gap: float = 0.0,
+    figure: Figure, axes: NDArray[np.object_], *, top: float, bottom: float, gap: float = 0.0
 ) -> None:
     """Place a grid of axes (rows, columns) in a figure, with the given margins in inches.
 
@@ -468,9 +442,8 @@ def _arrange(
     """
     (rows, columns), (width, height) = axes.shape, figure.get_size_inches()
     high = (height - top - bottom - (rows - 1) * gap) / rows
-    figure.subplots_adjust(
-        top=1 - top / height, bottom=bottom / height, hspace=gap / high
-    )  # the tick labels depend on the height
+    # the tick labels depend on the height
+    figure.subplots_adjust(top=1 - top / height, bottom=bottom / height, hspace=gap / high)
     renderer = FigureCanvasAgg(figure).get_renderer()
 
     def left_of(ax: Axes) -> float:
@@ -499,12 +472,7 @@ def legend_below(figure: Figure, ax: Axes) -> Figure:
     """
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=len(labels),
-        frameon=False,
-        fontsize=9,
+        handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9
     )
     return figure
 
@@ -514,9 +482,7 @@ def axis_label(task: Task, joint: int) -> str:
 
     ``joint`` is its index, from 0.
     """
-    return (
-        f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
-    )
+    return f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
 
 
 def quiet(ax: Axes, *, whole: bool = False) -> Axes:

@@ -30,11 +30,7 @@ ROWS = 24
 _NOT_SHOWN = "posture_off"
 """Strategy that only the full table shows."""
 
-_TITLES = {
-    "pseudoinverse": "usual control",
-    "posture": "+ posture",
-    "repeatable": "repeatable",
-}
+_TITLES = {"pseudoinverse": "usual control", "posture": "+ posture", "repeatable": "repeatable"}
 _FIRST = (
     "report.html is ",
     "on a circle of the same size ",
@@ -67,17 +63,10 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     """
     rows = [row for row in study.rows if row.key != _NOT_SHOWN]
     warnings = outside_words(max(row.outside for row in rows))
-    out = [
-        Span(f"{line}\n", "bad") for line in fitted("\n".join(warnings)).splitlines()
-    ]
-    out += [
-        *wrapped(study_headline(study).sentence),
-        Span(f"\n\n{fitted(_about(study))}\n\n"),
-    ]
+    out = [Span(f"{line}\n", "bad") for line in fitted("\n".join(warnings)).splitlines()]
+    out += [*wrapped(study_headline(study).sentence), Span(f"\n\n{fitted(_about(study))}\n\n")]
     out += _short_table(study, rows)
-    notes = [
-        f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)
-    ]
+    notes = [f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)]
     notes += _proved(study)
     notes += [f"note: {note}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
@@ -128,11 +117,7 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
     out = [*table_spans(header, cells), Span("\n")]
     if unchecked := _unchecked(study):
         meshes = bodies_of(study.task).missing
-        lost = (
-            "; meshes missing: --package-dir DIR"
-            if any("/" in m for m in meshes)
-            else ""
-        )
+        lost = "; meshes missing: --package-dir DIR" if any("/" in m for m in meshes) else ""
         out.append(Span(f"not checked: {without_shape(unchecked)}{lost}\n", "near"))
     return out
 
@@ -184,16 +169,12 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
         for row, one in zip(rows, summaries, strict=True)
     ]
     return [
-        (name, list(line))
-        for name, line in zip(names, zip(*columns, strict=True), strict=True)
+        (name, list(line)) for name, line in zip(names, zip(*columns, strict=True), strict=True)
     ]
 
 
 def _column(
-    motion: Motion,
-    summary: MotionSummary,
-    usual: MotionSummary | None,
-    ends: Sequence[str],
+    motion: Motion, summary: MotionSummary, usual: MotionSummary | None, ends: Sequence[str]
 ) -> list[Span]:
     """Format the values of one controller, in the order of the rows of the short table.
 
@@ -263,11 +244,7 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     First come the reasons of strategies that stopped, except J⁺ and the repeatable one, then the
     others by :func:`_rank`: the last ones are left out if the terminal has no space for all.
     """
-    said = {
-        f"{row.label}: {violation}"
-        for row in rows
-        for violation in violation_texts(row)
-    }
+    said = {f"{row.label}: {violation}" for row in rows for violation in violation_texts(row)}
     notes = [note for note in study.notes if note not in said]
     stopped = [
         f"{_title(row)}: {row.stopped}"
@@ -289,9 +266,7 @@ def _meanings(study: Study) -> list[str]:
     """Explain the letters and units of the short table, in texts that follow the other notes."""
     said = ["the usual control is the pseudoinverse J⁺, r the number of spare joints"]
     if study.task.unit == "rad and m":
-        said.append(
-            "joints off: root of the sum of squares; rad if they turn, m if they slide"
-        )
+        said.append("joints off: root of the sum of squares; rad if they turn, m if they slide")
     return said
 
 

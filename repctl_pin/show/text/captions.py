@@ -58,9 +58,7 @@ def drift_words(study: Study) -> str:
     """
     parts = []
     for label, motion in _moved(study):
-        first, last = (
-            displacement(off) for off in cycle_displacements(motion)[[0, -1]]
-        )
+        first, last = (displacement(off) for off in cycle_displacements(motion)[[0, -1]])
         parts.append(f"{label} {first} after the first cycle, {last} after the last")
     return (
         f"How far the farthest part of the arm is off after each cycle: {'; '.join(parts)}. "
@@ -95,9 +93,7 @@ def orbits_words(study: Study) -> str:
         else f"{label}: ends {_amount(motion, -1)} from its start"
         for label, motion in _moved(study, without="posture_off")
     ]
-    views = (
-        "The three joints that drift most, plotted against each other in three views."
-    )
+    views = "The three joints that drift most, plotted against each other in three views."
     return f"{views} {'; '.join(said)}."
 
 
@@ -111,12 +107,8 @@ def cycles_words(study: Study) -> str:
         margin = float(motion.limit_margin.min())
         limits = f"minimum limit margin {margin:.3g}" if margin < 1e6 else "no limits"
         distance = float(motion.coarse.body_distance.min())
-        bodies = (
-            f", minimum body distance {distance:.3g} m" if np.isfinite(distance) else ""
-        )
-        parts.append(
-            f"{label}: peak speed {motion.peak_speed:.3g} per s, {limits}{bodies}"
-        )
+        bodies = f", minimum body distance {distance:.3g} m" if np.isfinite(distance) else ""
+        parts.append(f"{label}: peak speed {motion.peak_speed:.3g} per s, {limits}{bodies}")
     return (
         "Joint speed over the cycle; minimum joint-limit margin in each cycle; minimum body "
         f"distance in each cycle, if the URDF has collision geometry. {'; '.join(parts)}."
@@ -169,10 +161,7 @@ def still_words(study: Study) -> str:
     ]
     names = [names_of(row.label)["title"] for row in rows]
     parts = [f"{name} {end}" for name, end in zip(names, ends, strict=True)]
-    return (
-        "The arm at the start, in grey, and at the end. Its farthest part: "
-        f"{'; '.join(parts)}."
-    )
+    return f"The arm at the start, in grey, and at the end. Its farthest part: {'; '.join(parts)}."
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:

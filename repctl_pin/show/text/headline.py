@@ -43,10 +43,7 @@ _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one
 _EITHER = {1: "", 2: " under either control"}
 
 _END_NAMES = (
-    (
-        "hand",
-        {"hand", "gripper", "palm", "grasping", "tool", "tcp", "wrist", "eef", "ee"},
-    ),
+    ("hand", {"hand", "gripper", "palm", "grasping", "tool", "tcp", "wrist", "eef", "ee"}),
     ("foot", {"foot", "feet", "ankle", "sole", "toe"}),
     ("head", {"head", "gaze", "neck", "eyes", "stereo", "xtion", "rgbd"}),
 )
@@ -127,20 +124,14 @@ def study_headline(study: Study) -> Headline:
     sentence.
     """
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    stopped = [
-        stopped_words(row.label, row.failure) for row in rows if row.motion is None
-    ]
+    stopped = [stopped_words(row.label, row.failure) for row in rows if row.motion is None]
     found = [one for row in rows if (one := row_summary(row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
     return headline_of(found, cycles, stopped, hands=len(study.task.frames))
 
 
 def headline_of(
-    summaries: Sequence[MotionSummary],
-    cycles: int,
-    stopped: Sequence[str] = (),
-    *,
-    hands: int = 1,
+    summaries: Sequence[MotionSummary], cycles: int, stopped: Sequence[str] = (), *, hands: int = 1
 ) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
@@ -210,17 +201,13 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
     if worst.off >= SMALL:
         offs = _offs(summaries, " off")
     elif any(one.turned for one in summaries):
-        _, joint = max(
-            (one.joint_displacement for one in summaries), key=lambda x: x[0]
-        )
+        _, joint = max((one.joint_displacement for one in summaries), key=lambda x: x[0])
         subject = f"the joint {joint}"
         offs = [_turned(one) for one in summaries]
     else:
         verb = "has hardly drifted"
         offs = _offs(summaries, "")
-    said = [
-        Span(f"{after}{subject} {verb}: " if after else capital(f"{subject} {verb}: "))
-    ]
+    said = [Span(f"{after}{subject} {verb}: " if after else capital(f"{subject} {verb}: "))]
     for one, off in zip(summaries, offs, strict=True):
         said += [off, Span(f"{_by(one, summaries)}, ")]
     return [*said[:-1], Span(f"{_by(summaries[-1], summaries)}.")]
@@ -298,9 +285,7 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
     for k, (end, name) in enumerate(zip(ends, names, strict=True)):
         plain = name != "other end" and names.count(name) == 1
         words = f", the {name}" if k else name
-        said.append(
-            Span(f"{words if plain else f'{words} {end}'} {'' if k else 'is '}{most}")
-        )
+        said.append(Span(f"{words if plain else f'{words} {end}'} {'' if k else 'is '}{most}"))
         off = max(one.ends[end] for one in summaries)
         value = _whole(f"{metres(off)}{'' if k else ' off'}")
         said.append(Span(value, "bad", f"{end}: {off:.3g} m"))
@@ -429,10 +414,7 @@ def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
         for one in summaries
         if one.leaves is not None
     ]
-    return [
-        *(said or [Span(f"Joint limits kept{' so far' if later else ''}.")]),
-        *later,
-    ]
+    return [*(said or [Span(f"Joint limits kept{' so far' if later else ''}.")]), *later]
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
@@ -453,9 +435,7 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
         if one.collision_cycle
     ]
     near = [one for one in free if (one.body_distance or 0.0) < NEAR]
-    texts = [
-        f"{' and '.join(one.near)} come as near as {_distance(one)}" for one in near
-    ]
+    texts = [f"{' and '.join(one.near)} come as near as {_distance(one)}" for one in near]
     if len(texts) == 2 and texts[0] == texts[1]:
         said.append(Span(f"{texts[0]}, in both.", "near"))
     else:

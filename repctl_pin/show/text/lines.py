@@ -93,9 +93,7 @@ def fitted(text: str, width: int | None = None) -> str:
     After a label such as ``note: ``, continuation lines are indented to the start of the text.
     """
     columns = width or terminal_width()
-    return "\n".join(
-        part for line in text.split("\n") for part in _wrapped(line, columns)
-    )
+    return "\n".join(part for line in text.split("\n") for part in _wrapped(line, columns))
 
 
 def _wrapped(line: str, width: int) -> list[str]:
@@ -103,12 +101,8 @@ def _wrapped(line: str, width: int) -> list[str]:
 
     Such a word is usually a path, which the user wants to copy.
     """
-    if (
-        len(line) <= width or max(map(len, line.split())) > width
-    ):  # a path, to be copied
+    if len(line) <= width or max(map(len, line.split())) > width:  # a path, to be copied
         return [line]
     label = re.match(r"\s*\S+(?: \S+){0,4} {2,}|note: |\s*", line)
     hang = label.end() if label and label.end() <= width // 2 else 2
-    return textwrap.wrap(
-        line, width, subsequent_indent=" " * hang, break_on_hyphens=False
-    )
+    return textwrap.wrap(line, width, subsequent_indent=" " * hang, break_on_hyphens=False)

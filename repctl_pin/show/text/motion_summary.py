@@ -139,9 +139,7 @@ def motion_summary(
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
     body_distance, collision = (
-        (float(coarse.body_distance.min()), coarse.first_touch)
-        if bodies
-        else (np.inf, None)
+        (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
     )
     return MotionSummary(
         label,
@@ -157,10 +155,7 @@ def motion_summary(
         part_name(task, first, link),
         link,
         float(np.linalg.norm(hand)),
-        {
-            link: float(d[-1])
-            for link, d in end_displacements(task, motion.q[[0, -1]]).items()
-        },
+        {link: float(d[-1]) for link, d in end_displacements(task, motion.q[[0, -1]]).items()},
         len(bodies_of(task).unchecked) if bodies else 0,
         winding=(winding(task, motion.path), task.joint_names[0])
         if isinstance(motion, Motion)
@@ -168,9 +163,7 @@ def motion_summary(
     )
 
 
-def with_outlook(
-    summary: MotionSummary, played: Sequence[JointMotion]
-) -> MotionSummary:
+def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:
     """Add to the summary of a motion its outlook, and the two links that come nearest.
 
     The outlook is the cycle in which a joint leaves its range if it drifts on at this rate; it
@@ -184,11 +177,7 @@ def with_outlook(
         The motion of each chain of the robot.
     """
     found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
-    near = (
-        ()
-        if summary.body_distance is None
-        else played[0].coarse.nearest_bodies[1].links
-    )
+    near = () if summary.body_distance is None else played[0].coarse.nearest_bodies[1].links
     return replace(summary, leaves=min(found, default=None), near=near)
 
 

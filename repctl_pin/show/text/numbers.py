@@ -31,12 +31,7 @@ def metres(value: float) -> str:
     """
     if value < 1e-9:
         return "0"
-    units = (
-        (0.995, 1, "m"),
-        (0.00995, 100, "cm"),
-        (1e-5, 1000, "mm"),
-        (0.0, 1e6, "µm"),
-    )
+    units = ((0.995, 1, "m"), (0.00995, 100, "cm"), (1e-5, 1000, "mm"), (0.0, 1e6, "µm"))
     scale, unit = next((scale, unit) for least, scale, unit in units if value >= least)
     return f"{float(f'{scale * value:.2g}'):g} {unit}"
 

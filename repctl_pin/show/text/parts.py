@@ -89,7 +89,4 @@ def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
     if not in_the_middle(task, q)[joint]:
         return ()
     name = task.robot_joints[joint]
-    return next(
-        ((j.parent, j.child) for j in task.robot.description.joints if j.name == name),
-        (),
-    )
+    return next(((j.parent, j.child) for j in task.robot.description.joints if j.name == name), ())

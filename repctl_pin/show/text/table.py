@@ -25,9 +25,7 @@ NARROW = 10
 """Maximum width of a strategy's name, in characters per line."""
 
 
-def table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
-) -> str:
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
     """Align a table as text: the first ``left`` columns to the left, the others to the right.
 
     A header may have several lines. If the terminal is too narrow, the columns that do not fit
@@ -38,9 +36,7 @@ def table(
     return "\n".join(line.rstrip() for line in text.split("\n"))
 
 
-def table_spans(
-    header: Sequence[str], rows: Sequence[Sequence[Span]], left: int = 1
-) -> list[Span]:
+def table_spans(header: Sequence[str], rows: Sequence[Sequence[Span]], left: int = 1) -> list[Span]:
     """Align a table, as :func:`table`, whose cells are spans and keep their tones.
 
     ``left`` is the number of columns that are aligned to the left. Returned are spans to print one
@@ -49,9 +45,7 @@ def table_spans(
     high = max(cell.count("\n") for cell in header)
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
     heads = [[Span(name) for name in line] for line in zip(*names, strict=True)]
-    widths = [
-        max(len(line[i].text) for line in [*heads, *rows]) for i in range(len(header))
-    ]
+    widths = [max(len(line[i].text) for line in [*heads, *rows]) for i in range(len(header))]
     out: list[Span] = []
     for columns in _blocks(widths):
         out += [Span("\n\n")] if out else []

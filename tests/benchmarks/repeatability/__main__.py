@@ -141,26 +141,17 @@ def main() -> None:
     arms = [*ARMS, *MORE, "fetch"]
     parser.add_argument("--arms", nargs="+", choices=arms, default=arms)
     parser.add_argument("--cycles", type=int, default=100)
+    parser.add_argument("--steps", type=int, default=250, help="a cycle of 5 s (default 250)")
     parser.add_argument(
-        "--steps", type=int, default=250, help="a cycle of 5 s (default 250)"
+        "--out", type=Path, help="a folder for the files, in place of the documentation's"
     )
     parser.add_argument(
-        "--out",
-        type=Path,
-        help="a folder for the files, in place of the documentation's",
-    )
-    parser.add_argument(
-        "--again",
-        nargs="*",
-        type=Path,
-        help="measure nothing: write the files from these CSVs",
+        "--again", nargs="*", type=Path, help="measure nothing: write the files from these CSVs"
     )
     options = parser.parse_args()
     if options.again is not None:
         read = [pages.read(path) for path in options.again or [pages.CSV]]
-        pages.write(
-            [row for found, _ in read for row in found], options.out, read[0][1]
-        )
+        pages.write([row for found, _ in read for row in found], options.out, read[0][1])
         return
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder:

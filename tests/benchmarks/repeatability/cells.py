@@ -35,9 +35,7 @@ HALF_WIDTH, ROTATION = 0.08, 0.25  # m, rad
 
 def cell_design(task: rp.Task, arm: str) -> rp.CellDesign:
     """Design over a cell round the benchmark's start."""
-    cell = rp.Cell(
-        task, task.placement(STARTS.get(arm, task.reference)), HALF_WIDTH, ROTATION
-    )
+    cell = rp.Cell(task, task.placement(STARTS.get(arm, task.reference)), HALF_WIDTH, ROTATION)
     return rp.nearest_inverse_function(rp.Pseudoinverse(task), cell)
 
 
@@ -69,9 +67,7 @@ def extra_speed(task: rp.Task, Q: np.ndarray) -> float:
     """Measure the joint steps (T, n) over their parts that move the frame, root mean square."""
     steps = np.diff(Q, axis=0)
     J = task.jacobians((Q[1:] + Q[:-1]) / 2)
-    least = np.einsum(
-        "Knm,Km->Kn", np.linalg.pinv(J), np.einsum("Kmn,Kn->Km", J, steps)
-    )
+    least = np.einsum("Knm,Km->Kn", np.linalg.pinv(J), np.einsum("Kmn,Kn->Km", J, steps))
     return float(np.sqrt((steps**2).sum() / (least**2).sum()) - 1)
 
 
@@ -100,14 +96,10 @@ def main() -> None:
                 for name, step in loops.items():
                     Q, why = joints_of(step, scene, LAPS)
                     stopped |= {name: f"; {why}"} if why else {}
-                    drift = np.append(
-                        np.linalg.norm(Q[STEPS::STEPS] - Q[0], axis=1), np.nan
-                    )
+                    drift = np.append(np.linalg.norm(Q[STEPS::STEPS] - Q[0], axis=1), np.nan)
                     last = drift[LAPS - 1] if len(drift) > LAPS else np.nan
                     steps = np.abs(np.diff(Q, axis=0)).max(initial=0.0)
-                    found.setdefault(name, []).append(
-                        (drift[0], last, extra_speed(task, Q), steps)
-                    )
+                    found.setdefault(name, []).append((drift[0], last, extra_speed(task, Q), steps))
             for name, rows in found.items():
                 first, last, extra, steps = np.max(rows, axis=0)
                 ratio = times[name] / times["pinv loop"]

@@ -40,9 +40,7 @@ MOST_SECONDS = 10.0
 """A program that takes longer is stopped after ten cycles, or at the end of a later one."""
 
 
-def joints_of(
-    step: Step, scene: Scene, cycles: int, share: float = 1.0
-) -> tuple[np.ndarray, str]:
+def joints_of(step: Step, scene: Scene, cycles: int, share: float = 1.0) -> tuple[np.ndarray, str]:
     """Go round: the joints (T + 1, n), and why the program stopped, if it did.
 
     The joints go a share of the way to what is commanded, 1 where the servo does not lag, and the
@@ -51,11 +49,7 @@ def joints_of(
     begin = time.process_time()
     try:
         for k in range(cycles * steps):
-            if (
-                k >= 10 * steps
-                and k % steps == 0
-                and time.process_time() - begin > MOST_SECONDS
-            ):
+            if k >= 10 * steps and k % steps == 0 and time.process_time() - begin > MOST_SECONDS:
                 break
             commanded = step(q, scene.targets[k % steps])
             q = commanded if share == 1.0 else q + share * (commanded - q)
@@ -68,12 +62,7 @@ def joints_of(
 
 
 def measure(
-    scene: Scene,
-    program: str,
-    Q: np.ndarray,
-    reference: np.ndarray,
-    lag: float,
-    stopped: str,
+    scene: Scene, program: str, Q: np.ndarray, reference: np.ndarray, lag: float, stopped: str
 ) -> Row:
     """Judge the joints (T + 1, n) of a program, beside those of the pinv loop on the first
     cycle."""
@@ -89,16 +78,11 @@ def measure(
         start=scene.start,
         lag_ms=lag,
         program=program,
-        **{
-            f"drift_{k}": float(drift[k - 1]) if len(drift) >= k else np.nan
-            for k in (1, 10, 100)
-        },
+        **{f"drift_{k}": float(drift[k - 1]) if len(drift) >= k else np.nan for k in (1, 10, 100)},
         last_cycle=float(np.linalg.norm(ends[-1] - Q[len(ends) * steps - steps]))
         if len(ends)
         else np.nan,
-        extra_speed=_speed(Q, steps) / _speed(reference, steps) - 1
-        if len(Q) > steps
-        else np.nan,
+        extra_speed=_speed(Q, steps) / _speed(reference, steps) - 1 if len(Q) > steps else np.nan,
         jump=float(np.abs(np.diff(Q, axis=0)).max()) if len(Q) > 1 else np.nan,
         tracking=float(np.linalg.norm(task.positions(Q[1:]) - wanted, axis=1).max())
         if len(Q) > 1
@@ -126,9 +110,7 @@ def microseconds(
     for _ in range(rounds):
         for name, (k, q) in list(where.items()):
             step = loops[name]
-            targets = [
-                scene.targets[(k + i) % len(scene.targets)] for i in range(burst)
-            ]
+            targets = [scene.targets[(k + i) % len(scene.targets)] for i in range(burst)]
             begin = time.process_time()
             try:
                 for target in targets:

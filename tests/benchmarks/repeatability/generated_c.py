@@ -58,15 +58,11 @@ def build(inverse: rp.RepeatableInverse, folder: Path) -> Path:
     return folder / "cycles"
 
 
-def run(
-    program: Path, scene: Scene, cycles: int, share: float = 1.0
-) -> tuple[np.ndarray, float]:
+def run(program: Path, scene: Scene, cycles: int, share: float = 1.0) -> tuple[np.ndarray, float]:
     """Go round: the joints (cycles · steps + 1, n), and the least time of a step over the cycles,
     µs."""
     poses = [np.concatenate([x.translation, x.rotation.ravel()]) for x in scene.targets]
     given = scene.q0.tobytes() + np.array(poses).tobytes()
     line = [str(program), str(cycles), str(len(poses)), repr(scene.dt), repr(share)]
-    found = np.frombuffer(
-        subprocess.run(line, input=given, capture_output=True, check=True).stdout
-    )
+    found = np.frombuffer(subprocess.run(line, input=given, capture_output=True, check=True).stdout)
     return np.vstack([scene.q0, found[1:].reshape(-1, len(scene.q0))]), float(found[0])

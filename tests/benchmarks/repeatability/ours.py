@@ -32,11 +32,7 @@ def pinv_loop(scene: Scene) -> Step:
 
 def with_posture(scene: Scene) -> Step:
     """The same, and a pull of 1/s towards the posture in the null space (rp.PostureControl)."""
-    control, task, dt = (
-        rp.PostureControl(scene.task, scene.posture),
-        scene.task,
-        scene.dt,
-    )
+    control, task, dt = (rp.PostureControl(scene.task, scene.posture), scene.task, scene.dt)
     return lambda q, target: q + dt * control.velocity(q, task.error(q, target) / dt)
 
 
@@ -51,10 +47,8 @@ def quadratic_program(scene: Scene) -> Step:
     task, dt, n, m = scene.task, scene.dt, scene.task.n, scene.task.m
     errors, start, identity = _errors(task), scene.q0, np.eye(n)
     sense = np.array([0] * n + [5] * m, np.int32)  # bounds, then equalities
-    lowest, highest = (
-        np.maximum(task.lower, -1e20),
-        np.minimum(task.upper, 1e20),
-    )  # continuous joints have no limits
+    # continuous joints have no limits
+    lowest, highest = (np.maximum(task.lower, -1e20), np.minimum(task.upper, 1e20))
 
     def step(q: np.ndarray, target: pin.SE3) -> np.ndarray:
         J, e = errors(q, target)
@@ -62,9 +56,7 @@ def quadratic_program(scene: Scene) -> Step:
         high = np.minimum((highest - q) / dt, task.velocity_limit)
         wanted = e / dt
         upper, lower = np.concatenate([high, wanted]), np.concatenate([low, wanted])
-        found, _, flag, _ = daqp.solve(
-            identity, GAIN * (q - start), J, upper, lower, sense
-        )
+        found, _, flag, _ = daqp.solve(identity, GAIN * (q - start), J, upper, lower, sense)
         if flag < 1:
             raise RuntimeError(f"the quadratic program has no solution (daqp: {flag})")
         return q + dt * np.asarray(found)
@@ -93,9 +85,7 @@ def design_for(scenes: list[Scene]) -> rp.Design:
     )
 
 
-def _errors(
-    task: rp.Task,
-) -> Callable[[np.ndarray, pin.SE3], tuple[np.ndarray, np.ndarray]]:
+def _errors(task: rp.Task) -> Callable[[np.ndarray, pin.SE3], tuple[np.ndarray, np.ndarray]]:
     """Make a function that evaluates J and the task error with one pass of Pinocchio."""
     model, data = task.model, task.model.createData()
     frame, axes = (

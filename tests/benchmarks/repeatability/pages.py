@@ -25,17 +25,7 @@ DARKER = {GREEN: "#008762", VERMILLION: "#C35600"}
 
 ROOT = Path(__file__).parents[3]
 CSV = ROOT / "docs" / "benchmark.csv"
-PACKAGES = (
-    "repctl-pin",
-    "pin",
-    "pin-pink",
-    "mink",
-    "mujoco",
-    "roboplan",
-    "ssik",
-    "daqp",
-    "numpy",
-)
+PACKAGES = ("repctl-pin", "pin", "pin-pink", "mink", "mujoco", "roboplan", "ssik", "daqp", "numpy")
 PAGES = (ROOT / "docs" / "benchmark.md", ROOT / "docs" / "which.md")
 COLUMNS = (
     "program",
@@ -65,18 +55,12 @@ def write(rows: Sequence[Row], out: Path | None, said: str) -> None:
         file.write(f"# {said}\n")
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow([field.name for field in fields(Row)])
-        lines.writerows(
-            [_short(value) for value in asdict(row).values()] for row in rows
-        )
-    rows = read(folder / CSV.name)[
-        0
-    ]  # tables say what the file does, to its last digit
+        lines.writerows([_short(value) for value in asdict(row).values()] for row in rows)
+    rows = read(folder / CSV.name)[0]  # tables say what the file does, to its last digit
     figure(rows, folder / "benchmark.png")
     for page in PAGES:
         if out is None:
-            page.write_text(
-                filled(page.read_text(encoding="utf-8"), rows, said), encoding="utf-8"
-            )
+            page.write_text(filled(page.read_text(encoding="utf-8"), rows, said), encoding="utf-8")
     for name, lines in tables(rows).items():
         print("", name, "", *lines, sep="\n")
     print("", said, sep="\n")
@@ -88,8 +72,7 @@ def read(path: Path = CSV) -> tuple[list[Row], str]:
     words = {"arm", "path", "start", "program", "failure"}
     given = csv.DictReader(lines)
     return [
-        Row(**{k: v if k in words else float(v) for k, v in row.items()})
-        for row in given
+        Row(**{k: v if k in words else float(v) for k, v in row.items()}) for row in given
     ], said[2:]
 
 
@@ -164,8 +147,7 @@ def _summary(rows: Iterable[Row]) -> list[str]:
                 f"{_percent(np.nanmedian(speed))}<br>{_percent(np.nanmax(speed))}",
                 _middle([row.jump for row in of]),
                 _middle([row.tracking for row in of]),
-                f"{broken} of {len(of)}"
-                + (f"<br>{stopped} stopped" if stopped else ""),
+                f"{broken} of {len(of)}" + (f"<br>{stopped} stopped" if stopped else ""),
                 _number(min(row.body_distance for row in of)),
                 f"{np.nanmedian([row.of_pinv for row in of]):.2f}",
             ]
@@ -203,14 +185,7 @@ def _short_table(rows: Sequence[Row]) -> list[str]:
         jump = _median([row.jump for row in off])
         took = f"{np.nanmedian([row.of_pinv for row in of]):.2f}"
         lines.append(
-            [
-                _bold(name),
-                *drift,
-                _median([row.drift_10 for row in off]),
-                speed,
-                jump,
-                took,
-            ]
+            [_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took]
         )
     return _markdown((*header, "off the posture: largest step", "time of pinv"), lines)
 
@@ -221,8 +196,7 @@ def _drifts(rows: Sequence[Row], key: str) -> list[str]:
     lines = []
     for name, of in _grouped(rows, "program").items():
         drift = {
-            getattr(row, key): (row.failure and "stopped") or _number(row.drift_10)
-            for row in of
+            getattr(row, key): (row.failure and "stopped") or _number(row.drift_10) for row in of
         }
         lines.append([_bold(name), *(drift.get(one, "–") for one in across)])
     return _markdown(("program", *across), lines)
@@ -281,9 +255,7 @@ def figure(rows: Sequence[Row], path: Path) -> None:
     canvas.savefig(path, dpi=160)
 
 
-def _row(
-    ax: Axes, y: float, values: Sequence[float], colour: str, *, hollow: bool
-) -> None:
+def _row(ax: Axes, y: float, values: Sequence[float], colour: str, *, hollow: bool) -> None:
     """Draw the values of one program in one row, and their median."""
     ax.plot(values, [y] * len(values), "o", ms=2.5, color=colour, alpha=0.45, mew=0)
     face = "white" if hollow else colour
@@ -318,15 +290,12 @@ def _median(values: Sequence[float]) -> str:
 def _number(value: float) -> str:
     if not np.isfinite(value):
         return "–"
-    return (f"{value:.0e}" if 0 < abs(value) < 1e-3 else f"{value:.2g}").replace(
-        "-", "−"
-    )  # no line ends there
+    # no line ends there
+    return (f"{value:.0e}" if 0 < abs(value) < 1e-3 else f"{value:.2g}").replace("-", "−")
 
 
 def _percent(share: float) -> str:
-    return f"{round(100 * share, 1) + 0.0:+.1f} %".replace("-", "−").replace(
-        " ", "\u202f"
-    )
+    return f"{round(100 * share, 1) + 0.0:+.1f} %".replace("-", "−").replace(" ", "\u202f")
 
 
 def _short(value: object) -> object:
@@ -338,6 +307,4 @@ def _bold(name: str) -> str:
 
 
 def _markdown(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
-    return [
-        f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *lines)
-    ]
+    return [f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *lines)]

@@ -21,9 +21,7 @@ def pink_loop(scene: Scene, posture_cost: float = 0.0) -> Step:
     import pink
     from pink.tasks import FrameTask, PostureTask
 
-    configuration = pink.Configuration(
-        scene.task.model, scene.task.model.createData(), scene.q0
-    )
+    configuration = pink.Configuration(scene.task.model, scene.task.model.createData(), scene.q0)
     tasks = [FrameTask(scene.task.frame, position_cost=1.0, orientation_cost=1.0)]
     if posture_cost:
         tasks.append(PostureTask(cost=posture_cost))
@@ -49,8 +47,7 @@ def mink_loop(scene: Scene, folder: Path, posture_cost: float = 0.0) -> Step:
 
     text = chain_urdf(scene.task, folder).read_text(encoding="utf-8")
     kept = text.replace(
-        '<link name="base"/>',
-        '<mujoco><compiler fusestatic="false"/></mujoco><link name="base"/>',
+        '<link name="base"/>', '<mujoco><compiler fusestatic="false"/></mujoco><link name="base"/>'
     )
     configuration = mink.Configuration(mujoco.MjModel.from_xml_string(kept), q=scene.q0)
     tasks = [mink.FrameTask("tool", "body", position_cost=1.0, orientation_cost=1.0)]

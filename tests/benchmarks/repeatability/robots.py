@@ -61,9 +61,7 @@ def task_of(arm: str, folder: Path) -> rp.Task:
     return chain_task(arm, *_ssik_joints(arm), folder)
 
 
-def chain_task(
-    name: str, joints: Iterable[Joint], tool: pin.SE3, folder: Path
-) -> rp.Task:
+def chain_task(name: str, joints: Iterable[Joint], tool: pin.SE3, folder: Path) -> rp.Task:
     """Load the pose task of a chain of joints."""
     path = folder / f"{name}_arm.urdf"
     path.write_text(_urdf(joints, tool), encoding="utf-8")
@@ -72,10 +70,7 @@ def chain_task(
 
 def chain_urdf(task: rp.Task, folder: Path) -> Path:
     """Write the joints that a task moves, and nothing else, as a URDF from ``base`` to ``tool``."""
-    model, limits = (
-        task.model,
-        zip(task.lower, task.upper, task.velocity_limit, strict=True),
-    )
+    model, limits = (task.model, zip(task.lower, task.upper, task.velocity_limit, strict=True))
     of = dict(zip(task.joint_names, limits, strict=True))
     joints = []
     for i in range(1, model.njoints):
@@ -110,15 +105,7 @@ def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:
     for joint in ssik_arm(arm).kinbody.joints:
         low, high = joint.limits or (-np.inf, np.inf)
         joints.append(
-            (
-                joint.name,
-                pin.SE3(carried @ joint.T_left),
-                joint.axis,
-                True,
-                low,
-                high,
-                2.0,
-            )
+            (joint.name, pin.SE3(carried @ joint.T_left), joint.axis, True, low, high, 2.0)
         )
         carried = joint.T_right
     return joints, pin.SE3(carried)
@@ -136,11 +123,7 @@ def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
         parts.append(joint_urdf(parent, joint))
         parent = f"link_{joint[0]}"
     parts.append(link_urdf(parent, "tool", tool))
-    return (
-        '<?xml version="1.0"?>\n<robot name="chain">\n'
-        + "\n".join(parts)
-        + "\n</robot>\n"
-    )
+    return '<?xml version="1.0"?>\n<robot name="chain">\n' + "\n".join(parts) + "\n</robot>\n"
 
 
 def joint_urdf(parent: str, joint: Joint) -> str:

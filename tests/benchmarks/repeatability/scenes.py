@@ -80,13 +80,9 @@ def _tour(task: rp.Task, q0: np.ndarray, seed: int = 0) -> rp.TaskPath:
     """Draw a tour of six random poses 0.1 m and 0.2 rad from the start, corners rounded."""
     here, rng = task.placement(q0), np.random.default_rng(seed)
     steps, tilts = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
-    points = here.translation + RADIUS * steps / np.linalg.norm(
-        steps, axis=1, keepdims=True
-    )
+    points = here.translation + RADIUS * steps / np.linalg.norm(steps, axis=1, keepdims=True)
     turns = Rotation.from_rotvec(
         TILT * tilts / np.linalg.norm(tilts, axis=1, keepdims=True)
     ).as_matrix()
     turns = turns @ here.rotation
-    return rp.waypoints(
-        np.vstack([points, points[:1]]), [*turns, turns[0]], blend=BLEND
-    )
+    return rp.waypoints(np.vstack([points, points[:1]]), [*turns, turns[0]], blend=BLEND)

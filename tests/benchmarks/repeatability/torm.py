@@ -22,12 +22,7 @@ _EIGHTH = np.pi / 4
 
 CORNERS = {
     "circle": np.column_stack(
-        [
-            np.zeros(50),
-            0.25 * np.cos(_POLYGON) - 0.25,
-            0.25 * np.sin(_POLYGON),
-            np.zeros((50, 3)),
-        ]
+        [np.zeros(50), 0.25 * np.cos(_POLYGON) - 0.25, 0.25 * np.sin(_POLYGON), np.zeros((50, 3))]
     ),
     "square": np.array(
         [
@@ -53,11 +48,7 @@ CORNERS = {
 }
 """Place and rotation vector of each corner, relative to the offset: m, rad."""
 
-OFFSETS = {
-    "circle": (0.9, 0.25, 0.46),
-    "square": (1.1, 0.0, 0.66),
-    "rotation": (0.8, 0.0, 0.35),
-}
+OFFSETS = {"circle": (0.9, 0.25, 0.46), "square": (1.1, 0.0, 0.66), "rotation": (0.8, 0.0, 0.35)}
 """From the torso to the first pose, m; the rotation of the offset is the identity."""
 
 STARTS = {
@@ -84,8 +75,7 @@ def fetch_joints() -> tuple[list, pin.SE3]:
     """List the joints of the arm, and the place of ``gripper_link`` behind the last one."""
     unit = dict(zip("xyz", np.eye(3), strict=True))
     joints = [
-        (name, _moved(place), unit[axis], True, *limits)
-        for name, place, axis, *limits in _JOINTS
+        (name, _moved(place), unit[axis], True, *limits) for name, place, axis, *limits in _JOINTS
     ]
     return joints, _moved((0.16645, 0, 0))
 
@@ -96,8 +86,7 @@ def scenes_of(task: rp.Task, steps: int) -> list[Scene]:
     for path, corners in CORNERS.items():
         offset = np.add(TORSO, OFFSETS[path])
         targets = [
-            pin.SE3(pin.exp3(turn), offset + place)
-            for place, turn in _along(corners, steps)
+            pin.SE3(pin.exp3(turn), offset + place) for place, turn in _along(corners, steps)
         ]
         q0 = rp.solve_ik(task, np.array(STARTS[path]), targets[-1])
         name = f"TORM {path}"

@@ -93,8 +93,7 @@ def mink_loop(task: rp.Task, posture: np.ndarray, urdf: Path) -> Step:
     import mujoco
 
     kept = urdf.read_text(encoding="utf-8").replace(
-        '<link name="base"/>',
-        '<mujoco><compiler fusestatic="false"/></mujoco><link name="base"/>',
+        '<link name="base"/>', '<mujoco><compiler fusestatic="false"/></mujoco><link name="base"/>'
     )
     model = mujoco.MjModel.from_xml_string(kept)
     configuration = mink.Configuration(model)

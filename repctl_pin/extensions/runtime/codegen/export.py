@@ -29,16 +29,7 @@ from ...cells.sector import Sector
 from .kdl import kdl_header, quoted
 from .source import about, region_of, write_source
 from .text import checked_name, filled, initialiser
-from .vectors import (
-    BAD_NUMBER,
-    OUTSIDE,
-    STATUS,
-    Vector,
-    answers,
-    asked,
-    targets,
-    vectors,
-)
+from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
 
 _SIGNED = "written by repctl_pin"
 
@@ -108,19 +99,13 @@ def export_c(
     source = write_source(control, name, region, governor=True, closes=closes)
     if isinstance(control, InverseFunction):
         inverse = control.inverse
-        declared, functions = (
-            filled("function.hpp", name, {}),
-            _function_vectors(control, name),
-        )
+        declared, functions = (filled("function.hpp", name, {}), _function_vectors(control, name))
     else:
         inverse = control
         declared = functions = ""
     kept = region_of(inverse, region)
     start = _start(inverse, kept)
-    found = [
-        (vector, answers(inverse, kept, vector))
-        for vector in vectors(inverse, kept, start)
-    ]
+    found = [(vector, answers(inverse, kept, vector)) for vector in vectors(inverse, kept, start)]
     parts = {
         "about": about(control, kept),
         "count": len(found),
@@ -140,9 +125,7 @@ def export_c(
         f"{name}_kdl.hpp": kdl_header(control, name, about(control, kept), start),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
-        "loop.c": filled(
-            "loop.c", name, {"start": initialiser(start)} | _loop(inverse, kept)
-        ),
+        "loop.c": filled("loop.c", name, {"start": initialiser(start)} | _loop(inverse, kept)),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = Path(folder)
@@ -226,9 +209,7 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
     return {"along": rows, "radii": initialiser(radii)}
 
 
-def _vector(
-    vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str
-) -> str:
+def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
     """Write a test vector, and Python's results for it, as the C initialiser of a struct.
 
     ``said`` has the results by name, as :func:`.vectors.answers` returns them, statuses included.
@@ -276,11 +257,8 @@ def _function_vectors(function: InverseFunction, name: str) -> str:
     rows = []
     for target, leaf in targets(function):
         status, q = asked(partial(function, target, leaf=leaf), function.task.n)
-        status = (
-            OUTSIDE if status == BAD_NUMBER else status
-        )  # targets are valid placements, so the cell is the only cause
+        # targets are valid placements, so the cell is the only cause
+        status = OUTSIDE if status == BAD_NUMBER else status
         entries = (target, leaf, f"{name.upper()}_{STATUS[status]}", q)
         rows.append(f"    {initialiser(entries)}")
-    return filled(
-        "function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)}
-    )
+    return filled("function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)})

@@ -31,9 +31,7 @@ def kdl_header(
     task = control.task
     if len(task.frames) > 1:
         return filled("frames_kdl.hpp", name, {"about": about})
-    solver = (
-        "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
-    )
+    solver = "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
     parts = {
         "about": about,
         "start": initialiser(start),
@@ -48,11 +46,7 @@ def _rates(task: Task) -> str:
 
     KDL gives six numbers (v, ω); a task commands some of them, or ω along the tool's own x and y.
     """
-    lines = [
-        f"        xdot[{i}] = v_in({row});"
-        for i, row in enumerate(task.rows)
-        if row < 3
-    ]
+    lines = [f"        xdot[{i}] = v_in({row});" for i, row in enumerate(task.rows) if row < 3]
     if task.kind == "pose":
         lines += [f"        xdot[{i}] = v_in({i});" for i in range(3, 6)]
     if task.kind == "axis":  # ω along the frame's own x and y

@@ -89,16 +89,11 @@ def write_source(
         declared = filled("function.h", name, {})
         defined = _function_code(control, name)
     inverse = require_type(
-        inverse,
-        RepeatableInverse,
-        "inverse",
-        "a repeatable inverse, such as design.inverse",
+        inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
     )
     task = inverse.task
     if task.r < 1:
-        raise InputError(
-            f"{task!r} has no redundancy, so there are no potentials to write"
-        )
+        raise InputError(f"{task!r} has no redundancy, so there are no potentials to write")
     if isinstance(region, Region) and len(region.center) != task.n:
         raise InputError(
             f"the region has {len(region.center)} joints, but the task has {task.n}",
@@ -137,9 +132,7 @@ def write_source(
         "closing": closing,
     }
     header, code = (
-        filled(
-            f"arm.{end}", name, parts | {key: made[i] for key, made in sections.items()}
-        )
+        filled(f"arm.{end}", name, parts | {key: made[i] for key, made in sections.items()})
         for i, end in enumerate("hc")
     )
     return _Source(header, code, governed[2], closing[2])
@@ -179,9 +172,7 @@ def _native_files(
     return [], []
 
 
-def _closing_source(
-    closes: ClosingRadius | None, task: Task, name: str
-) -> tuple[str, str, str]:
+def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tuple[str, str, str]:
     """Write the closing radius' parts of the C header, C source and C++ header: three texts.
 
     The closing radius is the distance from a start or a path within which closed paths are proved
@@ -192,10 +183,7 @@ def _closing_source(
         return "", "", ""
     one_frame(task, "a closing radius in C")
     if not closes:
-        raise InputError(
-            f"closes: {closes.words}",
-            remedy="omit closes=",
-        )
+        raise InputError(f"closes: {closes.words}", remedy="omit closes=")
     if closes.kind != task.kind:
         raise InputError(
             f"closes is of {closes.kind} tasks, but the inverse of {task.kind}",
@@ -203,17 +191,13 @@ def _closing_source(
         )
     squares = {"square": closes.metres**2, "chord": closes.squared_chord}
     poses = {"p": closes.positions.ravel(), "R": closes.rotations.ravel()}
-    made = filled_struct(
-        CLOSING, {}, poses, squares | {"count": len(closes.positions)}
-    )[0]
+    made = filled_struct(CLOSING, {}, poses, squares | {"count": len(closes.positions)})[0]
     parts = {
         "words": comment(closes.words.replace("°", " deg")),
         "library": pasted("closing.h", "closing.c"),
         "tables": constants(made, "Closing", f"{name}_closing"),
     }
-    header, code, more = (
-        filled(f"closing.{end}", name, parts) for end in ("h", "c", "hpp")
-    )
+    header, code, more = (filled(f"closing.{end}", name, parts) for end in ("h", "c", "hpp"))
     return header, code, more
 
 
@@ -265,10 +249,7 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
         lines.append(
             "        q are joint coordinates psi; the joint positions are T psi, T row by row:"
         )
-        lines += [
-            f"        {', '.join(f'{t:g}' for t in values)}"
-            for values in task.coordinates.T
-        ]
+        lines += [f"        {', '.join(f'{t:g}' for t in values)}" for values in task.coordinates.T]
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
 

@@ -58,11 +58,7 @@ class Vector:
     observer: Array | None
 
 
-def vectors(
-    inverse: RepeatableInverse,
-    region: Bounded | None,
-    start: Array,
-) -> list[Vector]:
+def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) -> list[Vector]:
     """Sample test vectors, inputs of the C functions, at configurations in and near the region.
 
     Without a region, they are near ``start`` (n,). Optional inputs are given in some vectors and
@@ -85,9 +81,7 @@ def vectors(
                 target=away,
                 dt=_DT,
                 twist=None if k % 3 == 0 else rng.normal(size=task.twist_size),
-                leaf=None
-                if k % 4 == 0
-                else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
+                leaf=None if k % 4 == 0 else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
                 gain=_GAINS[k % len(_GAINS)],
                 limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
                 damping=0.0 if k % 5 else 0.2,
@@ -109,9 +103,7 @@ def vectors(
     }
     if inverse.task.kind.turns:  # reflected and scaled R
         mirror = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
-        scaled = (
-            pin.SE3((1 + 1e-5) * x.rotation, x.translation) for x in found[43].target
-        )
+        scaled = (pin.SE3((1 + 1e-5) * x.rotation, x.translation) for x in found[43].target)
         bad |= {37: ("target", (mirror,) * len(task.frames))}
         bad |= {43: ("target", tuple(scaled))}
     for k, (what, value) in bad.items():
@@ -123,9 +115,7 @@ def vectors(
     return found
 
 
-def answers(
-    inverse: RepeatableInverse, region: Bounded | None, vector: Vector
-) -> dict[str, Any]:
+def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
     """Compute Python's results for a test vector: statuses and outputs of all functions, by name.
 
     The names of the statuses are usable, inside, velocity, step and torque; of the outputs
@@ -134,9 +124,7 @@ def answers(
     """
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
-        refused = dict.fromkeys(
-            ("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER
-        )
+        refused = dict.fromkeys(("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER)
         return refused | dict.fromkeys(("qdot", "q_next", "tau"), np.zeros(task.n))
     said: dict[str, Any] = {
         "placement": task.placements(q),
@@ -146,9 +134,7 @@ def answers(
     }
     beyond = region is not None and not region.ratio(q[None])[0] <= 1 + _EDGE
     said["inside"] = OUTSIDE if beyond else OK
-    said["velocity"], said["qdot"] = asked(
-        lambda: inverse.velocity(q, vector.xdot), task.n
-    )
+    said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
     said["step"], said["q_next"] = asked(
         lambda: inverse.step(
             q,

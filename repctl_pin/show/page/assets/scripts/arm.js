@@ -8,31 +8,61 @@ export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
 const OUTLINE = 1.6; // px, of a ghost, at least
 const OUTLINE_SHARE = 1 / 500; // of the height of a pane, at least
-const OF_ARM = 1, OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
+const OF_ARM = 1,
+  OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
 
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
     const T = MeshCat.THREE;
-    Object.assign(this, { data, chains: data.chains, rows: [], moving: [], still: [], meshes: [], gain: 1, reference: null });
+    Object.assign(this, {
+      data,
+      chains: data.chains,
+      rows: [],
+      moving: [],
+      still: [],
+      meshes: [],
+      gain: 1,
+      reference: null,
+    });
     this.group = new T.Group();
     this.group.name = data.label;
     data.shapes.forEach((shape, s) => {
-      const body = shape.body === null ? {} : viewer.scene_tree.find(["library", String(shape.body), "<object>"]).object;
-      if (!body.isMesh) { if (!shape.pose) this.rows.push(null); return; } // it could not be read
-      const mesh = new T.Mesh(body.geometry, shape.color === null ? copied(body.material) : paint(shape.color));
+      const body =
+        shape.body === null
+          ? {}
+          : viewer.scene_tree.find(["library", String(shape.body), "<object>"]).object;
+      if (!body.isMesh) {
+        if (!shape.pose) this.rows.push(null);
+        return;
+      } // it could not be read
+      const mesh = new T.Mesh(
+        body.geometry,
+        shape.color === null ? copied(body.material) : paint(shape.color),
+      );
       mesh.quaternion.copy(body.quaternion);
       mesh.scale.fromArray(shape.scale); // its own node: the placement above it stays rigid
       mesh.castShadow = mesh.receiveShadow = true;
       mesh.geometry.computeBoundingBox();
       mesh.plain = mesh.material;
       mesh.grey = shape.standing ? mesh.plain : paint([1, 1, 1, 1]);
-      for (const material of [mesh.plain, mesh.grey].flat()) Object.assign(material, { stencilWrite: true, stencilRef: OF_ARM, stencilZPass: T.ReplaceStencilOp });
+      for (const material of [mesh.plain, mesh.grey].flat())
+        Object.assign(material, {
+          stencilWrite: true,
+          stencilRef: OF_ARM,
+          stencilZPass: T.ReplaceStencilOp,
+        });
       const place = new T.Group();
       Object.assign(place, { name: shape.name, shape: s });
       place.add(mesh);
       this.group.add(place);
       this.meshes.push(mesh);
-      if (shape.pose) { setPose(place, shape.pose, 0); this.still.push(place); } else { this.moving.push(place); this.rows.push(place); }
+      if (shape.pose) {
+        setPose(place, shape.pose, 0);
+        this.still.push(place);
+      } else {
+        this.moving.push(place);
+        this.rows.push(place);
+      }
     });
     // where in the motion each series of numbers is
     this.stride = this.rows.length * 7;
@@ -43,7 +73,9 @@ export class ArmView {
     let row = 0;
     data.shapes.forEach((shape, s) => {
       if (shape.pose) return;
-      const points = Array.from({ length: shape.points }, (_, k) => new T.Vector3().fromArray(motion, at + 3 * k));
+      const points = Array.from({ length: shape.points }, (_, k) =>
+        new T.Vector3().fromArray(motion, at + 3 * k),
+      );
       at += 3 * shape.points;
       if (!this.rows[row++]) return;
       this.corners.push(points);
@@ -57,35 +89,51 @@ export class ArmView {
   // Play this run from now on: its data and its numbers, in which the arm's begin at `start`.
   use(run, start = 0) {
     Object.assign(this, run, { run, end: start });
-    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.chains], ["elbow", 3 * this.chains], ["mark", run.data.broken ? 3 : 0]]) {
+    for (const [name, width] of [
+      ["body", this.stride],
+      ["tip", 3 * this.chains],
+      ["elbow", 3 * this.chains],
+      ["mark", run.data.broken ? 3 : 0],
+    ]) {
       this[name + "Start"] = this.end;
       this.end += run.frames * width;
     }
-    if (this.fan) { this.group.remove(this.fan); this.fan = null; }
+    if (this.fan) {
+      this.group.remove(this.fan);
+      this.fan = null;
+    }
   }
 
   // Stand as at frame i, a part f on the way to frame i + 1.
   pose(i, f, rows = this.rows) {
     const near = between(i, f, this.perCycle);
-    for (let k = 0; k < rows.length; k++) if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + 7 * k, this.stride, near);
+    for (let k = 0; k < rows.length; k++)
+      if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + 7 * k, this.stride, near);
   }
 
   // What frame i is compared with: that frame of the reference, or the same one of cycle 1; a cycle's end is the start.
   against(i) {
     const F = this.perCycle;
-    return this.reference ? { base: this.reference, first: i } : { base: this, first: i % F === F - 1 ? 0 : i % F };
+    return this.reference
+      ? { base: this.reference, first: i }
+      : { base: this, first: i % F === F - 1 ? 0 : i % F };
   }
 
   // Stand as at this part of a shown cycle, and the ghost where it is compared with.
   stand(cycle, part) {
-    const F = this.perCycle, row = Math.min(part * (F - 1), F - 1), i = Math.min(Math.floor(row + 1e-9), F - 1), f = Math.max(0, row - i);
+    const F = this.perCycle,
+      row = Math.min(part * (F - 1), F - 1),
+      i = Math.min(Math.floor(row + 1e-9), F - 1),
+      f = Math.max(0, row - i);
     this.now = { frame: cycle * F + i, f, ...this.against(cycle * F + i) };
     this.pose(this.now.frame, f);
     this.now.base.pose(this.now.first, f, this.ghosts);
     this.measure();
     if (this.gain > 1) {
       this.enlarge(this.moving, this.shades);
-      this.shades.forEach((shade, k) => { shade.visible = this.gain * this.off[k] > SAME; });
+      this.shades.forEach((shade, k) => {
+        shade.visible = this.gain * this.off[k] > SAME;
+      });
     }
   }
 
@@ -96,7 +144,9 @@ export class ArmView {
       const { position, quaternion } = others[k];
       place.position.sub(position).multiplyScalar(this.gain).add(position);
       turn.copy(quaternion).invert().premultiply(place.quaternion);
-      const half = Math.acos(Math.min(1, Math.abs(turn.w))), side = Math.sign(turn.w) || 1, sine = Math.sin(half);
+      const half = Math.acos(Math.min(1, Math.abs(turn.w))),
+        side = Math.sign(turn.w) || 1,
+        sine = Math.sin(half);
       if (sine > 1e-9) {
         const share = (side * Math.sin(this.gain * half)) / sine;
         turn.set(turn.x * share, turn.y * share, turn.z * share, Math.cos(this.gain * half));
@@ -108,29 +158,49 @@ export class ArmView {
 
   // Stand as a message says, the bodies from this number on, the ghost from that.
   standAs(poses, at, before) {
-    this.rows.forEach((row, k) => { if (row) setPose(row, poses, at + 7 * k); });
-    this.ghosts.forEach((row, k) => { if (row) setPose(row, poses, before + 7 * k); });
+    this.rows.forEach((row, k) => {
+      if (row) setPose(row, poses, at + 7 * k);
+    });
+    this.ghosts.forEach((row, k) => {
+      if (row) setPose(row, poses, before + 7 * k);
+    });
     this.measure();
   }
 
   // How far each body is off its ghost; what its body covers is not drawn.
   measure() {
     this.off = this.moving.map((place, k) => this.drift(k));
-    this.shades.forEach((shade, k) => { shade.visible = this.off[k] > SAME; });
+    this.shades.forEach((shade, k) => {
+      shade.visible = this.off[k] > SAME;
+    });
   }
 
   // How far the part that is pointed at is off its ghost, and how far the hand is, m.
-  partOff() { return this.part.reduce((most, k) => Math.max(most, this.off[k]), 0); }
-  handOff() { const { frame, base, first, f } = this.now; return this.point("tip", 0, frame, f).distanceTo(base.point("tip", 0, first, f)); }
+  partOff() {
+    return this.part.reduce((most, k) => Math.max(most, this.off[k]), 0);
+  }
+  handOff() {
+    const { frame, base, first, f } = this.now;
+    return this.point("tip", 0, frame, f).distanceTo(base.point("tip", 0, first, f));
+  }
 
   // The corners of that part, as it stands.
-  partCorners() { return this.part.flatMap((k) => this.corners[k].map((c) => this.placed(k, c))); }
+  partCorners() {
+    return this.part.flatMap((k) => this.corners[k].map((c) => this.placed(k, c)));
+  }
 
   // A point of body k, now.
-  placed(k, point) { this.moving[k].updateMatrix(); return point.clone().applyMatrix4(this.moving[k].matrix); }
+  placed(k, point) {
+    this.moving[k].updateMatrix();
+    return point.clone().applyMatrix4(this.moving[k].matrix);
+  }
 
   // The place on that part which is off most in the end, now; the elbow where there is no part.
-  partSpot() { return this.spot ? this.placed(this.spot.k, this.spot.point) : this.point("elbow", 0, this.now.frame); }
+  partSpot() {
+    return this.spot
+      ? this.placed(this.spot.k, this.spot.point)
+      : this.point("elbow", 0, this.now.frame);
+  }
 
   // The same place on the ghost.
   ghostSpot() {
@@ -141,27 +211,62 @@ export class ArmView {
   }
 
   // Where the joint is that breaks its limit, now.
-  mark(out) { return out.fromArray(this.motion, this.markStart + 3 * this.now.frame); }
+  mark(out) {
+    return out.fromArray(this.motion, this.markStart + 3 * this.now.frame);
+  }
 
   // Where a chain's tip or elbow is at frame i, a part f on the way to the next.
   point(which, chain, i, f = 0, out = new MeshCat.THREE.Vector3()) {
-    return out.set(...blended(this.motion, this[which + "Start"] + 3 * chain, 3 * this.chains, 3, between(i, f, this.perCycle)));
+    return out.set(
+      ...blended(
+        this.motion,
+        this[which + "Start"] + 3 * chain,
+        3 * this.chains,
+        3,
+        between(i, f, this.perCycle),
+      ),
+    );
   }
 
   // The same point, as far from what it is compared with as the arm is drawn.
   drawn(which, chain, i, f = 0) {
-    const p = this.point(which, chain, i, f), { base, first } = this.against(i);
+    const p = this.point(which, chain, i, f),
+      { base, first } = this.against(i);
     return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
   // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the arm does not cover it; it
   // stands behind what it nearly coincides with.
   makeGhost() {
-    const T = MeshCat.THREE, shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 256 };
-    const bare = { stencilWrite: true, stencilRef: OF_GHOST, stencilFunc: T.EqualStencilFunc, stencilFuncMask: OF_ARM };
-    const veil = new T.MeshBasicMaterial({ ...shared, ...bare, colorWrite: false, depthWrite: true, stencilWriteMask: OF_GHOST, stencilZPass: T.ReplaceStencilOp });
+    const T = MeshCat.THREE,
+      shared = {
+        transparent: true,
+        polygonOffset: true,
+        polygonOffsetFactor: 2,
+        polygonOffsetUnits: 256,
+      };
+    const bare = {
+      stencilWrite: true,
+      stencilRef: OF_GHOST,
+      stencilFunc: T.EqualStencilFunc,
+      stencilFuncMask: OF_ARM,
+    };
+    const veil = new T.MeshBasicMaterial({
+      ...shared,
+      ...bare,
+      colorWrite: false,
+      depthWrite: true,
+      stencilWriteMask: OF_GHOST,
+      stencilZPass: T.ReplaceStencilOp,
+    });
     const tint = new T.MeshLambertMaterial({ ...shared, ...bare, opacity: 0.3, depthWrite: false });
-    const edge = outlined({ ...shared, ...bare, stencilRef: 0, stencilFuncMask: OF_ARM | OF_GHOST, depthWrite: false });
+    const edge = outlined({
+      ...shared,
+      ...bare,
+      stencilRef: 0,
+      stencilFuncMask: OF_ARM | OF_GHOST,
+      depthWrite: false,
+    });
     Object.assign(this, { tint, edge });
     this.ghost = new T.Group();
     this.ghosts = this.rows.map((place) => {
@@ -170,7 +275,12 @@ export class ArmView {
       for (const mesh of place.children)
         [veil, tint, edge].forEach((material, order) => {
           const pale = mesh.clone();
-          Object.assign(pale, { material, castShadow: false, receiveShadow: false, renderOrder: 2 + order });
+          Object.assign(pale, {
+            material,
+            castShadow: false,
+            receiveShadow: false,
+            renderOrder: 2 + order,
+          });
           copy.add(pale);
         });
       this.ghost.add(copy);
@@ -182,19 +292,46 @@ export class ArmView {
 
   // The arm at the ends of all cycles at once, see-through, from pale to its colour; made when it is first asked for.
   showFan(on) {
-    if (this.fan && this.fan.gain !== this.gain) { this.group.remove(this.fan); this.fan = null; }
+    if (this.fan && this.fan.gain !== this.gain) {
+      this.group.remove(this.fan);
+      this.fan = null;
+    }
     if (on && !this.fan) {
-      const T = MeshCat.THREE, full = new T.Color(this.data.color), count = this.frames / this.perCycle, ends = [this.moving.map(() => new T.Group())];
+      const T = MeshCat.THREE,
+        full = new T.Color(this.data.color),
+        count = this.frames / this.perCycle,
+        ends = [this.moving.map(() => new T.Group())];
       this.fan = Object.assign(new T.Group(), { gain: this.gain });
-      this.pose(0, 0, this.rows.map((place) => ends[0][this.moving.indexOf(place)]));
+      this.pose(
+        0,
+        0,
+        this.rows.map((place) => ends[0][this.moving.indexOf(place)]),
+      );
       for (let c = 0; c < count; c++) {
-        const color = full.clone().lerp(new T.Color(1, 1, 1), 0.7 * (1 - (c + 1) / count)), shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 128 };
-        const tint = new T.MeshLambertMaterial({ ...shared, color, opacity: 0.24, depthWrite: false });
+        const color = full.clone().lerp(new T.Color(1, 1, 1), 0.7 * (1 - (c + 1) / count)),
+          shared = {
+            transparent: true,
+            polygonOffset: true,
+            polygonOffsetFactor: 1,
+            polygonOffsetUnits: 128,
+          };
+        const tint = new T.MeshLambertMaterial({
+          ...shared,
+          color,
+          opacity: 0.24,
+          depthWrite: false,
+        });
         const copies = this.moving.map((place) => fanned(place, tint, 4 + c));
-        this.pose((c + 1) * this.perCycle - 1, 0, this.rows.map((place) => copies[this.moving.indexOf(place)]));
+        this.pose(
+          (c + 1) * this.perCycle - 1,
+          0,
+          this.rows.map((place) => copies[this.moving.indexOf(place)]),
+        );
         if (this.gain > 1) this.enlarge(copies, ends[0]);
         const before = ends.at(-1);
-        copies.forEach((copy, k) => { if (elsewhere(copy, before[k])) this.fan.add(copy); });
+        copies.forEach((copy, k) => {
+          if (elsewhere(copy, before[k])) this.fan.add(copy);
+        });
         ends.push(copies);
       }
       this.group.add(this.fan);
@@ -204,22 +341,31 @@ export class ArmView {
 
   // Corners of the bodies: those that move, over the motion, and those that do not.
   reach() {
-    const moving = [], still = [], step = Math.max(1, Math.floor(this.frames / 36));
-    for (let i = 0; i < this.frames; i += step) { this.pose(i, 0); this.moving.forEach((p) => boxCorners(p, this.group, moving)); }
+    const moving = [],
+      still = [],
+      step = Math.max(1, Math.floor(this.frames / 36));
+    for (let i = 0; i < this.frames; i += step) {
+      this.pose(i, 0);
+      this.moving.forEach((p) => boxCorners(p, this.group, moving));
+    }
     this.still.forEach((p) => boxCorners(p, this.group, still));
     for (let k = 0; k < this.chains; k++)
-      for (let i = 0; i < this.frames; i += step) moving.push(this.point("tip", k, i), this.point("elbow", k, i));
+      for (let i = 0; i < this.frames; i += step)
+        moving.push(this.point("tip", k, i), this.point("elbow", k, i));
     return { moving, still };
   }
 
   // How far body k is off its ghost, m: the way of its farthest point.
   drift(k) {
-    const here = this.moving[k], there = this.shades[k];
+    const here = this.moving[k],
+      there = this.shades[k];
     for (const place of [here, there]) place.updateMatrix();
     const D = here.matrix.elements.map((v, i) => v - there.matrix.elements[i]);
     let most = 0;
     for (const { x, y, z } of this.corners[k]) {
-      const a = D[0] * x + D[4] * y + D[8] * z + D[12], b = D[1] * x + D[5] * y + D[9] * z + D[13], c = D[2] * x + D[6] * y + D[10] * z + D[14];
+      const a = D[0] * x + D[4] * y + D[8] * z + D[12],
+        b = D[1] * x + D[5] * y + D[9] * z + D[13],
+        c = D[2] * x + D[6] * y + D[10] * z + D[14];
       most = Math.max(most, a * a + b * b + c * c);
     }
     return Math.sqrt(most);
@@ -227,7 +373,9 @@ export class ArmView {
 
   // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the robot's own colours.
   showDrift(on, most) {
-    const T = MeshCat.THREE, grey = new T.Color(tone("--body")), full = new T.Color(tone("--drift"));
+    const T = MeshCat.THREE,
+      grey = new T.Color(tone("--body")),
+      full = new T.Color(tone("--drift"));
     this.tint.color.set(tone("--ghost"));
     this.edge.uniforms.color.value.set(tone("--ghost"));
     for (const place of [...this.moving, ...this.still])
@@ -248,23 +396,33 @@ export class ArmView {
 export function referenceOf(arms) {
   const found = arms.findLast(({ data }) => data.off.flat().every((off) => off < SAME));
   if (!found || arms.length < 2) return null;
-  const near = (arm, i) => Array.from({ length: arm.chains }, (_, k) => arm.point("tip", k, i).distanceTo(found.point("tip", k, i))).every((way) => way < 1e-3);
+  const near = (arm, i) =>
+    Array.from({ length: arm.chains }, (_, k) =>
+      arm.point("tip", k, i).distanceTo(found.point("tip", k, i)),
+    ).every((way) => way < 1e-3);
   const alike = (arm) => {
     if (arm.rows.length !== found.rows.length) return false;
     for (let i = 0; i < arm.frames; i++) if (!near(arm, i)) return false;
     arm.pose(0, 0);
     found.pose(0, 0);
-    return arm.rows.every((place, k) => !place === !found.rows[k] && (!place || !elsewhere(place, found.rows[k])));
+    return arm.rows.every(
+      (place, k) => !place === !found.rows[k] && (!place || !elsewhere(place, found.rows[k])),
+    );
   };
   return arms.every(alike) ? found : null;
 }
 
 // Point at the part of these bodies in all arms from now on.
 export function pointAt(arms, isPart) {
-  for (const arm of arms) arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
-  const { arm: worst, before, after } = displaced(arms), ways = after.map((p, i) => p.distanceTo(before[i])), most = Math.max(...ways);
-  const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c])), [k] = corners[ways.indexOf(most)] || [];
-  const point = new MeshCat.THREE.Vector3(), way = point.clone();
+  for (const arm of arms)
+    arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
+  const { arm: worst, before, after } = displaced(arms),
+    ways = after.map((p, i) => p.distanceTo(before[i])),
+    most = Math.max(...ways);
+  const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c])),
+    [k] = corners[ways.indexOf(most)] || [];
+  const point = new MeshCat.THREE.Vector3(),
+    way = point.clone();
   let all = 0;
   corners.forEach(([body, c], i) => {
     if (body !== k) return;
@@ -274,13 +432,18 @@ export function pointAt(arms, isPart) {
     all += weight;
   });
   // the middle of a body that turns about itself hardly moves: then its farthest corner is pointed at
-  const place = way.length() < 0.8 * most * all ? corners[ways.indexOf(most)][1] : point.divideScalar(all || 1);
+  const place =
+    way.length() < 0.8 * most * all ? corners[ways.indexOf(most)][1] : point.divideScalar(all || 1);
   for (const arm of arms) arm.spot = all ? { k, point: place } : null;
 }
 
 // The arm that is off most after all cycles, and where the corners of its part are before and after them.
 export function displaced(arms) {
-  const arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a)), at = (i) => { arm.pose(i, 0); return arm.partCorners(); };
+  const arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a)),
+    at = (i) => {
+      arm.pose(i, 0);
+      return arm.partCorners();
+    };
   return { arm, before: at(0), after: at(arm.frames - 1) };
 }
 
@@ -298,7 +461,14 @@ function outlined(options) {
   const T = MeshCat.THREE;
   PIXEL.value = PIXEL.value || new T.Vector2(0.002, 0.002);
   return new T.ShaderMaterial({
-    ...options, side: T.DoubleSide, uniforms: { color: { value: new T.Color() }, pixel: PIXEL, least: { value: OUTLINE }, share: { value: OUTLINE_SHARE } },
+    ...options,
+    side: T.DoubleSide,
+    uniforms: {
+      color: { value: new T.Color() },
+      pixel: PIXEL,
+      least: { value: OUTLINE },
+      share: { value: OUTLINE_SHARE },
+    },
     vertexShader: `uniform vec2 pixel; uniform float least; uniform float share;
       void main() {
         float wide = max(least, 2.0 * share / pixel.y);
@@ -312,31 +482,59 @@ function outlined(options) {
 
 function fanned(place, material, order) {
   const copy = new MeshCat.THREE.Group();
-  for (const mesh of place.children) copy.add(Object.assign(mesh.clone(), { material, castShadow: false, receiveShadow: false, renderOrder: order }));
+  for (const mesh of place.children)
+    copy.add(
+      Object.assign(mesh.clone(), {
+        material,
+        castShadow: false,
+        receiveShadow: false,
+        renderOrder: order,
+      }),
+    );
   return copy;
 }
 
 // Whether a body stands elsewhere than another: what coincides is drawn once.
 function elsewhere({ position, quaternion }, other) {
-  return position.distanceTo(other.position) > SAME || 1 - Math.abs(quaternion.dot(other.quaternion)) > SAME ** 2;
+  return (
+    position.distanceTo(other.position) > SAME ||
+    1 - Math.abs(quaternion.dot(other.quaternion)) > SAME ** 2
+  );
 }
 
 // The frames, and their weights, that give what is a part f on the way from frame i to the next: the cubic through four
 // of the same cycle (Catmull and Rom), its ends extrapolated; a line where there are fewer.
 function between(i, f, F) {
   if (!(f > 0)) return [[i, 1]];
-  if (F < 4) return [[i, 1 - f], [i + 1, f]];
-  const at = i % F, ff = f * f, fff = ff * f;
-  let [a, b, c, d] = [(-f + 2 * ff - fff) / 2, (2 - 5 * ff + 3 * fff) / 2, (f + 4 * ff - 3 * fff) / 2, (fff - ff) / 2];
+  if (F < 4)
+    return [
+      [i, 1 - f],
+      [i + 1, f],
+    ];
+  const at = i % F,
+    ff = f * f,
+    fff = ff * f;
+  let [a, b, c, d] = [
+    (-f + 2 * ff - fff) / 2,
+    (2 - 5 * ff + 3 * fff) / 2,
+    (f + 4 * ff - 3 * fff) / 2,
+    (fff - ff) / 2,
+  ];
   if (at === 0) [a, b, c, d] = [0, b + 3 * a, c - 3 * a, d + a];
   if (at === F - 2) [a, b, c, d] = [a + d, b - 3 * d, c + 3 * d, 0];
-  return [[i - 1, a], [i, b], [i + 1, c], [i + 2, d]].filter(([, weight]) => weight);
+  return [
+    [i - 1, a],
+    [i, b],
+    [i + 1, c],
+    [i + 2, d],
+  ].filter(([, weight]) => weight);
 }
 
 // `count` numbers of the frames that are near, weighed.
 function blended(m, start, stride, count, near) {
   const out = new Array(count).fill(0);
-  for (const [frame, weight] of near) for (let k = 0; k < count; k++) out[k] += weight * m[start + frame * stride + k];
+  for (const [frame, weight] of near)
+    for (let k = 0; k < count; k++) out[k] += weight * m[start + frame * stride + k];
   return out;
 }
 
@@ -348,11 +546,22 @@ function setPose(node, m, start, stride = 0, near = [[0, 1]]) {
 
 function paint([r, g, b, a]) {
   const T = MeshCat.THREE;
-  return new T.MeshPhongMaterial({ color: new T.Color(r, g, b), specular: 0x1c1c1c, shininess: 28, side: T.DoubleSide, opacity: a, transparent: a < 1 });
+  return new T.MeshPhongMaterial({
+    color: new T.Color(r, g, b),
+    specular: 0x1c1c1c,
+    shininess: 28,
+    side: T.DoubleSide,
+    opacity: a,
+    transparent: a < 1,
+  });
 }
 
 function copied(material) {
-  const own = (one) => { const copy = one.clone(); copy.side = MeshCat.THREE.DoubleSide; return copy; };
+  const own = (one) => {
+    const copy = one.clone();
+    copy.side = MeshCat.THREE.DoubleSide;
+    return copy;
+  };
   return Array.isArray(material) ? material.map(own) : own(material);
 }
 
@@ -371,5 +580,13 @@ function boxCorners(place, group, out) {
 }
 
 export function cornersOf({ min, max }) {
-  return Array.from({ length: 8 }, (_, k) => new MeshCat.THREE.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z));
+  return Array.from(
+    { length: 8 },
+    (_, k) =>
+      new MeshCat.THREE.Vector3(
+        k & 1 ? max.x : min.x,
+        k & 2 ? max.y : min.y,
+        k & 4 ? max.z : min.z,
+      ),
+  );
 }

@@ -9,20 +9,33 @@ const RIM = 13; // px from the hand to the rim of its ring
 export class Callouts {
   constructor(panes, scene) {
     Object.assign(this, { panes, scene });
-    this.sets = panes.arms.map((arm, k) => ({ arm, part: callout(panes.frames[k], ""), hand: callout(panes.frames[k], " hand"), gap: gapLine(panes.frames[k]) }));
+    this.sets = panes.arms.map((arm, k) => ({
+      arm,
+      part: callout(panes.frames[k], ""),
+      hand: callout(panes.frames[k], " hand"),
+      gap: gapLine(panes.frames[k]),
+    }));
     for (const { part } of this.sets) {
       part.value.widest = this.words(0.88e-3);
     }
   }
 
-  words(off) { return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`; }
+  words(off) {
+    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`;
+  }
 
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far it was off, m, and when.
   say(read = null) {
     for (const { arm, part, hand } of this.sets) {
-      const grey = arm.ghostSpot() ? ", in grey" : "", base = this.scene.leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
-      const from = !arm.repeats ? `from ${base}${grey}` : this.scene.leading ? "" : "the same in every cycle";
-      const [off, when] = read ? read(arm) : [arm.partOff(), from], way = arm.handOff();
+      const grey = arm.ghostSpot() ? ", in grey" : "",
+        base = this.scene.leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+      const from = !arm.repeats
+        ? `from ${base}${grey}`
+        : this.scene.leading
+          ? ""
+          : "the same in every cycle";
+      const [off, when] = read ? read(arm) : [arm.partOff(), from],
+        way = arm.handOff();
       write(part.note, when);
       write(part.value, this.words(off));
       part.value.className = tint(off);
@@ -35,40 +48,80 @@ export class Callouts {
 
   // The part's above the arm, the hand's below it; each with a line to what it speaks of.
   place() {
-    const { panes } = this, rim = this.scene.own ? RIM : 0;
+    const { panes } = this,
+      rim = this.scene.own ? RIM : 0;
     if (byId("panes").classList.contains("quiet")) return;
-    const sizes = this.sets.map(({ part, hand }, k) => [panes.frames[k].firstChild, part.box, hand.box].map(({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({ x, y, w, h }))); // all are read before any is moved
+    const sizes = this.sets.map(({ part, hand }, k) =>
+      [panes.frames[k].firstChild, part.box, hand.box].map(
+        ({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({ x, y, w, h }),
+      ),
+    ); // all are read before any is moved
     this.sets.forEach(({ arm, part, hand, gap }, k) => {
-      const { width, height } = panes.place(k), [label, box, below] = sizes[k], { beside } = panes;
-      const at = panes.seen(k, arm.partSpot()), tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
+      const { width, height } = panes.place(k),
+        [label, box, below] = sizes[k],
+        { beside } = panes;
+      const at = panes.seen(k, arm.partSpot()),
+        tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
       const ghost = arm.ghostSpot();
       drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
-      put(part, box, at, beside ? 8 : label.y + label.h + 6, width, height, beside ? label.x + label.w + 8 : 8);
-      put(hand, below, { x: tip.x, y: tip.y + rim }, Math.min(tip.y + 0.09 * height, height - below.h - 34), width, height, 8, at);
+      put(
+        part,
+        box,
+        at,
+        beside ? 8 : label.y + label.h + 6,
+        width,
+        height,
+        beside ? label.x + label.w + 8 : 8,
+      );
+      put(
+        hand,
+        below,
+        { x: tip.x, y: tip.y + rim },
+        Math.min(tip.y + 0.09 * height, height - below.h - 34),
+        width,
+        height,
+        8,
+        at,
+      );
     });
   }
 }
 
 function callout(pane, kind) {
-  const value = element("b"), note = element("small"), box = element("div", { class: `callout${kind}` }, value, note), leader = element("i", { class: `leader${kind}` });
+  const value = element("b"),
+    note = element("small"),
+    box = element("div", { class: `callout${kind}` }, value, note),
+    leader = element("i", { class: `leader${kind}` });
   if (kind) note.remove();
   pane.append(leader, box);
   return { box, leader, value, note };
 }
 
 // Text that stays is not written again: a page lays out what was written.
-function write(node, words) { if (node.textContent !== words) node.textContent = words; }
+function write(node, words) {
+  if (node.textContent !== words) node.textContent = words;
+}
 
 // `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room for it begins; `free`: a point to leave free, the box
 // stands beside it, on the side that it stood on before
 function put(callout, { w, h }, at, y, width, height, left, free) {
-  const { box, leader } = callout, top = Math.min(Math.max(y, 4), height - h - 4);
-  const beside = (side) => Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
-  const clear = (side) => !free || free.y < top - 8 || free.y > top + h + 8 || free.x < beside(side) - 8 || free.x > beside(side) + w + 8;
+  const { box, leader } = callout,
+    top = Math.min(Math.max(y, 4), height - h - 4);
+  const beside = (side) =>
+    Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
+  const clear = (side) =>
+    !free ||
+    free.y < top - 8 ||
+    free.y > top + h + 8 ||
+    free.x < beside(side) - 8 ||
+    free.x > beside(side) + w + 8;
   callout.side = [callout.side || 0, 0, 1, -1].find(clear) || 0;
   const x = beside(callout.side);
   box.style.transform = `translate(${x}px, ${top}px)`;
-  const from = { x: Math.min(Math.max(at.x, x + 6), x + w - 6), y: at.y > top + h ? top + h : at.y < top ? top : NaN };
+  const from = {
+    x: Math.min(Math.max(at.x, x + 6), x + w - 6),
+    y: at.y > top + h ? top + h : at.y < top ? top : NaN,
+  };
   drawLine(leader, from, at, width, height);
 }
 

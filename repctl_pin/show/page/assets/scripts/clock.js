@@ -1,22 +1,47 @@
 // Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still and the elbow walks.
 // It opens on the end for three seconds, goes through the cycles' ends once, invites to draw, as long, and then runs.
 
-const END = 3, HOLD = 1.4; // s
+const END = 3,
+  HOLD = 1.4; // s
 
 export class Clock {
   constructor(cycles, seconds, changed) {
-    Object.assign(this, { cycles, seconds, changed, time: cycles, playing: false, stepping: false, opening: false, speed: 1, rest: 0, done: null, invite() {} });
+    Object.assign(this, {
+      cycles,
+      seconds,
+      changed,
+      time: cycles,
+      playing: false,
+      stepping: false,
+      opening: false,
+      speed: 1,
+      rest: 0,
+      done: null,
+      invite() {},
+    });
   }
 
-  open() { Object.assign(this, { opening: true, stepping: true, playing: true }); this.changed(); }
+  open() {
+    Object.assign(this, { opening: true, stepping: true, playing: true });
+    this.changed();
+  }
 
   // A hand is on it: the opening is over.
-  hold() { if (this.opening) Object.assign(this, { opening: false, stepping: false }); }
+  hold() {
+    if (this.opening) Object.assign(this, { opening: false, stepping: false });
+  }
 
   // Go from here to the end, by the cycles' ends, and stay there.
-  finish(done) { Object.assign(this, { opening: false, stepping: true, playing: true, rest: 0, done }); this.changed(); }
+  finish(done) {
+    Object.assign(this, { opening: false, stepping: true, playing: true, rest: 0, done });
+    this.changed();
+  }
 
-  seek(time) { this.time = Math.min(Math.max(Number(time) || 0, 0), this.cycles); this.rest = 0; this.changed(); }
+  seek(time) {
+    this.time = Math.min(Math.max(Number(time) || 0, 0), this.cycles);
+    this.rest = 0;
+    this.changed();
+  }
 
   play(on) {
     if (!on) this.hold();
@@ -45,11 +70,16 @@ export class Clock {
       this.seek(0);
     } else if (this.stepping) {
       this.rest += seconds * this.speed;
-      const hold = Math.min(Math.max(4 / this.cycles, 0.2), 0.5), count = Math.floor(this.rest / hold), left = this.rest - count * hold;
+      const hold = Math.min(Math.max(4 / this.cycles, 0.2), 0.5),
+        count = Math.floor(this.rest / hold),
+        left = this.rest - count * hold;
       if (!count) return;
       this.seek(Math.floor(this.time) + count);
       this.rest = left;
-      if (this.opening && this.time >= this.cycles) { this.walked = true; this.invite(); }
+      if (this.opening && this.time >= this.cycles) {
+        this.walked = true;
+        this.invite();
+      }
     } else this.seek(this.time + (this.speed * seconds) / this.seconds);
   }
 }

@@ -5,45 +5,102 @@ import { byId, element } from "./dom.js";
 // Gives a function that makes them say where time is: `done` cycles finished, and the part of the next.
 export function connect(clock, view) {
   rule(clock);
-  const seek = (time) => { clock.play(false); clock.seek(time); };
+  const seek = (time) => {
+    clock.play(false);
+    clock.seek(time);
+  };
   byId("play").addEventListener("click", () => clock.play(!clock.playing));
   byId("scrub").addEventListener("input", (event) => seek(event.target.value));
-  byId("speed").addEventListener("change", (event) => { clock.speed = Number(event.target.value); event.target.blur(); });
-  byId("stepping").addEventListener("change", ({ target }) => { clock.step(target.checked); clock.play(true); });
-  const keys = () => { byId("keys").showModal(); byId("keys").scrollTop = 0; };
-  byId("noted").addEventListener("click", ({ currentTarget }) => currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")));
+  byId("speed").addEventListener("change", (event) => {
+    clock.speed = Number(event.target.value);
+    event.target.blur();
+  });
+  byId("stepping").addEventListener("change", ({ target }) => {
+    clock.step(target.checked);
+    clock.play(true);
+  });
+  const keys = () => {
+    byId("keys").showModal();
+    byId("keys").scrollTop = 0;
+  };
+  byId("noted").addEventListener("click", ({ currentTarget }) =>
+    currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")),
+  );
   byId("help").addEventListener("click", keys);
-  document.addEventListener("pointerdown", (event) => { for (const menu of ["looks", "save", "loops"]) if (!event.target.closest(`#${menu}`)) byId(menu).open = false; });
+  document.addEventListener("pointerdown", (event) => {
+    for (const menu of ["looks", "save", "loops"])
+      if (!event.target.closest(`#${menu}`)) byId(menu).open = false;
+  });
   byId("view").addEventListener("click", view.reset);
-  byId("enlarge").addEventListener("click", ({ currentTarget }) => view.enlarge(currentTarget.getAttribute("aria-pressed") !== "true"));
-  for (const name of ["traces", "ghost", "fan", "drift", "callouts"]) byId(`show-${name}`).addEventListener("change", (event) => view.set(name, event.target.checked));
+  byId("enlarge").addEventListener("click", ({ currentTarget }) =>
+    view.enlarge(currentTarget.getAttribute("aria-pressed") !== "true"),
+  );
+  for (const name of ["traces", "ghost", "fan", "drift", "callouts"])
+    byId(`show-${name}`).addEventListener("change", (event) =>
+      view.set(name, event.target.checked),
+    );
   // what a pointer has pressed does not keep the keys
-  document.addEventListener("pointerup", (event) => { if (event.target.closest("footer button, footer label.switch, #scrub, #chart")) setTimeout(() => document.activeElement.blur()); });
+  document.addEventListener("pointerup", (event) => {
+    if (event.target.closest("footer button, footer label.switch, #scrub, #chart"))
+      setTimeout(() => document.activeElement.blur());
+  });
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog")) return;
     if (key === " " && target.closest("button, summary, input[type=checkbox]")) return; // it is what presses them
-    const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }, hop = clock.stepping || target.id === "chart" ? 1 : 1 / 60, whole = target.id === "chart" ? Math.round : Number;
-    const does = event.shiftKey && turns[key] ? () => view.turn(...turns[key])
-      : { " ": () => clock.play(!clock.playing), ArrowRight: () => seek(whole(clock.time) + hop), ArrowLeft: () => seek(whole(clock.time) - hop),
-        PageDown: () => seek(Math.floor(clock.time + 1)), PageUp: () => seek(Math.ceil(clock.time - 1)), Home: () => seek(0), End: () => seek(clock.cycles),
-        "+": () => view.turn(0, 0, 1.1), "-": () => view.turn(0, 0, 1 / 1.1), "?": keys }[key];
-    if (does) { event.preventDefault(); does(); }
+    const turns = {
+        ArrowLeft: [-0.1, 0],
+        ArrowRight: [0.1, 0],
+        ArrowUp: [0, -0.1],
+        ArrowDown: [0, 0.1],
+      },
+      hop = clock.stepping || target.id === "chart" ? 1 : 1 / 60,
+      whole = target.id === "chart" ? Math.round : Number;
+    const does =
+      event.shiftKey && turns[key]
+        ? () => view.turn(...turns[key])
+        : {
+            " ": () => clock.play(!clock.playing),
+            ArrowRight: () => seek(whole(clock.time) + hop),
+            ArrowLeft: () => seek(whole(clock.time) - hop),
+            PageDown: () => seek(Math.floor(clock.time + 1)),
+            PageUp: () => seek(Math.ceil(clock.time - 1)),
+            Home: () => seek(0),
+            End: () => seek(clock.cycles),
+            "+": () => view.turn(0, 0, 1.1),
+            "-": () => view.turn(0, 0, 1 / 1.1),
+            "?": keys,
+          }[key];
+    if (does) {
+      event.preventDefault();
+      does();
+    }
   });
 
   return (done, part) => {
-    const { last } = clock, inside = part > 0 && part < 1, words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
+    const { last } = clock,
+      inside = part > 0 && part < 1,
+      words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
     document.body.classList.toggle("playing", clock.playing);
     byId("play").setAttribute("aria-label", clock.playing ? "Pause" : "Play");
     byId("stepping").checked = clock.stepping;
     byId("clock").textContent = words;
     byId("scrub").value = clock.time;
-    byId("scrub").setAttribute("aria-valuetext", inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words);
+    byId("scrub").setAttribute(
+      "aria-valuetext",
+      inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
+    );
   };
 }
 
 // The slider's length and its marks.
 export function rule({ cycles }) {
   byId("scrub").max = cycles;
-  byId("ticks").replaceChildren(...(cycles > 1 ? Array.from({ length: cycles + 1 }, (_, c) => element("i", { style: `left: ${(100 * c) / cycles}%` })) : []));
+  byId("ticks").replaceChildren(
+    ...(cycles > 1
+      ? Array.from({ length: cycles + 1 }, (_, c) =>
+          element("i", { style: `left: ${(100 * c) / cycles}%` }),
+        )
+      : []),
+  );
 }

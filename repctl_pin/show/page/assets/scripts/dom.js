@@ -21,13 +21,15 @@ export async function unpack(id) {
 
 // Series of numbers from the bytes of their third differences: row after row of each series, which are [rows, columns].
 export function summed(bytes, series, resolution) {
-  const n = bytes.length / 4, out = new Float64Array(n);
+  const n = bytes.length / 4,
+    out = new Float64Array(n);
   let at = 0;
   for (const [rows, columns] of series) {
     const start = at;
     for (let column = 0; column < columns; column++)
       for (let row = 0, second = 0, first = 0, value = 0; row < rows; row++, at++) {
-        const bits = bytes[at] | (bytes[at + n] << 8) | (bytes[at + 2 * n] << 16) | (bytes[at + 3 * n] << 24);
+        const bits =
+          bytes[at] | (bytes[at + n] << 8) | (bytes[at + 2 * n] << 16) | (bytes[at + 3 * n] << 24);
         second = (second + ((bits >>> 1) ^ -(bits & 1))) | 0;
         first = (first + second) | 0;
         value = (value + first) | 0;
@@ -40,18 +42,26 @@ export function summed(bytes, series, resolution) {
 // A colour of the style sheet, as the light or the dark scheme has it.
 const tones = new Map();
 export function tone(name) {
-  if (!tones.has(name)) tones.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  if (!tones.has(name))
+    tones.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
   return tones.get(name);
 }
 export const forgetTones = () => tones.clear();
 
 // A canvas cleared and ready to draw, in CSS pixels; em: the page's own measure of size.
 export function sharp(canvas) {
-  const scale = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  const scale = window.devicePixelRatio || 1,
+    width = canvas.clientWidth,
+    height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * scale)) canvas.width = Math.round(width * scale);
   if (canvas.height !== Math.round(height * scale)) canvas.height = Math.round(height * scale);
   const draw = canvas.getContext("2d");
   draw.setTransform(scale, 0, 0, scale, 0, 0);
   draw.clearRect(0, 0, width, height);
-  return { draw, width, height, em: parseFloat(getComputedStyle(document.documentElement).fontSize) };
+  return {
+    draw,
+    width,
+    height,
+    em: parseFloat(getComputedStyle(document.documentElement).fontSize),
+  };
 }

@@ -10,24 +10,39 @@ const MOST = 0.1; // m a message
 
 // `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go by
 export function follow(arms, panes, scene, extent, shown) {
-  const { camera } = panes.viewer, goals = arms.map((arm) => new Goal(arm, extent));
+  const { camera } = panes.viewer,
+    goals = arms.map((arm) => new Goal(arm, extent));
   for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
-  const trails = arms.map((arm) => ["tip", "elbow"].map(() => new Trail(arm.traces, arm.data.color)));
-  const socket = new WebSocket(`ws://${location.host}/poses`), api = window.repctl;
+  const trails = arms.map((arm) =>
+    ["tip", "elbow"].map(() => new Trail(arm.traces, arm.data.color)),
+  );
+  const socket = new WebSocket(`ws://${location.host}/poses`),
+    api = window.repctl;
   socket.binaryType = "arraybuffer";
-  byId("verdict").textContent = "All start in one configuration. What is off is said after each cycle.";
+  byId("verdict").textContent =
+    "All start in one configuration. What is off is said after each cycle.";
   api.received = 0;
   let newest = null;
   function draw() {
-    const numbers = new Float32Array(newest), stride = arms[0].stride, count = arms.length, flag = 2 * count * (stride + 1);
-    const waiting = numbers[flag] ? ", target out of reach" : "", cycles = numbers[flag + 4], rest = flag + 5;
-    const at = (k) => new MeshCat.THREE.Vector3().fromArray(numbers, rest + 3 * k), hands = arms.map((arm, k) => at(k).distanceTo(at(count + k)));
+    const numbers = new Float32Array(newest),
+      stride = arms[0].stride,
+      count = arms.length,
+      flag = 2 * count * (stride + 1);
+    const waiting = numbers[flag] ? ", target out of reach" : "",
+      cycles = numbers[flag + 4],
+      rest = flag + 5;
+    const at = (k) => new MeshCat.THREE.Vector3().fromArray(numbers, rest + 3 * k),
+      hands = arms.map((arm, k) => at(k).distanceTo(at(count + k)));
     goals.forEach((goal) => goal.show(numbers, flag + 1, Boolean(waiting)));
-    trails.forEach(([tip, elbow], k) => { tip.add(at(k)); elbow.add(at(2 * count + k)); });
+    trails.forEach(([tip, elbow], k) => {
+      tip.add(at(k));
+      elbow.add(at(2 * count + k));
+    });
     byId("clock").textContent = `cycle ${cycles + 1}`;
     arms.forEach((arm, k) => {
       arm.standAs(numbers, k * stride, (count + k) * stride);
-      const drift = numbers[2 * count * stride + k], past = numbers[2 * count * stride + count + k];
+      const drift = numbers[2 * count * stride + k],
+        past = numbers[2 * count * stride + count + k];
       arm.notice.textContent = `${inWords(drift)} ${arm.data.unit} off cycle 1${past ? ", past a limit" : ""}${waiting}`;
     });
     if (cycles) judge(arms, scene, Math.max(...hands), cycles);
@@ -39,41 +54,81 @@ export function follow(arms, panes, scene, extent, shown) {
     if (newest === null) requestAnimationFrame(draw); // of what comes between two pictures, the last is drawn
     newest = data;
   });
-  socket.addEventListener("close", () => { byId("notice-text").textContent = "The program has ended."; byId("notice").hidden = false; });
-  const send = (move) => { if (socket.readyState === 1) socket.send(JSON.stringify(move)); };
+  socket.addEventListener("close", () => {
+    byId("notice-text").textContent = "The program has ended.";
+    byId("notice").hidden = false;
+  });
+  const send = (move) => {
+    if (socket.readyState === 1) socket.send(JSON.stringify(move));
+  };
   draggable(arms, goals, panes, send);
-  document.addEventListener("keydown", (event) => {
-    const move = event.shiftKey || event.ctrlKey || event.metaKey || event.altKey ? null : moved(event.key, camera);
-    if (!move || socket.readyState !== 1) return;
-    event.preventDefault();
-    event.stopImmediatePropagation();
-    send(move);
-  }, true);
+  document.addEventListener(
+    "keydown",
+    (event) => {
+      const move =
+        event.shiftKey || event.ctrlKey || event.metaKey || event.altKey
+          ? null
+          : moved(event.key, camera);
+      if (!move || socket.readyState !== 1) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      send(move);
+    },
+    true,
+  );
 }
 
 // Which way a key moves the target, m: along the robot's axis that lies most as the key says on the screen.
 function moved(key, camera) {
   if (key === "Home") return "home";
-  const way = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowUp: [1, 1], ArrowDown: [1, -1], PageUp: [2, -1], PageDown: [2, 1] }[key];
+  const way = {
+    ArrowRight: [0, 1],
+    ArrowLeft: [0, -1],
+    ArrowUp: [1, 1],
+    ArrowDown: [1, -1],
+    PageUp: [2, -1],
+    PageDown: [2, 1],
+  }[key];
   if (!way) return null;
   const taken = [];
   const axes = [0, 1, 2].map((column) => {
-    const v = new MeshCat.THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, column), robot = [v.x, -v.z, v.y]; // three's y is up
-    const axis = robot.map((size, k) => (taken.includes(k) ? -1 : Math.abs(size))).reduce((best, size, k, all) => (size > all[best] ? k : best), 0);
+    const v = new MeshCat.THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, column),
+      robot = [v.x, -v.z, v.y]; // three's y is up
+    const axis = robot
+      .map((size, k) => (taken.includes(k) ? -1 : Math.abs(size)))
+      .reduce((best, size, k, all) => (size > all[best] ? k : best), 0);
     taken.push(axis);
     return [axis, Math.sign(robot[axis])];
   });
-  const [axis, sign] = axes[way[0]], move = [0, 0, 0];
+  const [axis, sign] = axes[way[0]],
+    move = [0, 0, 0];
   move[axis] = STEP * way[1] * sign;
   return move;
 }
 
 // The verdict so far: what is off where the hand was in cycle 1.
 function judge(arms, scene, hand, cycles) {
-  const most = arms.map((arm) => arm.off.reduce((best, off, k) => (off > best[0] ? [off, arm.moving[k].name] : best), [0, ""]));
-  const [, worst] = most.reduce((a, b) => (b[0] > a[0] ? b : a)), name = scene.names[worst] || worst, times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
-  const off = arms.flatMap((arm, k) => [k ? ", " : "", element("b", { class: tint(most[k][0]) }, `${inMetres(most[k][0])} off`), ` under ${arm.data.under}`]);
-  const words = hand < 1e-3 ? [`After ${times} the hand is where it was in cycle 1; ${/\d$/.test(name) ? "" : "the "}${name} is `, ...off, "."] : [`The hand is ${inMetres(hand)} from where it was in cycle 1: bring the target back (Home) to compare.`];
+  const most = arms.map((arm) =>
+    arm.off.reduce((best, off, k) => (off > best[0] ? [off, arm.moving[k].name] : best), [0, ""]),
+  );
+  const [, worst] = most.reduce((a, b) => (b[0] > a[0] ? b : a)),
+    name = scene.names[worst] || worst,
+    times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
+  const off = arms.flatMap((arm, k) => [
+    k ? ", " : "",
+    element("b", { class: tint(most[k][0]) }, `${inMetres(most[k][0])} off`),
+    ` under ${arm.data.under}`,
+  ]);
+  const words =
+    hand < 1e-3
+      ? [
+          `After ${times} the hand is where it was in cycle 1; ${/\d$/.test(name) ? "" : "the "}${name} is `,
+          ...off,
+          ".",
+        ]
+      : [
+          `The hand is ${inMetres(hand)} from where it was in cycle 1: bring the target back (Home) to compare.`,
+        ];
   if (!byId("verdict")) return;
   byId("verdict").replaceChildren(...words);
 }
@@ -81,47 +136,80 @@ function judge(arms, scene, hand, cycles) {
 // The target: a ball that can be taken, red while it is out of reach.
 class Goal {
   constructor(arm, extent) {
-    this.balls = ["#3c4a59", "#e00020"].map((color) => new Marker(arm.group, 0.02 * extent, color, 0.75));
+    this.balls = ["#3c4a59", "#e00020"].map(
+      (color) => new Marker(arm.group, 0.02 * extent, color, 0.75),
+    );
     this.place = null;
-    this.balls.forEach(({ node }) => { node.visible = false; });
+    this.balls.forEach(({ node }) => {
+      node.visible = false;
+    });
   }
 
   show(numbers, start, away) {
     if (!Number.isFinite(numbers[start])) return;
     this.place = this.balls[0].node.position.fromArray(numbers, start);
     this.balls[1].node.position.copy(this.place);
-    this.balls.forEach(({ node }, k) => { node.visible = Boolean(k) === away; });
+    this.balls.forEach(({ node }, k) => {
+      node.visible = Boolean(k) === away;
+    });
   }
 }
 
 // A finger or the mouse takes the target where it is seen, in any pane, and moves it across the screen.
 function draggable(arms, goals, panes, send) {
-  const stage = byId("picture"), { camera } = panes.viewer;
+  const stage = byId("picture"),
+    { camera } = panes.viewer;
   let held = null;
   const inside = (event) => {
-    const { left, top } = stage.getBoundingClientRect(), x = event.clientX - left, y = event.clientY - top;
-    const k = arms.findIndex((arm, i) => { const p = panes.place(i); return x >= p.left && x < p.left + p.width && y >= p.top && y < p.top + p.height; });
-    return k < 0 ? null : { k, pane: panes.place(k), x: x - panes.place(k).left, y: y - panes.place(k).top };
+    const { left, top } = stage.getBoundingClientRect(),
+      x = event.clientX - left,
+      y = event.clientY - top;
+    const k = arms.findIndex((arm, i) => {
+      const p = panes.place(i);
+      return x >= p.left && x < p.left + p.width && y >= p.top && y < p.top + p.height;
+    });
+    return k < 0
+      ? null
+      : { k, pane: panes.place(k), x: x - panes.place(k).left, y: y - panes.place(k).top };
   };
   const seen = (p) => new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); // three's y is up
-  stage.addEventListener("pointerdown", (event) => {
-    const at = inside(event);
-    if (!at || !goals[at.k].place) return;
-    const v = seen(goals[at.k].place), away = Math.hypot(((v.x + 1) / 2) * at.pane.width - at.x, ((1 - v.y) / 2) * at.pane.height - at.y);
-    if (away > (event.pointerType === "mouse" ? 22 : 36)) return;
-    event.stopPropagation();
-    event.preventDefault();
-    held = { ...at, id: event.pointerId, depth: v.z };
-    panes.viewer.controls.enabled = false;
-  }, true);
+  stage.addEventListener(
+    "pointerdown",
+    (event) => {
+      const at = inside(event);
+      if (!at || !goals[at.k].place) return;
+      const v = seen(goals[at.k].place),
+        away = Math.hypot(
+          ((v.x + 1) / 2) * at.pane.width - at.x,
+          ((1 - v.y) / 2) * at.pane.height - at.y,
+        );
+      if (away > (event.pointerType === "mouse" ? 22 : 36)) return;
+      event.stopPropagation();
+      event.preventDefault();
+      held = { ...at, id: event.pointerId, depth: v.z };
+      panes.viewer.controls.enabled = false;
+    },
+    true,
+  );
   window.addEventListener("pointermove", (event) => {
     const at = held && event.pointerId === held.id ? inside(event) : null;
     if (!at || at.k !== held.k) return;
-    const world = ({ x, y }) => new MeshCat.THREE.Vector3((2 * x) / at.pane.width - 1, 1 - (2 * y) / at.pane.height, held.depth).unproject(camera);
-    const way = world(at).sub(world(held)), move = [way.x, -way.z, way.y].map((v) => Math.max(-MOST, Math.min(MOST, Number(v.toFixed(5)))));
+    const world = ({ x, y }) =>
+      new MeshCat.THREE.Vector3(
+        (2 * x) / at.pane.width - 1,
+        1 - (2 * y) / at.pane.height,
+        held.depth,
+      ).unproject(camera);
+    const way = world(at).sub(world(held)),
+      move = [way.x, -way.z, way.y].map((v) =>
+        Math.max(-MOST, Math.min(MOST, Number(v.toFixed(5)))),
+      );
     Object.assign(held, { x: at.x, y: at.y });
     if (move.some(Boolean)) send(move);
   });
   for (const end of ["pointerup", "pointercancel"])
-    window.addEventListener(end, () => { if (held) panes.viewer.controls.enabled = true; held = null; });
+    window.addEventListener(end, () => {
+      if (held) panes.viewer.controls.enabled = true;
+      held = null;
+    });
 }

@@ -30,21 +30,36 @@ function say(text, trouble) {
 
 // Inside another page the wheel scrolls that page, unless the picture has the focus.
 function leaveTheWheel(viewer) {
-  byId("picture").addEventListener("wheel", () => {
-    viewer.controls.enableZoom = document.hasFocus() && document.activeElement === byId("panes");
-  }, { capture: true });
+  byId("picture").addEventListener(
+    "wheel",
+    () => {
+      viewer.controls.enableZoom = document.hasFocus() && document.activeElement === byId("panes");
+    },
+    { capture: true },
+  );
 }
 
 // Let time pass, a picture at a time; a machine that is late loses pictures, not time.
 function run(clock, viewer, live, resize) {
-  let before = performance.now(), late = 0, plain = false;
-  document.addEventListener("visibilitychange", () => { before = performance.now(); });
+  let before = performance.now(),
+    late = 0,
+    plain = false;
+  document.addEventListener("visibilitychange", () => {
+    before = performance.now();
+  });
   (function tick(now) {
     const passed = Math.max(now - before, 0) / 1000;
     before = now;
     // no graphics card: after some late pictures in a row, or two very late ones, do without shadows and draw fewer pixels
     late = (clock.playing || live) && passed > 0.14 ? late + Math.min(passed / 0.14, 4) : 0;
-    if (late >= 8 && !plain) { plain = true; viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; }); viewer.renderer.setPixelRatio(0.75); resize(); }
+    if (late >= 8 && !plain) {
+      plain = true;
+      viewer.scene.traverse((node) => {
+        if (node.isLight) node.castShadow = false;
+      });
+      viewer.renderer.setPixelRatio(0.75);
+      resize();
+    }
     clock.pass(passed);
     if (viewer.needs_render) viewer.render();
     requestAnimationFrame(tick);
@@ -52,33 +67,71 @@ function run(clock, viewer, live, resize) {
 }
 
 async function main() {
-  const scene = JSON.parse(byId("scene").textContent), api = window.repctl, start = performance.now();
-  if (typeof DecompressionStream === "undefined") { say("This page needs a browser of 2023 or newer.", true); return; }
-  let viewer;
-  try {
-    viewer = await openViewer(api.errors, (part) => { byId("loaded").value = part; });
-  } catch (error) {
-    api.errors.push(String(error));
-    if (!scene.live) { await drawPlain(scene); say(""); return; }
-    say("The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?", true);
+  const scene = JSON.parse(byId("scene").textContent),
+    api = window.repctl,
+    start = performance.now();
+  if (typeof DecompressionStream === "undefined") {
+    say("This page needs a browser of 2023 or newer.", true);
     return;
   }
-  const { arms, paths, line, leave, extent, eye, points, near, panes } = await setStage(viewer, scene), study = { ...scene, last: scene.arms[0].drift.length };
+  let viewer;
+  try {
+    viewer = await openViewer(api.errors, (part) => {
+      byId("loaded").value = part;
+    });
+  } catch (error) {
+    api.errors.push(String(error));
+    if (!scene.live) {
+      await drawPlain(scene);
+      say("");
+      return;
+    }
+    say(
+      "The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?",
+      true,
+    );
+    return;
+  }
+  const { arms, paths, line, leave, extent, eye, points, near, panes } = await setStage(
+      viewer,
+      scene,
+    ),
+    study = { ...scene, last: scene.arms[0].drift.length };
 
-  const compare = () => { const found = scene.live ? null : referenceOf(arms); for (const arm of arms) Object.assign(arm, { repeats: arm === found, reference: arm === found ? null : found }); };
+  const compare = () => {
+    const found = scene.live ? null : referenceOf(arms);
+    for (const arm of arms)
+      Object.assign(arm, { repeats: arm === found, reference: arm === found ? null : found });
+  };
   compare();
 
   // ---- what is shown at each time
-  const clock = Object.assign(new Clock(scene.cycles.length, scene.seconds, () => show()), { last: study.last }), box = (name) => byId(`show-${name}`);
-  const chart = scene.live ? null : new Chart(arms, scene, (time) => { clock.play(false); clock.seek(time); });
-  const callouts = scene.live ? null : new Callouts(panes, scene), wish = wishes();
-  let tell = () => {}, ways = scene.live ? [] : leave(), own = null;
+  const clock = Object.assign(new Clock(scene.cycles.length, scene.seconds, () => show()), {
+      last: study.last,
+    }),
+    box = (name) => byId(`show-${name}`);
+  const chart = scene.live
+    ? null
+    : new Chart(arms, scene, (time) => {
+        clock.play(false);
+        clock.seek(time);
+      });
+  const callouts = scene.live ? null : new Callouts(panes, scene),
+    wish = wishes();
+  let tell = () => {},
+    ways = scene.live ? [] : leave(),
+    own = null;
   function show() {
-    const { cycles } = clock, leading = own && own.lead, full = scene.live ? LIVE_FULL : fullDrift(arms);
+    const { cycles } = clock,
+      leading = own && own.lead,
+      full = scene.live ? LIVE_FULL : fullDrift(arms);
     byId("drift-to").textContent = `${inMetres(full)} off${scene.live ? " or more" : ""}`;
-    const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
+    const cycle = Math.min(Math.floor(clock.time), cycles - 1),
+      part = clock.time - cycle,
+      done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
-      if (leading) arm.stand(1, 0); else if (!scene.live || !api.received) arm.stand(cycle, part);
+      if (leading) arm.stand(1, 0);
+      else if (!scene.live || !api.received) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
       if (arm.traces) arm.traces.visible = box("traces").checked;
       arm.showFan(box("fan").checked);
@@ -90,10 +143,19 @@ async function main() {
       arm.past.node.visible = past;
       arm.mark(arm.past.node.position);
     }
-    if (scene.live || leading) { if (leading) callouts.say(); viewer.set_dirty(); return; }
-    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f)); }
+    if (scene.live || leading) {
+      if (leading) callouts.say();
+      viewer.set_dirty();
+      return;
+    }
+    for (const { arm, which, chain, trace, ball } of ways) {
+      trace.show(cycle, part);
+      ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f));
+    }
     const times = chart.show(done, cycle, part);
-    callouts.say(clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null);
+    callouts.say(
+      clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null,
+    );
     tell(done, part);
     keep(clock, eye, own && own.points);
     viewer.set_dirty();
@@ -107,9 +169,21 @@ async function main() {
     show();
   }
   const view = {
-    reset() { viewer.controls.reset(); viewer.camera.zoom = 1; eye.touched = false; resize(); },
-    set(name, on) { box(name).checked = on; byId("drift-note").hidden = !box("drift").checked; byId("panes").classList.toggle("quiet", !box("callouts").checked); show(); },
-    turn(...way) { eye.turn(...way); },
+    reset() {
+      viewer.controls.reset();
+      viewer.camera.zoom = 1;
+      eye.touched = false;
+      resize();
+    },
+    set(name, on) {
+      box(name).checked = on;
+      byId("drift-note").hidden = !box("drift").checked;
+      byId("panes").classList.toggle("quiet", !box("callouts").checked);
+      show();
+    },
+    turn(...way) {
+      eye.turn(...way);
+    },
     enlarge(on) {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
@@ -118,7 +192,10 @@ async function main() {
       show();
     },
   };
-  const offer = () => { const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat())); byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01); };
+  const offer = () => {
+    const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat()));
+    byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01);
+  };
   offer();
   tell = connect(clock, view);
   // another run in the player, of a visitor's loop or of the study
@@ -127,7 +204,12 @@ async function main() {
     arms.forEach((arm, k) => arm.use(...runs[k]));
     Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
     compare();
-    Object.assign(clock, { cycles: cycles.length, last: cycles.at(-1), seconds, time: cycles.length });
+    Object.assign(clock, {
+      cycles: cycles.length,
+      last: cycles.at(-1),
+      seconds,
+      time: cycles.length,
+    });
     line(ways_);
     ways = leave();
     rule(clock);
@@ -137,12 +219,30 @@ async function main() {
     show();
   }
   const player = {
-    plain() { if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false); },
-    clear() { line([]); for (const arm of arms) arm.traces = cleared(arm.group, arm.traces); },
-    play: (result) => play(Array.from({ length: result.cycles }, (_, c) => c + 1), result.perCycle, result.seconds, result.runs.map((one) => [one]), [result.path.map((p) => new MeshCat.THREE.Vector3(...p))]),
+    plain() {
+      if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false);
+    },
+    clear() {
+      line([]);
+      for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
+    },
+    play: (result) =>
+      play(
+        Array.from({ length: result.cycles }, (_, c) => c + 1),
+        result.perCycle,
+        result.seconds,
+        result.runs.map((one) => [one]),
+        [result.path.map((p) => new MeshCat.THREE.Vector3(...p))],
+      ),
     study() {
       scene.part = study.part;
-      play(study.cycles, study.perCycle, study.seconds, arms.map((arm) => [arm.study.run, arm.study.start]), paths);
+      play(
+        study.cycles,
+        study.perCycle,
+        study.seconds,
+        arms.map((arm) => [arm.study.run, arm.study.start]),
+        paths,
+      );
       pointAt(arms, (s) => study.arms[0].part[s]);
       show();
     },
@@ -152,10 +252,18 @@ async function main() {
   document.body.classList.toggle("live", Boolean(scene.live));
   if (scene.live) follow(arms, panes, scene, extent, show);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
-  dark.addEventListener("change", () => { forgetTones(); panes.colour(); show(); });
+  dark.addEventListener("change", () => {
+    forgetTones();
+    panes.colour();
+    show();
+  });
   if (window.parent !== window) leaveTheWheel(viewer);
   byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
-  if (callouts) panes.drawn = () => { callouts.place(); if (own) own.place(); };
+  if (callouts)
+    panes.drawn = () => {
+      callouts.place();
+      if (own) own.place();
+    };
   viewer.controls.addEventListener("end", () => keep(clock, eye, own && own.points));
   savable(viewer, clock, scene.live);
   const paper = () => still(viewer, clock, arms, panes, resize);
@@ -170,15 +278,32 @@ async function main() {
   openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });
   api.took = performance.now() - start;
   const problems = [...scene.problems, ...api.errors];
-  say(problems.length ? `Not everything could be drawn; the motion is complete. ${problems.join(". ")}` : "", problems.length > 0);
-  byId("notice").addEventListener("click", () => { byId("notice").hidden = true; });
-  if (problems.length) setTimeout(() => { byId("notice").hidden = true; }, 12000);
+  say(
+    problems.length
+      ? `Not everything could be drawn; the motion is complete. ${problems.join(". ")}`
+      : "",
+    problems.length > 0,
+  );
+  byId("notice").addEventListener("click", () => {
+    byId("notice").hidden = true;
+  });
+  if (problems.length)
+    setTimeout(() => {
+      byId("notice").hidden = true;
+    }, 12000);
   viewer.render();
   api.ready = true;
-  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches && !wish.paused && wish.time === null && !wish.loop && !scene.live) clock.open();
+  if (
+    !window.matchMedia("(prefers-reduced-motion: reduce)").matches &&
+    !wish.paused &&
+    wish.time === null &&
+    !wish.loop &&
+    !scene.live
+  )
+    clock.open();
 }
 
 main().catch((error) => {
-  window.repctl.errors.push(String(error && error.stack || error));
+  window.repctl.errors.push(String((error && error.stack) || error));
   say("This page could not be shown: " + error.message, true);
 });

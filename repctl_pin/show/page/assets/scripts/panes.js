@@ -11,8 +11,22 @@ export class Panes {
     Object.assign(this, { viewer, eye, arms, ratio });
     this.frames = arms.map((arm) => {
       arm.notice = element("span", { class: "past" });
-      return element("div", { class: "pane", style: `--arm: ${arm.data.color}` },
-        element("p", { class: "arm-label", title: arm.data.about }, element("span", { class: "name" }, element("span", { class: "chip" }), arm.data.title, element("span", { class: "more" }, arm.data.law)), arm.notice));
+      return element(
+        "div",
+        { class: "pane", style: `--arm: ${arm.data.color}` },
+        element(
+          "p",
+          { class: "arm-label", title: arm.data.about },
+          element(
+            "span",
+            { class: "name" },
+            element("span", { class: "chip" }),
+            arm.data.title,
+            element("span", { class: "more" }, arm.data.law),
+          ),
+          arm.notice,
+        ),
+      );
     });
     byId("panes").append(...this.frames);
     this.measure();
@@ -22,10 +36,13 @@ export class Panes {
 
   // Stack a few panes in portrait; else give the stage as many columns as make their pictures largest.
   layout() {
-    const { clientWidth: width, clientHeight: height } = byId("panes"), count = this.arms.length;
-    const size = (columns) => Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
+    const { clientWidth: width, clientHeight: height } = byId("panes"),
+      count = this.arms.length;
+    const size = (columns) =>
+      Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
     let best = height > width && count < 4 ? 1 : count;
-    for (let columns = best; columns >= 1; columns--) if (size(columns) > 1.02 * size(best)) best = columns;
+    for (let columns = best; columns >= 1; columns--)
+      if (size(columns) > 1.02 * size(best)) best = columns;
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
     this.viewer.renderer.setSize(width, height);
     this.measure();
@@ -38,11 +55,17 @@ export class Panes {
   }
 
   // Decide whether all panes have room for what is said of the part beside their labels, in this run.
-  inRows() { this.beside = this.frames[0].clientHeight < LOW && this.frames.every((frame, k) => this.inOneRow(frame, this.arms[k])); }
+  inRows() {
+    this.beside =
+      this.frames[0].clientHeight < LOW &&
+      this.frames.every((frame, k) => this.inOneRow(frame, this.arms[k]));
+  }
 
   // Whether a pane's label and what is said of the part fit into one row at all times.
   inOneRow(frame, { data, notice }) {
-    const label = frame.firstChild, box = frame.querySelector(".callout:not(.hand)"), value = box && box.firstChild;
+    const label = frame.firstChild,
+      box = frame.querySelector(".callout:not(.hand)"),
+      value = box && box.firstChild;
     if (!box) return true;
     const words = [notice.textContent, value.textContent];
     notice.textContent = data.broken ? data.broken.words : "";
@@ -54,10 +77,15 @@ export class Panes {
 
   // What a pane keeps free above the arm, for its label and what is said of the part, and below it, px.
   room() {
-    const label = this.frames[0].firstChild.clientHeight * 1.5, low = this.frames[0].clientHeight < LOW;
-    const box = this.frames[0].querySelector(".callout:not(.hand)"), above = box ? box.offsetHeight : 0;
+    const label = this.frames[0].firstChild.clientHeight * 1.5,
+      low = this.frames[0].clientHeight < LOW;
+    const box = this.frames[0].querySelector(".callout:not(.hand)"),
+      above = box ? box.offsetHeight : 0;
     const legend = byId("below").offsetHeight;
-    return { above: this.beside ? Math.max(label, above + 12) : label + above, below: low ? (legend ? legend + 12 : 14) : label };
+    return {
+      above: this.beside ? Math.max(label, above + 12) : label + above,
+      below: low ? (legend ? legend + 12 : 14) : label,
+    };
   }
 
   colour() {
@@ -66,29 +94,51 @@ export class Panes {
   }
 
   // Where a pane is on the stage: left, top, width, height, in pixels; as measured last, since to ask lays the page out.
-  measure() { this.places = this.frames.map(({ offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height }) => ({ left, top, width, height })); }
-  place(k) { return this.places[k]; }
+  measure() {
+    this.places = this.frames.map(
+      ({ offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height }) => ({
+        left,
+        top,
+        width,
+        height,
+      }),
+    );
+  }
+  place(k) {
+    return this.places[k];
+  }
 
   // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such a place, robot axes.
   seen(k, p) {
-    const { width, height } = this.place(k), { camera } = this.viewer;
+    const { width, height } = this.place(k),
+      { camera } = this.viewer;
     camera.updateMatrixWorld();
     const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); // three's y is up
     return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height };
   }
   sight(k, { x, y }) {
-    const { width, height } = this.place(k), T = MeshCat.THREE;
-    const at = (depth) => { const v = new T.Vector3((2 * x) / width - 1, 1 - (2 * y) / height, depth).unproject(this.viewer.camera); return new T.Vector3(v.x, -v.z, v.y); };
+    const { width, height } = this.place(k),
+      T = MeshCat.THREE;
+    const at = (depth) => {
+      const v = new T.Vector3((2 * x) / width - 1, 1 - (2 * y) / height, depth).unproject(
+        this.viewer.camera,
+      );
+      return new T.Vector3(v.x, -v.z, v.y);
+    };
     return new T.Ray(at(-1), at(1).sub(at(-1)).normalize());
   }
 
   render() {
-    const { renderer, scene, camera, controls } = this.viewer, tall = byId("panes").clientHeight;
+    const { renderer, scene, camera, controls } = this.viewer,
+      tall = byId("panes").clientHeight;
     controls.update();
     renderer.setScissorTest(true);
     this.arms.forEach((arm, k) => {
-      const { left, top, width, height } = this.place(k), low = tall - top - height;
-      this.arms.forEach((other) => { other.group.visible = other === arm; });
+      const { left, top, width, height } = this.place(k),
+        low = tall - top - height;
+      this.arms.forEach((other) => {
+        other.group.visible = other === arm;
+      });
       renderer.setViewport(left, low, width, height);
       renderer.setScissor(left, low, width, height);
       renderer.render(scene, camera);

@@ -9,24 +9,54 @@ const SHEET = "position: fixed; left: 0; top: 0; width: 1400px; height: 640px"; 
 export function still(viewer, clock, arms, panes, resize) {
   byId("stage").style.cssText = SHEET;
   resize();
-  const { renderer } = viewer, { domElement } = renderer, { time } = clock, { width, height } = panes.place(0), before = renderer.getPixelRatio();
-  const columns = width > 1.2 * height ? Math.min(2, arms.length) : Math.min(3, arms.length), rows = Math.ceil(arms.length / columns);
-  const scale = Math.max(before, WIDE / (columns * width)), text = (columns * width * scale) / 80, head = 2.2 * text;
-  const paper = element("canvas", { width: Math.round(columns * width * scale), height: Math.round(rows * (height * scale + head)) }), draw = paper.getContext("2d");
+  const { renderer } = viewer,
+    { domElement } = renderer,
+    { time } = clock,
+    { width, height } = panes.place(0),
+    before = renderer.getPixelRatio();
+  const columns = width > 1.2 * height ? Math.min(2, arms.length) : Math.min(3, arms.length),
+    rows = Math.ceil(arms.length / columns);
+  const scale = Math.max(before, WIDE / (columns * width)),
+    text = (columns * width * scale) / 80,
+    head = 2.2 * text;
+  const paper = element("canvas", {
+      width: Math.round(columns * width * scale),
+      height: Math.round(rows * (height * scale + head)),
+    }),
+    draw = paper.getContext("2d");
   draw.fillStyle = "#ffffff";
   draw.fillRect(0, 0, paper.width, paper.height);
-  const light = (on) => { document.documentElement.classList.toggle("on-paper", on); forgetTones(); };
+  const light = (on) => {
+    document.documentElement.classList.toggle("on-paper", on);
+    forgetTones();
+  };
   light(true);
   renderer.setPixelRatio(scale);
   clock.seek(clock.cycles);
   renderer.setClearColor("#ffffff", 1);
   viewer.render();
   arms.forEach(({ data }, k) => {
-    const { left, top, width: w, height: h } = panes.place(k), x = (k % columns) * width * scale, y = Math.floor(k / columns) * (height * scale + head);
-    draw.drawImage(domElement, left * scale, top * scale, w * scale, h * scale, x, y + head, w * scale, h * scale);
+    const { left, top, width: w, height: h } = panes.place(k),
+      x = (k % columns) * width * scale,
+      y = Math.floor(k / columns) * (height * scale + head);
+    draw.drawImage(
+      domElement,
+      left * scale,
+      top * scale,
+      w * scale,
+      h * scale,
+      x,
+      y + head,
+      w * scale,
+      h * scale,
+    );
     draw.fillStyle = data.color;
     draw.font = `600 ${text}px sans-serif`;
-    draw.fillText(`${data.title}: ${inMetres(data.off.at(-1)[1])} off`, x + 0.6 * text, y + 1.5 * text);
+    draw.fillText(
+      `${data.title}: ${inMetres(data.off.at(-1)[1])} off`,
+      x + 0.6 * text,
+      y + 1.5 * text,
+    );
   });
   light(false);
   renderer.setPixelRatio(before);

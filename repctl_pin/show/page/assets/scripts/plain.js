@@ -5,24 +5,64 @@ import { byId, element, sharp, summed, tone, unpack } from "./dom.js";
 import { inMetres } from "./numbers.js";
 
 export async function drawPlain(scene) {
-  const motion = summed(await unpack("motion"), scene.series, scene.resolution), last = scene.cycles.length * scene.perCycle - 1;
+  const motion = summed(await unpack("motion"), scene.series, scene.resolution),
+    last = scene.cycles.length * scene.perCycle - 1;
   let at = 0;
   const arms = scene.arms.map((data) => {
-    const moving = data.shapes.filter(({ pose }) => !pose), frames = last + 1, ways = Array.from({ length: data.chains }, (_, k) => k);
-    const start = at, tip = start + frames * 7 * moving.length, elbow = tip + frames * 3 * data.chains;
-    at = elbow + frames * 3 * data.chains + (data.broken ? 3 * frames : 0) + moving.reduce((sum, { points }) => sum + 3 * points, 0);
-    const point = (from, size, i, k = 0) => [...motion.subarray(from + i * size + 3 * k, from + i * size + 3 * k + 3)];
-    const pose = (i) => ways.map((k) => [point(start, 7 * moving.length, i), point(elbow, 3 * data.chains, i, k), point(tip, 3 * data.chains, i, k)]);
+    const moving = data.shapes.filter(({ pose }) => !pose),
+      frames = last + 1,
+      ways = Array.from({ length: data.chains }, (_, k) => k);
+    const start = at,
+      tip = start + frames * 7 * moving.length,
+      elbow = tip + frames * 3 * data.chains;
+    at =
+      elbow +
+      frames * 3 * data.chains +
+      (data.broken ? 3 * frames : 0) +
+      moving.reduce((sum, { points }) => sum + 3 * points, 0);
+    const point = (from, size, i, k = 0) => [
+      ...motion.subarray(from + i * size + 3 * k, from + i * size + 3 * k + 3),
+    ];
+    const pose = (i) =>
+      ways.map((k) => [
+        point(start, 7 * moving.length, i),
+        point(elbow, 3 * data.chains, i, k),
+        point(tip, 3 * data.chains, i, k),
+      ]);
     return { data, before: pose(0), after: pose(last) };
   });
-  const paths = scene.paths.map((count) => Array.from({ length: count }, () => { at += 3; return [...motion.subarray(at - 3, at)]; }));
+  const paths = scene.paths.map((count) =>
+    Array.from({ length: count }, () => {
+      at += 3;
+      return [...motion.subarray(at - 3, at)];
+    }),
+  );
   document.body.classList.add("plain-view");
-  byId("drift-note").textContent = `No 3D view: WebGL is off here. First link, elbow and hand; grey: at the start, in colour: after ${scene.cycles.at(-1)} cycles.`;
+  byId("drift-note").textContent =
+    `No 3D view: WebGL is off here. First link, elbow and hand; grey: at the start, in colour: after ${scene.cycles.at(-1)} cycles.`;
   byId("scale-note").hidden = true;
   const canvases = arms.map(({ data }) => {
-    const canvas = element("canvas", { role: "img", "aria-label": `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ${inMetres(data.off.at(-1)[1])} off` });
-    byId("panes").append(element("div", { class: "pane", style: `--arm: ${data.color}` }, canvas,
-      element("p", { class: "arm-label" }, element("span", { class: "name" }, element("span", { class: "chip" }), `${data.title}: ${inMetres(data.off.at(-1)[1])} off`))));
+    const canvas = element("canvas", {
+      role: "img",
+      "aria-label": `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ${inMetres(data.off.at(-1)[1])} off`,
+    });
+    byId("panes").append(
+      element(
+        "div",
+        { class: "pane", style: `--arm: ${data.color}` },
+        canvas,
+        element(
+          "p",
+          { class: "arm-label" },
+          element(
+            "span",
+            { class: "name" },
+            element("span", { class: "chip" }),
+            `${data.title}: ${inMetres(data.off.at(-1)[1])} off`,
+          ),
+        ),
+      ),
+    );
     return canvas;
   });
   const chart = new Chart(arms, scene, () => {});
@@ -38,12 +78,39 @@ export async function drawPlain(scene) {
 }
 
 function drawArm(canvas, { data, before, after }, arms, paths, planar) {
-  const seen = ([x, y, z]) => (planar ? [x, -y] : [0.68 * x - 0.73 * y, 0.24 * x + 0.22 * y - 0.94 * z]); // from the front, a little from above
-  const all = [...arms.flatMap((arm) => [arm.before, arm.after]).flat(2), ...paths.flat()].map(seen), ends = [0, 1].map((i) => all.map((p) => p[i])).map((v) => [v.reduce((a, b) => Math.min(a, b)), v.reduce((a, b) => Math.max(a, b))]);
-  const { draw, width, height, em } = sharp(canvas), [[left, right], [top, bottom]] = ends, room = [width - 4 * em, height - 9 * em];
-  const scale = Math.min(room[0] / Math.max(right - left, 1e-9), room[1] / Math.max(bottom - top, 1e-9));
-  const place = (p) => { const [x, y] = seen(p); return [width / 2 + scale * (x - (left + right) / 2), height / 2 + scale * (y - (top + bottom) / 2)]; };
-  const line = (points, color, wide) => { Object.assign(draw, { strokeStyle: color, lineWidth: wide, lineJoin: "round", lineCap: "round" }); draw.beginPath(); points.map(place).forEach(([x, y], i) => (i ? draw.lineTo(x, y) : draw.moveTo(x, y))); draw.stroke(); };
+  const seen = ([x, y, z]) =>
+    planar ? [x, -y] : [0.68 * x - 0.73 * y, 0.24 * x + 0.22 * y - 0.94 * z]; // from the front, a little from above
+  const all = [...arms.flatMap((arm) => [arm.before, arm.after]).flat(2), ...paths.flat()].map(
+      seen,
+    ),
+    ends = [0, 1]
+      .map((i) => all.map((p) => p[i]))
+      .map((v) => [v.reduce((a, b) => Math.min(a, b)), v.reduce((a, b) => Math.max(a, b))]);
+  const { draw, width, height, em } = sharp(canvas),
+    [[left, right], [top, bottom]] = ends,
+    room = [width - 4 * em, height - 9 * em];
+  const scale = Math.min(
+    room[0] / Math.max(right - left, 1e-9),
+    room[1] / Math.max(bottom - top, 1e-9),
+  );
+  const place = (p) => {
+    const [x, y] = seen(p);
+    return [
+      width / 2 + scale * (x - (left + right) / 2),
+      height / 2 + scale * (y - (top + bottom) / 2),
+    ];
+  };
+  const line = (points, color, wide) => {
+    Object.assign(draw, {
+      strokeStyle: color,
+      lineWidth: wide,
+      lineJoin: "round",
+      lineCap: "round",
+    });
+    draw.beginPath();
+    points.map(place).forEach(([x, y], i) => (i ? draw.lineTo(x, y) : draw.moveTo(x, y)));
+    draw.stroke();
+  };
   for (const path of paths) line(path, tone("--edge"), 0.1 * em);
   for (const limb of before) line(limb, tone("--body"), 0.8 * em);
   for (const limb of after) line(limb, data.color, 0.4 * em);

@@ -6,9 +6,15 @@ const LEFT_OUT = "#tools, .track, #play, #notice, #own, .ring, #keys, #paper, .u
 
 // Draw the page without its buttons on a canvas.
 export function seen(viewer, canvas = element("canvas"), scale = window.devicePixelRatio || 1) {
-  const { left, bottom } = byId("chart").getBoundingClientRect(), foot = byId("stage").getBoundingClientRect().bottom;
-  const width = window.innerWidth, height = Math.max(bottom, foot) + (bottom > foot ? 4 : 0), draw = canvas.getContext("2d");
-  for (const [side, size] of [["width", width], ["height", height]]) {
+  const { left, bottom } = byId("chart").getBoundingClientRect(),
+    foot = byId("stage").getBoundingClientRect().bottom;
+  const width = window.innerWidth,
+    height = Math.max(bottom, foot) + (bottom > foot ? 4 : 0),
+    draw = canvas.getContext("2d");
+  for (const [side, size] of [
+    ["width", width],
+    ["height", height],
+  ]) {
     const pixels = 2 * Math.round((size * scale) / 2); // films want even numbers
     if (canvas[side] !== pixels) canvas[side] = pixels;
   }
@@ -23,12 +29,27 @@ export function seen(viewer, canvas = element("canvas"), scale = window.devicePi
 
 // An element, its ground, its picture or its words, and what is inside it.
 function drawNode(draw, node) {
-  if (node.nodeType === Node.TEXT_NODE) { drawWords(draw, node); return; }
-  if (node.nodeType !== Node.ELEMENT_NODE || node.matches(LEFT_OUT) || node.matches("script, style, dialog")) return;
-  const style = getComputedStyle(node), box = node.getBoundingClientRect();
+  if (node.nodeType === Node.TEXT_NODE) {
+    drawWords(draw, node);
+    return;
+  }
+  if (
+    node.nodeType !== Node.ELEMENT_NODE ||
+    node.matches(LEFT_OUT) ||
+    node.matches("script, style, dialog")
+  )
+    return;
+  const style = getComputedStyle(node),
+    box = node.getBoundingClientRect();
   if (style.display === "none" || style.visibility === "hidden") return;
-  if (node.matches(".leader")) { drawRule(draw, node, style); return; }
-  if (node.tagName === "CANVAS") { draw.drawImage(node, box.left, box.top, box.width, box.height); return; }
+  if (node.matches(".leader")) {
+    drawRule(draw, node, style);
+    return;
+  }
+  if (node.tagName === "CANVAS") {
+    draw.drawImage(node, box.left, box.top, box.width, box.height);
+    return;
+  }
   drawGround(draw, style, box, node === document.body);
   for (const child of node.childNodes) drawNode(draw, child);
 }
@@ -37,22 +58,36 @@ function drawGround(draw, style, { left, top, width, height }, whole) {
   const empty = (colour) => colour === "transparent" || /^rgba.*, 0\)$/.test(colour);
   if (whole || !width || !height) return;
   draw.beginPath();
-  draw.roundRect(left, top, width, height, Math.min(parseFloat(style.borderRadius) || 0, height / 2));
+  draw.roundRect(
+    left,
+    top,
+    width,
+    height,
+    Math.min(parseFloat(style.borderRadius) || 0, height / 2),
+  );
   if (style.backgroundImage.startsWith("linear-gradient")) {
-    const [from, to] = style.backgroundImage.match(/rgba?\([^)]*\)/g), fill = draw.createLinearGradient(left, 0, left + width, 0);
+    const [from, to] = style.backgroundImage.match(/rgba?\([^)]*\)/g),
+      fill = draw.createLinearGradient(left, 0, left + width, 0);
     fill.addColorStop(0, from);
     fill.addColorStop(1, to);
     draw.fillStyle = fill;
     draw.fill();
-  } else if (!empty(style.backgroundColor)) { draw.fillStyle = style.backgroundColor; draw.fill(); }
+  } else if (!empty(style.backgroundColor)) {
+    draw.fillStyle = style.backgroundColor;
+    draw.fill();
+  }
   const edge = parseFloat(style.borderLeftWidth);
-  if (edge > 1) { draw.fillStyle = style.borderLeftColor; draw.fillRect(left, top, edge, height); }
+  if (edge > 1) {
+    draw.fillStyle = style.borderLeftColor;
+    draw.fillRect(left, top, edge, height);
+  }
 }
 
 // The line from a callout to what it speaks of.
 function drawRule(draw, { line, hidden, parentElement }, style) {
   if (hidden || !line) return;
-  const { left, top } = parentElement.getBoundingClientRect(), [x, y, toX, toY] = line;
+  const { left, top } = parentElement.getBoundingClientRect(),
+    [x, y, toX, toY] = line;
   draw.strokeStyle = style.backgroundColor;
   draw.lineWidth = 1.5;
   draw.beginPath();
@@ -64,7 +99,8 @@ function drawRule(draw, { line, hidden, parentElement }, style) {
 // Words, each where the page has it.
 function drawWords(draw, text) {
   if (!text.data.trim()) return;
-  const style = getComputedStyle(text.parentElement), range = document.createRange();
+  const style = getComputedStyle(text.parentElement),
+    range = document.createRange();
   draw.font = `${style.fontStyle} ${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
   draw.letterSpacing = style.letterSpacing === "normal" ? "0px" : style.letterSpacing;
   draw.fillStyle = style.color;
@@ -72,24 +108,36 @@ function drawWords(draw, text) {
   for (const { 0: word, index } of text.data.matchAll(/\S+/g)) {
     range.setStart(text, index);
     range.setEnd(text, index + word.length);
-    const { left, top, height } = range.getBoundingClientRect(), { fontBoundingBoxAscent: up, fontBoundingBoxDescent: down } = draw.measureText(word);
+    const { left, top, height } = range.getBoundingClientRect(),
+      { fontBoundingBoxAscent: up, fontBoundingBoxDescent: down } = draw.measureText(word);
     if (height) draw.fillText(word, left, top + (height - up - down) / 2 + up);
   }
 }
 
 // A film from now on, for at most `seconds`, or until `stop`: {stop, done}, done a promise of what was filmed.
 export function record(viewer, clock, seconds = Infinity) {
-  const canvas = seen(viewer, undefined, 1), stream = canvas.captureStream(30), kept = [];
+  const canvas = seen(viewer, undefined, 1),
+    stream = canvas.captureStream(30),
+    kept = [];
   const kind = ["video/webm", "video/mp4"].find((one) => MediaRecorder.isTypeSupported(one));
-  const recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 8e6 }), end = performance.now() + 1000 * seconds;
+  const recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 8e6 }),
+    end = performance.now() + 1000 * seconds;
   recorder.addEventListener("dataavailable", ({ data }) => kept.push(data));
-  const done = new Promise((tell) => { recorder.addEventListener("stop", () => { for (const track of stream.getTracks()) track.stop(); tell(new Blob(kept, { type: kind })); }); });
-  const stop = () => { if (recorder.state !== "inactive") recorder.stop(); };
+  const done = new Promise((tell) => {
+    recorder.addEventListener("stop", () => {
+      for (const track of stream.getTracks()) track.stop();
+      tell(new Blob(kept, { type: kind }));
+    });
+  });
+  const stop = () => {
+    if (recorder.state !== "inactive") recorder.stop();
+  };
   recorder.start(500);
   (function next() {
     if (recorder.state === "inactive") return;
     seen(viewer, canvas, 1);
-    if (performance.now() > end) stop(); else requestAnimationFrame(next);
+    if (performance.now() > end) stop();
+    else requestAnimationFrame(next);
   })();
   return { stop, done };
 }
@@ -102,17 +150,38 @@ export function download(blob, name) {
 
 // The two buttons: a picture, and a film of the motion once through, or until it is pressed again.
 export function savable(viewer, clock, live) {
-  const picture = byId("save-picture"), film = byId("save-film"), words = film.textContent;
-  const name = () => byId("title").textContent.replace(/[^\w.]+/g, "-").replace(/^-|-$/g, "") || "repctl";
+  const picture = byId("save-picture"),
+    film = byId("save-film"),
+    words = film.textContent;
+  const name = () =>
+    byId("title")
+      .textContent.replace(/[^\w.]+/g, "-")
+      .replace(/^-|-$/g, "") || "repctl";
   let filming = null;
-  picture.addEventListener("click", () => seen(viewer).toBlob((blob) => download(blob, `${name()}.png`)));
-  if (typeof MediaRecorder === "undefined") { film.hidden = true; return; }
+  picture.addEventListener("click", () =>
+    seen(viewer).toBlob((blob) => download(blob, `${name()}.png`)),
+  );
+  if (typeof MediaRecorder === "undefined") {
+    film.hidden = true;
+    return;
+  }
   film.addEventListener("click", async () => {
-    if (filming) { filming.stop(); return; }
-    if (!live) { clock.hold(); clock.seek(0); clock.play(true); }
+    if (filming) {
+      filming.stop();
+      return;
+    }
+    if (!live) {
+      clock.hold();
+      clock.seek(0);
+      clock.play(true);
+    }
     filming = record(viewer, clock);
     film.textContent = "Stop and save";
-    const over = live ? 0 : setInterval(() => { if (clock.time >= clock.cycles || !clock.playing) filming.stop(); }, 200);
+    const over = live
+      ? 0
+      : setInterval(() => {
+          if (clock.time >= clock.cycles || !clock.playing) filming.stop();
+        }, 200);
     const blob = await filming.done;
     clearInterval(over);
     filming = null;

@@ -9,39 +9,98 @@ import { drawPaths, drawWays } from "./traces.js";
 import { floor, light } from "./viewer.js";
 
 export async function setStage(viewer, scene) {
-  const T = MeshCat.THREE, motion = summed(await unpack("motion"), scene.series, scene.resolution);
-  const F = scene.perCycle, frames = F * scene.cycles.length;
+  const T = MeshCat.THREE,
+    motion = summed(await unpack("motion"), scene.series, scene.resolution);
+  const F = scene.perCycle,
+    frames = F * scene.cycles.length;
   let at = 0;
-  const arms = scene.arms.map((data) => { const arm = new ArmView(viewer, data, motion, at, frames, F); at = arm.end; return arm; });
+  const arms = scene.arms.map((data) => {
+    const arm = new ArmView(viewer, data, motion, at, frames, F);
+    at = arm.end;
+    return arm;
+  });
   if (!scene.live) pointAt(arms, (s) => arms[0].data.part[s]);
-  const paths = scene.paths.map((count) => Array.from({ length: count }, () => { const p = new T.Vector3().fromArray(motion, at); at += 3; return p; }));
+  const paths = scene.paths.map((count) =>
+    Array.from({ length: count }, () => {
+      const p = new T.Vector3().fromArray(motion, at);
+      at += 3;
+      return p;
+    }),
+  );
 
-  const tips = arms.flatMap((arm) => Array.from({ length: arm.chains }, (_, k) => [arm.point("tip", k, 0), arm.point("tip", k, F >> 1)]).flat());
+  const tips = arms.flatMap((arm) =>
+    Array.from({ length: arm.chains }, (_, k) => [
+      arm.point("tip", k, 0),
+      arm.point("tip", k, F >> 1),
+    ]).flat(),
+  );
   const tip = new T.Box3().setFromPoints(tips).getCenter(new T.Vector3());
-  const whole = new T.Box3().setFromPoints(arms.flatMap((arm) => Object.values(arm.reach()).flat()));
-  const eye = new Eye(viewer, scene.planar ? new T.Vector3(0, -1e-4, 1) : scene.live ? towards(tip, whole) : clearest(arms, towards(tip, whole)), scene.planar);
+  const whole = new T.Box3().setFromPoints(
+    arms.flatMap((arm) => Object.values(arm.reach()).flat()),
+  );
+  const eye = new Eye(
+    viewer,
+    scene.planar
+      ? new T.Vector3(0, -1e-4, 1)
+      : scene.live
+        ? towards(tip, whole)
+        : clearest(arms, towards(tip, whole)),
+    scene.planar,
+  );
   const { points, near, extent, ground } = inSight(arms, paths.flat(), eye);
-  const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3());
+  const shown = new T.Box3().setFromPoints(points),
+    center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
   const line = (ways) => drawPaths(arms, ways, extent);
   line(paths);
   const leave = () => drawWays(arms, scene, extent);
-  const [left, right] = eye.span(points, "right"), [low, high] = eye.span(points, "up");
-  return { arms, paths, line, leave, extent, eye, points, near, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
+  const [left, right] = eye.span(points, "right"),
+    [low, high] = eye.span(points, "up");
+  return {
+    arms,
+    paths,
+    line,
+    leave,
+    extent,
+    eye,
+    points,
+    near,
+    panes: new Panes(viewer, eye, arms, (right - left) / (high - low)),
+  };
 }
 
 // The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is
 // not a hall, and what is near the arm.
 function inSight(arms, path, eye) {
-  const T = MeshCat.THREE, reach = arms.map((arm) => arm.reach()), moving = reach.flatMap((c) => c.moving), still = reach[0].still;
-  const near = new T.Box3().setFromPoints([...moving, ...path]), whole = new T.Box3().setFromPoints([...moving, ...still]);
+  const T = MeshCat.THREE,
+    reach = arms.map((arm) => arm.reach()),
+    moving = reach.flatMap((c) => c.moving),
+    still = reach[0].still;
+  const near = new T.Box3().setFromPoints([...moving, ...path]),
+    whole = new T.Box3().setFromPoints([...moving, ...still]);
   if (near.isEmpty()) near.setFromPoints([...still, new T.Vector3()]);
   const extent = near.getSize(new T.Vector3()).length() || 1;
-  const across = (box, axis) => { const [a, b] = eye.span(cornersOf(box), axis); return b - a; };
-  const room = near.clone().expandByScalar(0.2 * extent), [low, high] = eye.span(cornersOf(room), "up"), wide = across(whole, "right") < 3 * extent;
-  const all = across(whole, "up") < Math.max(1.45 * across(near, "up"), wide ? Math.max(1.3 * across(near, "right"), across(whole, "right")) : 0);
-  const level = (p) => p.clone().addScaledVector(eye.up, Math.min(Math.max(p.dot(eye.up), low), high) - p.dot(eye.up));
+  const across = (box, axis) => {
+    const [a, b] = eye.span(cornersOf(box), axis);
+    return b - a;
+  };
+  const room = near.clone().expandByScalar(0.2 * extent),
+    [low, high] = eye.span(cornersOf(room), "up"),
+    wide = across(whole, "right") < 3 * extent;
+  const all =
+    across(whole, "up") <
+    Math.max(
+      1.45 * across(near, "up"),
+      wide ? Math.max(1.3 * across(near, "right"), across(whole, "right")) : 0,
+    );
+  const level = (p) =>
+    p.clone().addScaledVector(eye.up, Math.min(Math.max(p.dot(eye.up), low), high) - p.dot(eye.up));
   const kept = (p) => (all ? p : wide ? level(p) : room.clampPoint(p, new T.Vector3()));
-  return { points: [...moving, ...path, ...still.map(kept)], near: [...moving, ...path], extent, ground: whole.min.z };
+  return {
+    points: [...moving, ...path, ...still.map(kept)],
+    near: [...moving, ...path],
+    extent,
+    ground: whole.min.z,
+  };
 }

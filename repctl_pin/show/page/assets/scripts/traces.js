@@ -7,12 +7,19 @@ const THICK = 0.0026; // of a way, in parts of the picture's extent
 export class Trace {
   // cycles: arrays of points, one a cycle; shade(c, p): a colour
   constructor(parent, cycles, radius, shade) {
-    const T = MeshCat.THREE, position = [], color = [], index = [];
-    const tangent = new T.Vector3(1, 0, 0), normal = new T.Vector3(), side = new T.Vector3(), ring = new T.Vector3();
+    const T = MeshCat.THREE,
+      position = [],
+      color = [],
+      index = [];
+    const tangent = new T.Vector3(1, 0, 0),
+      normal = new T.Vector3(),
+      side = new T.Vector3(),
+      ring = new T.Vector3();
     this.perCycle = (cycles[0].length - 1) * SIDES * 6;
     cycles.forEach((points, c) => {
       points.forEach((point, i) => {
-        const ahead = points[Math.min(i + 1, points.length - 1)], behind = points[Math.max(i - 1, 0)];
+        const ahead = points[Math.min(i + 1, points.length - 1)],
+          behind = points[Math.max(i - 1, 0)];
         const step = new T.Vector3().subVectors(ahead, behind);
         if (step.lengthSq() > 1e-18) tangent.copy(step).normalize();
         normal.addScaledVector(tangent, -normal.dot(tangent));
@@ -23,13 +30,20 @@ export class Trace {
         const tone = shade(c, i / (points.length - 1));
         for (let k = 0; k < SIDES; k++) {
           const angle = (2 * Math.PI * k) / SIDES;
-          ring.copy(point).addScaledVector(normal, radius * Math.cos(angle)).addScaledVector(side, radius * Math.sin(angle));
+          ring
+            .copy(point)
+            .addScaledVector(normal, radius * Math.cos(angle))
+            .addScaledVector(side, radius * Math.sin(angle));
           position.push(ring.x, ring.y, ring.z);
           color.push(tone.r, tone.g, tone.b);
         }
         if (i === 0) return;
-        const b = position.length / 3 - SIDES, a = b - SIDES;
-        for (let k = 0; k < SIDES; k++) { const l = (k + 1) % SIDES; index.push(a + k, b + k, a + l, a + l, b + k, b + l); }
+        const b = position.length / 3 - SIDES,
+          a = b - SIDES;
+        for (let k = 0; k < SIDES; k++) {
+          const l = (k + 1) % SIDES;
+          index.push(a + k, b + k, a + l, a + l, b + k, b + l);
+        }
       });
     });
     this.geometry = new T.BufferGeometry();
@@ -38,7 +52,13 @@ export class Trace {
     this.geometry.setIndex(index);
     const plain = new T.MeshBasicMaterial({ vertexColors: true, side: T.DoubleSide });
     // where a body stands in front, the trace shines through
-    const through = new T.MeshBasicMaterial({ vertexColors: true, transparent: true, opacity: 0.5, depthFunc: T.GreaterDepth, depthWrite: false });
+    const through = new T.MeshBasicMaterial({
+      vertexColors: true,
+      transparent: true,
+      opacity: 0.5,
+      depthFunc: T.GreaterDepth,
+      depthWrite: false,
+    });
     for (const material of [plain, through]) {
       const mesh = new T.Mesh(this.geometry, material);
       mesh.frustumCulled = false;
@@ -49,7 +69,10 @@ export class Trace {
   }
 
   show(cycle, part) {
-    this.geometry.setDrawRange(0, cycle * this.perCycle + Math.floor(part * (this.perCycle / (SIDES * 6)) + 1e-9) * SIDES * 6);
+    this.geometry.setDrawRange(
+      0,
+      cycle * this.perCycle + Math.floor(part * (this.perCycle / (SIDES * 6)) + 1e-9) * SIDES * 6,
+    );
   }
 }
 
@@ -58,8 +81,20 @@ export class Marker {
     const T = MeshCat.THREE;
     this.node = new T.Group();
     const ball = new T.SphereGeometry(radius, 20, 14);
-    const plain = new T.MeshLambertMaterial({ color, emissive: color, emissiveIntensity: 0.35, opacity, transparent: opacity < 1 });
-    const through = new T.MeshBasicMaterial({ color, transparent: true, opacity: 0.6 * opacity, depthFunc: T.GreaterDepth, depthWrite: false });
+    const plain = new T.MeshLambertMaterial({
+      color,
+      emissive: color,
+      emissiveIntensity: 0.35,
+      opacity,
+      transparent: opacity < 1,
+    });
+    const through = new T.MeshBasicMaterial({
+      color,
+      transparent: true,
+      opacity: 0.6 * opacity,
+      depthFunc: T.GreaterDepth,
+      depthWrite: false,
+    });
     for (const material of [plain, through]) {
       const mesh = new T.Mesh(ball, material);
       mesh.renderOrder = material === through ? 6 : 1;
@@ -71,18 +106,26 @@ export class Marker {
 
 // The colour grows from pale to full with the drift, where there is any; an arm that does not drift has one colour.
 export function driftShade(arm, scene) {
-  const T = MeshCat.THREE, full = new T.Color(arm.color), pale = full.clone().lerp(new T.Color(1, 1, 1), 0.62);
-  const largest = Math.max(...scene.arms.flatMap((a) => a.drift)), mine = Math.max(...arm.drift);
+  const T = MeshCat.THREE,
+    full = new T.Color(arm.color),
+    pale = full.clone().lerp(new T.Color(1, 1, 1), 0.62);
+  const largest = Math.max(...scene.arms.flatMap((a) => a.drift)),
+    mine = Math.max(...arm.drift);
   return (c, p) => {
     if (!(mine > 0.02 * largest)) return full;
-    const n = scene.cycles[c], before = n > 1 ? arm.drift[n - 2] : 0, after = arm.drift[n - 1];
+    const n = scene.cycles[c],
+      before = n > 1 ? arm.drift[n - 2] : 0,
+      after = arm.drift[n - 1];
     return pale.clone().lerp(full, Math.min(1, (before + p * (after - before)) / mine));
   };
 }
 
 // Take a group of lines from an arm, and put another in its place.
 export function cleared(parent, old) {
-  if (old) { parent.remove(old); old.traverse((node) => node.geometry && node.geometry.dispose()); }
+  if (old) {
+    parent.remove(old);
+    old.traverse((node) => node.geometry && node.geometry.dispose());
+  }
   const group = new MeshCat.THREE.Group();
   parent.add(group);
   return group;
@@ -90,33 +133,56 @@ export function cleared(parent, old) {
 
 // Each arm's path, in place of an earlier one, and a mark where it goes beyond what it can do.
 export function drawPaths(arms, paths, extent) {
-  const thick = THICK * extent, ink = new MeshCat.THREE.Color("#6b7784");
+  const thick = THICK * extent,
+    ink = new MeshCat.THREE.Color("#6b7784");
   for (const arm of arms) {
     arm.paths = cleared(arm.group, arm.paths);
-    for (const way of paths) if (way.length > 1) new Trace(arm.paths, [way], 0.75 * thick, () => ink).show(1, 0);
+    for (const way of paths)
+      if (way.length > 1) new Trace(arm.paths, [way], 0.75 * thick, () => ink).show(1, 0);
     arm.past = arm.data.broken ? new Marker(arm.paths, 14 * thick, "#e00020", 0.55) : null;
   }
 }
 
 // The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the arm is drawn.
 export function drawWays(arms, scene, extent) {
-  const F = scene.perCycle, thick = THICK * extent, ways = [];
+  const F = scene.perCycle,
+    thick = THICK * extent,
+    ways = [];
   for (const arm of arms) {
-    const shade = driftShade(arm.data, scene), full = new MeshCat.THREE.Color(arm.data.color);
+    const shade = driftShade(arm.data, scene),
+      full = new MeshCat.THREE.Color(arm.data.color);
     const point = (which, chain, c, i) => arm.drawn(which, chain, c * F + i);
-    const pieces = (which, chain) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => point(which, chain, c, i)));
+    const pieces = (which, chain) =>
+      scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => point(which, chain, c, i)));
     arm.traces = cleared(arm.group, arm.traces);
     for (let chain = 0; chain < arm.chains && !scene.live; chain++)
-      for (const [which, width, ball, tint] of [["tip", 1.35, 3.4, () => full], ["elbow", 1, 2.8, shade]])
-        ways.push({ arm, which, chain, trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint), ball: new Marker(arm.traces, ball * thick, arm.data.color) });
+      for (const [which, width, ball, tint] of [
+        ["tip", 1.35, 3.4, () => full],
+        ["elbow", 1, 2.8, shade],
+      ])
+        ways.push({
+          arm,
+          which,
+          chain,
+          trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint),
+          ball: new Marker(arm.traces, ball * thick, arm.data.color),
+        });
   }
   return ways;
 }
 
 // Points of 3 px, seen through bodies: a line is never wider than one pixel.
 export function dots(geometry, color) {
-  const material = new MeshCat.THREE.PointsMaterial({ color, size: 3 * (window.devicePixelRatio || 1), sizeAttenuation: false, depthTest: false });
-  return Object.assign(new MeshCat.THREE.Points(geometry, material), { frustumCulled: false, renderOrder: 7 });
+  const material = new MeshCat.THREE.PointsMaterial({
+    color,
+    size: 3 * (window.devicePixelRatio || 1),
+    sizeAttenuation: false,
+    depthTest: false,
+  });
+  return Object.assign(new MeshCat.THREE.Points(geometry, material), {
+    frustumCulled: false,
+    renderOrder: 7,
+  });
 }
 
 // What a point leaves behind, as it comes; the oldest half is forgotten when there is no room.
@@ -127,11 +193,20 @@ export class Trail {
     this.points = new Float32Array(3 * LONGEST);
     this.geometry.setAttribute("position", new T.BufferAttribute(this.points, 3));
     this.count = 0;
-    for (const line of [Object.assign(new T.Line(this.geometry, new T.LineBasicMaterial({ color })), { frustumCulled: false }), dots(this.geometry, color)]) parent.add(line);
+    for (const line of [
+      Object.assign(new T.Line(this.geometry, new T.LineBasicMaterial({ color })), {
+        frustumCulled: false,
+      }),
+      dots(this.geometry, color),
+    ])
+      parent.add(line);
   }
 
   add(point) {
-    if (this.count === LONGEST) { this.points.copyWithin(0, (3 * LONGEST) / 2); this.count = LONGEST / 2; }
+    if (this.count === LONGEST) {
+      this.points.copyWithin(0, (3 * LONGEST) / 2);
+      this.count = LONGEST / 2;
+    }
     point.toArray(this.points, 3 * this.count++);
     this.geometry.attributes.position.needsUpdate = true;
     this.geometry.setDrawRange(0, this.count);
