@@ -8,7 +8,7 @@ from typing import Any
 
 import repctl_pin as rp
 
-from ..show.text.lines import fitted
+from ..show.text.lines import fitted, noted
 from .given import Options
 from .options import Parser
 from .terminal import report
@@ -98,7 +98,7 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
         },
         "frames_left_out": len(set(robot.movable_frames) - set(redundancy)),
         "meshes": len(robot.description.meshes),
-        "warnings": [*robot.description.notes, *robot.warnings],
+        "warnings": [*robot.narrowed.values(), *robot.description.notes, *robot.warnings],
     }
 
 
@@ -130,7 +130,7 @@ def _text(found: Mapping[str, Any]) -> str:
         lines += ["", f"mimic joints: {', '.join(driven)}"]
     lines += _chains(found)
     lines += ["", *_frames(found)]
-    lines += [f"note: {text}" for text in found["warnings"]]
+    lines += [noted(text) for text in found["warnings"]]
     return "\n".join(lines)
 
 

@@ -150,7 +150,7 @@ class Parser(argparse.ArgumentParser):
             action="append",
             default=[],
             metavar="DIR",
-            help="folder of package:// paths",
+            help="folder of package:// paths, or NAME=DIR, the folder of one package",
         )
         add(
             "--lock",

@@ -15,6 +15,12 @@ from .catalogue import Entry
 from .model import frame_id
 from .urdf import Description, Joint
 
+_EQUAL = 1e-6
+"""Difference, rad or m or relative, below which two limits are the same, written with few digits."""
+
+_LARGE_LOSS = 0.05
+"""Share of a range or speed limit above which its loss by a mimic joint is a warning."""
+
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -94,8 +100,9 @@ class Mechanism:
     lower, upper : (n,) arrays
         Position limits, rad or m, which also keep mimic joints within theirs; −inf and inf without
         a limit.
-    velocity_limit : (n,) array
-        Speed limits, rad/s or m/s; inf without a limit.
+    velocity_limit, acceleration_limit, jerk_limit : (n,) arrays
+        Limits of the rates, rad or m, per s, s² and s³; inf without a limit. The acceleration limit
+        is the smaller one of ``acceleration`` and ``deceleration`` in the URDF.
     revolute : (n,) array of bool
         False for prismatic joints.
     reference : (n,) array
@@ -103,6 +110,8 @@ class Mechanism:
     poses : dict of (n,) arrays
         ``reference``; ``ready``, a working pose, if the catalogue has one; ``middle`` of the joint
         ranges.
+    narrowed : dict of str
+        Sentences on the limits that a mimic joint narrows, by the name of the narrowed joint.
     locked : tuple of str
         Joints held at the reference pose.
     package_dirs : tuple of str
@@ -123,6 +132,9 @@ class Mechanism:
     lower: Array
     upper: Array
     velocity_limit: Array
+    acceleration_limit: Array
+    jerk_limit: Array
+    narrowed: dict[str, str]
     revolute: NDArray[np.bool_]
     reference: Array
     poses: dict[str, Array]
@@ -156,19 +168,40 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
     return Coupling(S, offset)
 
 
-def limits(
-    joint: Joint, followers: Sequence[Joint], notes: list[str]
-) -> tuple[float, float, float]:
+@dataclass(frozen=True)
+class Range:
+    """Limits of a joint which also keep its mimic joints within theirs.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Position limits, rad or m.
+    velocity, acceleration, jerk : float
+        Limits of the rates, rad or m, per s, s² and s³.
+    narrowed : str
+        Sentence on the limits that mimic joints narrow; it begins with ``!`` where a range or a
+        speed loses more than 5 %. Empty if they narrow none.
+    """
+
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+    jerk: float
+    narrowed: str
+
+
+def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
-    Returns the lower, the upper and the speed limit, rad or m and per second. If no position of the
-    joint satisfies the limits of a mimic joint (``followers``), these are ignored, and a sentence
-    about it is appended to ``notes``. Otherwise a gripper, for instance, could exceed its range
-    while its leader keeps its own.
+    If no position of the joint satisfies the limits of a mimic joint (``followers``), these are
+    ignored, and a sentence about it is appended to ``notes``. Otherwise a gripper, for instance,
+    could exceed its range while its leader keeps its own.
     """
-    lower = joint.lower
-    upper = joint.upper
-    velocity = joint.velocity
+    lower, upper = joint.lower, joint.upper
+    rates = np.array([joint.velocity, joint.acceleration, joint.jerk])
+    by: list[str] = []
+    slowed_by: list[str] = []
     for follower in followers:
         ends = [
             (end - follower.offset) / follower.multiplier
@@ -176,15 +209,63 @@ def limits(
         ]
         low = max(lower, min(ends))
         high = min(upper, max(ends))
-        if low < high:
-            lower, upper = low, high
-        else:
+        if low >= high:
             notes.append(
                 f"limits [{follower.lower:g}, {follower.upper:g}] of joint {follower.name!r} "
                 f"ignored: no position of {joint.name!r}, which it mimics, satisfies them"
             )
-        velocity = min(velocity, follower.velocity / abs(follower.multiplier))
-    return lower, upper, velocity
+        elif low > lower + _EQUAL or high < upper - _EQUAL:
+            by.append(follower.name)
+            lower, upper = low, high
+        own = np.array([follower.velocity, follower.acceleration, follower.jerk])
+        slower = np.minimum(rates, own / abs(follower.multiplier))
+        if slower[0] < rates[0] * (1 - _EQUAL):
+            slowed_by.append(follower.name)
+        rates = slower
+    told = _narrowed(joint, (lower, upper), float(rates[0]), by, slowed_by)
+    return Range(lower, upper, *rates.tolist(), told)
+
+
+def _narrowed(
+    joint: Joint,
+    left: tuple[float, float],
+    velocity: float,
+    by: Sequence[str],
+    slowed_by: Sequence[str],
+) -> str:
+    """Write which mimic joints narrow the range and the speed of a joint, and from what to what.
+
+    ``left`` and ``velocity`` are the limits that remain, ``by`` and ``slowed_by`` the mimic joints.
+    A reader would otherwise trust the limits in the file.
+    """
+    said = []
+    most = 0.0
+    if by:
+        said.append(
+            f"{joint.name} narrowed from {_interval(joint.lower, joint.upper)} "
+            f"to {_interval(*left)} by {', '.join(by)}"
+        )
+        most = _loss(joint.upper - joint.lower, left[1] - left[0])
+    if slowed_by:
+        was = f"{joint.velocity:.4g}" if np.isfinite(joint.velocity) else "no limit"
+        said.append(
+            f"speed limit of {joint.name} lowered from {was} to {velocity:.4g} "
+            f"by {', '.join(slowed_by)}"
+        )
+        most = max(most, _loss(joint.velocity, velocity))
+    if not said:
+        return ""
+    return f"{'! ' if most > _LARGE_LOSS else ''}{'; '.join(said)}, which must keep its own limits"
+
+
+def _interval(lower: float, upper: float) -> str:
+    ends = (f"{end:.5g}" if np.isfinite(end) else "no limit" for end in (lower, upper))
+    return f"[{', '.join(ends)}]"
+
+
+def _loss(before: float, after: float) -> float:
+    """Compute the share of a range or a limit that is lost; all of it if there was no limit."""
+    return 1.0 if np.isinf(before) else 1 - after / before
 
 
 def pose(

@@ -20,10 +20,10 @@ from .end_effectors import arm_ends, is_sensor, task_links
 from .kind import Kind, KindName, task_kind
 from .mechanism import Mechanism, couple, limits, pose
 from .model import frame_id, frame_placements, link_ids, lock_joints, path_between
-from .shapes import find_mesh
+from .shapes import find_mesh, named_mesh
 from .task import Task
 from .urdf import Description, check_surroundings, read_urdf
-from .urdf_xml import short
+from .urdf_xml import package_folder, short
 
 
 class Robot(Mechanism):
@@ -97,8 +97,8 @@ class Robot(Mechanism):
         names = tuple(model.names)[1:]
         free = [name for name in names if self.joints[name].mimic is None]
         moving = [joint for joint in self.joints.values() if joint.name not in still]
-        bounds = [limits(self.joints[j], [f for f in moving if f.mimic == j], notes) for j in free]
-        lower, upper, velocity = np.array(bounds).reshape(-1, 3).T
+        ranges = [limits(self.joints[j], [f for f in moving if f.mimic == j], notes) for j in free]
+        lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = np.array([self.joints[name].kind != "prismatic" for name in free], bool)
         poses = {
             name: pose(free, lower, upper, turns, values, notes if name == "reference" else [])
@@ -118,12 +118,15 @@ class Robot(Mechanism):
         mine = [free.index(name) for name in self.joint_names]
         self.lower = _frozen(lower[mine])
         self.upper = _frozen(upper[mine])
-        self.velocity_limit = _frozen(velocity[mine])
+        self.velocity_limit = _frozen([ranges[i].velocity for i in mine])
+        self.acceleration_limit = _frozen([ranges[i].acceleration for i in mine])
+        self.jerk_limit = _frozen([ranges[i].jerk for i in mine])
+        self.narrowed = {free[i]: ranges[i].narrowed for i in mine if ranges[i].narrowed}
         self.revolute = turns[mine]
         self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
         self.reference = self.poses["reference"]
         self.frames = tuple(link_ids(model))
-        self.warnings = (*notes, *self._missing_meshes())
+        self.warnings = (*notes, *self._mesh_notes())
         if base is not None:
             self._frame_id(base)  # raises if there is no such link
 
@@ -147,7 +150,8 @@ class Robot(Mechanism):
             are left out. An MJCF file is compiled by ``mujoco``, which must be installed.
         package_dirs
             Folders in which ``package://`` names, and ``$(find …)`` in xacro, are looked up, before
-            the parent folders of the file.
+            the parent folders of the file; or the folder of one package, as ``"NAME=DIR"``. A mesh
+            that is not found is looked up by the end of its name, and a warning says so.
         lock
             Joints to hold at the reference pose.
         base
@@ -178,7 +182,7 @@ class Robot(Mechanism):
         if base is not None:
             require_type(base, str, "base", "a link name")
         for folder in own:
-            if not os.path.isdir(folder):  # unlike Path.is_dir, also for names that are too long
+            if not os.path.isdir(package_folder(folder)[1]):  # unlike Path.is_dir, also for names that are too long
                 raise InputError(
                     f": there is no folder {folder!r}",
                     argument="package_dirs",
@@ -341,26 +345,40 @@ class Robot(Mechanism):
         placed = frame_placements(self.model, ids.values(), q[None], self.base_id)
         return dict(zip(ids, placed[0, :, :3, 3], strict=True))
 
-    def _missing_meshes(self) -> list[str]:
-        """Return a list with a warning about missing meshes, or an empty list.
+    def _mesh_notes(self) -> list[str]:
+        """Write a note on meshes found by the end of their names, and one on missing meshes.
 
-        Only drawings and distances need meshes, not the kinematics. The user can then give their
-        folders.
+        Only drawings and distances need meshes, not the kinematics. The user can check the files
+        that were taken, and give the folders of others.
         """
-        names = self.description.meshes
-        missing = [
+        description = self.description
+        collisions = (shape.filename for shape in description.collisions if shape.filename)
+        drawn = description.meshes
+        found = {
+            name: find_mesh(name, description.path, self.package_dirs)
+            for name in dict.fromkeys([*drawn, *collisions])
+        }
+        by_end = [
             name
-            for name in names
-            if find_mesh(name, self.description.path, self.package_dirs) is None
+            for name, file in found.items()
+            if file and not named_mesh(name, description.path, self.package_dirs)
         ]
-        if not missing:
-            return []
-        which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
-        return [
-            f"{len(missing)} of {len(names)} meshes are missing ({which}); "
-            "those links are drawn as tubes; give the folders of their packages "
-            "(--package-dir, package_dirs=)"
-        ]
+        missing = [name for name in drawn if found[name] is None]
+        notes = []
+        if by_end:
+            first = by_end[0]
+            notes.append(
+                f"{len(by_end)} of {len(found)} meshes found by the end of their names: "
+                f"{short(first)[1:-1]} is read from {found[first]}"
+            )
+        if missing:
+            which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
+            notes.append(
+                f"{len(missing)} of {len(drawn)} meshes are missing ({which}); "
+                "those links are drawn as tubes; give the folders of their packages "
+                "(--package-dir, package_dirs=)"
+            )
+        return notes
 
     def _frame_id(self, frame: str) -> int:
         require_type(frame, str, "frame", "a link name")

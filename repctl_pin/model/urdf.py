@@ -7,17 +7,29 @@ line, the fact and the remedy."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from ..errors import UrdfError
 from .shapes import Shape, shapes_of
-from .urdf_rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, mimic_chain, number
+from .urdf_rules import (
+    LIMITS,
+    NO_EFFORT,
+    NO_LIMIT,
+    SEVERAL,
+    axis_of,
+    check,
+    finite,
+    mimic_chain,
+    number,
+    numbers,
+)
 from .urdf_xml import bad, expand, line, parse, short
 
 _MAX_BYTES = 5_000_000
@@ -31,12 +43,17 @@ _MANY_TURNS = 4 * math.pi
 """Limit of a revolute joint, rad, above which it may be in degrees, as a note says."""
 
 
+_LONG = 20.0
+"""Distance of two joints, m, above which it may be in millimetres, as a note says."""
+
+
 @dataclass(frozen=True)
 class Joint:
     """Joint of a URDF as plain data.
 
-    ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite without a limit.
-    ``mimic`` names the joint that this joint follows, as ``multiplier · q + offset``, and which is
+    ``lower``, ``upper`` (rad or m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³)
+    are infinite without a limit; ``acceleration`` is the smaller one of the file's ``acceleration``
+    and ``deceleration``. ``mimic`` names the joint that this joint follows, as ``multiplier · q + offset``, and which is
     not a mimic joint itself. ``line`` is the joint's line in the file.
     """
 
@@ -52,6 +69,8 @@ class Joint:
     line: int
     multiplier: float = 1.0
     offset: float = 0.0
+    acceleration: float = math.inf
+    jerk: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -120,9 +139,11 @@ def read_urdf(
             data = urdf_of_file(path, data, notes)
         robot = parse(data, notes)
         _drop_colors(robot, notes)
+        _drop_unknown_limits(robot, notes)
+        _read_quaternions(robot, notes)
         root = check(robot)
-        if robot.xpath("joint[@type='planar' or @type='floating']"):
-            _split_joints(robot, notes)
+        _fix_still_followers(robot, notes)
+        _split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
         joints = tuple(_joint(element, elements, notes) for element in elements.values())
         still = [repr(name) for name, element in elements.items() if _no_speed(element)]
@@ -142,7 +163,7 @@ def read_urdf(
         shapes=tuple(shapes[:MAX_SHAPES]),
         collisions=tuple(shapes_of(robot, "collision")),
         meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
-        notes=tuple(_one_line(note) for note in [*notes, *_degrees(joints)]),
+        notes=tuple(_one_line(n) for n in [*notes, *_degrees(joints), *_millimetres(robot, root)]),
         xml=_for_pinocchio(robot, joints),
     )
 
@@ -220,6 +241,8 @@ def _joint(
     lower = -math.inf
     upper = math.inf
     velocity = math.inf
+    acceleration = math.inf
+    jerk = math.inf
     if kind in ("revolute", "prismatic"):
         lower = number(limit, "lower")
         upper = number(limit, "upper")
@@ -228,6 +251,9 @@ def _joint(
             lower, upper = -math.inf, math.inf
     if kind != "fixed" and limit is not None:
         velocity = number(limit, "velocity") or math.inf
+        slowing = [number(limit, name) for name in ("acceleration", "deceleration")]
+        acceleration = min(filter(None, slowing), default=math.inf)
+        jerk = number(limit, "jerk") or math.inf
     mimic, multiplier, offset = _mimicked(element, joints, notes)
     return Joint(
         name=name,
@@ -242,6 +268,8 @@ def _joint(
         line=element.sourceline or 0,
         multiplier=multiplier,
         offset=offset,
+        acceleration=acceleration,
+        jerk=jerk,
     )
 
 
@@ -270,17 +298,49 @@ def _mimicked(
             f"joint {name!r} mimics {first.get('joint')!r}, which is not in this file; "
             f"read as {leading!r}"
         )
-    if joints[following].get("type") == "fixed":
-        notes.append(
-            f"joint {name!r} mimics {following!r}, which is fixed; read as an independent joint"
-        )
-        return None, 1.0, 0.0
+    return following, *_line(mimic for mimic, _ in chain)
+
+
+def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
+    """Compute the multiplier and the offset of a chain of ``<mimic>`` elements, the follower's first.
+
+    The follower is at multiplier · q + offset, with q the position of the last joint.
+    """
     multiplier = 1.0
     offset = 0.0
-    for mimic, _ in chain:
+    for mimic in mimics:
         offset += multiplier * number(mimic, "offset")
         multiplier *= number(mimic, "multiplier", 1.0)
-    return following, multiplier, offset
+    return multiplier, offset
+
+
+def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
+    """Make the joints fixed that mimic a fixed joint, at their offset; one note names them.
+
+    A fixed joint is at 0, so that its followers do not move either. They keep the ``<mimic>``, by
+    which a finger is known.
+    """
+    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
+    chains = {name: mimic_chain(joint, joints) for name, joint in joints.items()}
+    still = {
+        name: chain
+        for name, chain in chains.items()
+        if chain
+        and joints[chain[-1][1]].get("type") == "fixed"
+        and joints[name].get("type") != "fixed"
+    }
+    for name, chain in still.items():
+        joint = joints[name]
+        _, offset = _line(mimic for mimic, _ in chain)
+        turns = joint.get("type") != "prismatic"
+        moved = offset * np.array(axis_of(joint))
+        _move(joint, pin.SE3(pin.exp3(moved), np.zeros(3)) if turns else pin.SE3(np.eye(3), moved))
+        joint.set("type", "fixed")
+    if still:
+        leaders = dict.fromkeys(repr(chain[-1][1]) for chain in still.values())
+        notes.append(
+            f"read as fixed: {_few(still)}, because {', '.join(leaders)}, the leader, cannot move"
+        )
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
@@ -300,6 +360,27 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     return [
         f"joint {name!r} has a limit of {limit:g} rad{others}, possibly in degrees; "
         "URDF angles are in rad"
+    ]
+
+
+def _millimetres(robot: etree._Element, root: str) -> list[str]:
+    """Write a note on links longer than 20 m, which may be in millimetres.
+
+    A single length counts for nothing: the robot may stand far from the root of its file. The list
+    has one note, on the largest length; it is empty if there are fewer than two.
+    """
+    long = {}
+    for joint in robot.findall("joint"):
+        origin = joint.find("origin")
+        xyz = (numbers(origin, "xyz") if origin is not None else None) or [0.0]
+        if math.hypot(*xyz) > _LONG and joint.find("parent").get("link") != root:
+            long[joint.get("name")] = math.hypot(*xyz)
+    if len(long) < 2:
+        return []
+    name, length = max(long.items(), key=lambda item: item[1])
+    return [
+        f"joint {name!r} is {length:g} m from the joint before it (and {len(long) - 1} more such "
+        "lengths), possibly in millimetres; URDF lengths are in m"
     ]
 
 
@@ -329,6 +410,67 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
     return etree.tostring(robot, encoding="unicode")
 
 
+def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
+    """Remove limits of −1, which exporters write for an unknown effort or rate, with one note."""
+    joints: dict[str, None] = {}
+    unknown: dict[str, None] = {}
+    for limit in robot.findall("joint/limit"):
+        for attribute in ("effort", "velocity", "acceleration", "deceleration", "jerk"):
+            if finite(limit.get(attribute, "").strip()) == -1:
+                del limit.attrib[attribute]
+                joints[limit.getparent().get("name") or "without a name"] = None
+                unknown[attribute] = None
+    if joints:
+        notes.append(f"{' and '.join(unknown)} of −1 read as not given: {_few(joints)}")
+
+
+def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:
+    """Replace the ``quat_xyzw`` of every origin by ``rpy``, as URDF 1.1 and later allow.
+
+    In a file of an older version, or of none, it does not count; ``notes`` receives a note. UrdfError
+    is raised for a quaternion of length 0, and for an origin that has both.
+    """
+    origins = [origin for origin in robot.iter("origin") if origin.get("quat_xyzw") is not None]
+    if origins and robot.get("version", "1.0") == "1.0":
+        more = f" (and {len(origins) - 1} more)" if len(origins) > 1 else ""
+        notes.append(
+            f"ignored: quat_xyzw in {line(origins[0])}{more}, because the file does not say that "
+            'it is URDF 1.1; write version="1.1" in <robot>'
+        )
+    for origin in origins:
+        if robot.get("version", "1.0") != "1.0":
+            if origin.get("rpy") is not None:
+                raise bad(origin, "has both rpy and quat_xyzw; delete one of them")
+            x, y, z, w = numbers(origin, "quat_xyzw") or ()
+            if not math.hypot(x, y, z, w) > 0:
+                raise bad(origin, "quat_xyzw is 0; give a unit quaternion")
+            turn = pin.Quaternion(w, x, y, z).normalized().matrix()
+            origin.set("rpy", _row(pin.rpy.matrixToRpy(turn)))
+        del origin.attrib["quat_xyzw"]
+
+
+def _move(joint: etree._Element, motion: pin.SE3) -> None:
+    """Move the origin of a joint by a motion in its own frame."""
+    origin = joint.find("origin")
+    if origin is None:
+        origin = etree.SubElement(joint, "origin")
+    xyz, rpy = (np.array(numbers(origin, name) or (0.0,) * 3) for name in ("xyz", "rpy"))
+    place = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz) * motion
+    origin.set("xyz", _row(place.translation))
+    origin.set("rpy", _row(pin.rpy.matrixToRpy(place.rotation)))
+
+
+def _row(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _few(joints: Collection[str]) -> str:
+    """Name the first three joints, and count the others: ``joints 'a', 'b', 'c' and 2 more``."""
+    named = ", ".join(map(short, list(joints)[:3]))
+    more = f" and {len(joints) - 3} more" if len(joints) > 3 else ""
+    return f"joint{'s' if len(joints) > 1 else ''} {named}{more}"
+
+
 def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
     """Remove colours that are not four numbers, as Pinocchio does, with a note."""
     for color in list(robot.iter("color")):
@@ -351,37 +493,46 @@ def _one_line(text: str) -> str:
 _Step: TypeAlias = tuple[str, str, tuple[float, ...]]  # suffix, kind, axis
 
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_FLOATING: tuple[_Step, ...] = (
-    ("x", "prismatic", _X),
-    ("y", "prismatic", _Y),
-    ("z", "prismatic", _Z),
+_BALL: tuple[_Step, ...] = (
     ("yaw", "continuous", _Z),
     ("pitch", "continuous", _Y),
     ("roll", "continuous", _X),
 )
+_FLOATING: tuple[_Step, ...] = (
+    ("x", "prismatic", _X),
+    ("y", "prismatic", _Y),
+    ("z", "prismatic", _Z),
+    *_BALL,
+)
 
 
 def _split_joints(robot: etree._Element, notes: list[str]) -> None:
-    """Replace planar joints by 3 joints, floating joints by 6, with one coordinate each.
+    """Replace planar and ball joints by 3 joints, floating joints by 6, with one coordinate each.
 
     The joints of a planar joint translate in the plane normal to its axis, and rotate about the
-    axis. The rotations of a floating joint are yaw, pitch and roll, singular where the pitch is
-    ±π/2. ``notes`` receives a note for each joint that is replaced. Every joint then has one
-    coordinate, as all formulas assume.
+    axis. The rotations of a floating joint and of a ball joint are yaw, pitch and roll, singular
+    where the pitch is ±π/2. ``notes`` receives a note for each joint that is replaced, with the
+    limits that are dropped. Every joint then has one coordinate, as all formulas assume.
     """
     names = {element.get("name") for element in robot}
     for joint in robot.findall("joint"):
-        if joint.get("type") not in ("planar", "floating"):
+        kind = joint.get("type")
+        if kind not in SEVERAL:
             continue
-        steps = _planar(axis_of(joint)) if joint.get("type") == "planar" else _FLOATING
+        steps = (
+            _planar(axis_of(joint)) if kind == "planar" else _FLOATING if kind == "floating" else _BALL
+        )
         named = [f"{joint.get('name')}_{suffix}" for suffix, _, _ in steps]
         taken = names & {*named, *(f"{name}_link" for name in named)}
         if taken:
             raise bad(
                 joint, f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it"
             )
+        limit = joint.find("limit")
+        dropped = [] if limit is None else [name for name in LIMITS if limit.get(name) is not None]
+        without = f"; its {' and '.join(dropped)} limits are dropped" if dropped else ""
         notes.append(
-            f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
+            f"joint {joint.get('name')!r} is {kind}: read as {', '.join(named)}{without}; "
             "to hold them still, lock them, or choose a base link beyond them"
         )
         _replace(robot, joint, steps, named)

@@ -33,13 +33,21 @@ KINDS = ("revolute", "continuous", "prismatic", "fixed", "planar", "floating")
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _UNHANDY = re.compile(r'[,;"]')
-_FREEDOM = {"fixed": 0, "planar": 3, "floating": 6}  # coordinates of a joint; else 1
+
+SEVERAL = {"planar": 3, "ball": 3, "spherical": 3, "floating": 6}
+"""Types of joints with several coordinates, and how many: ``ball`` and ``spherical`` are one type,
+which only other readers know."""
+
+_FREEDOM = {"fixed": 0, **SEVERAL}  # coordinates of a joint; else 1
+
+LIMITS = ("lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk")
+"""Attributes of a ``<limit>``; the last three are of URDF 1.2."""
 
 # element → attribute → number of values
 _NUMBERS: dict[str, dict[str, int]] = {
-    "origin": {"xyz": 3, "rpy": 3},
+    "origin": {"xyz": 3, "rpy": 3, "quat_xyzw": 4},
     "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "limit": dict.fromkeys(LIMITS, 1),
     "dynamics": {"damping": 1, "friction": 1},
     "calibration": {"rising": 1, "falling": 1, "reference_position": 1},
     "safety_controller": {
@@ -69,8 +77,7 @@ _NEEDED = {
 _NOT_NEGATIVE = _NEEDED | {
     ("capsule", "radius"),
     ("capsule", "length"),
-    ("limit", "velocity"),
-    ("limit", "effort"),
+    *(("limit", name) for name in LIMITS[2:]),
 }
 _NEEDED |= {("inertia", entry) for entry in _NUMBERS["inertia"]}
 _ANY_SIZE = ("limit", "safety_controller", "dynamics", "calibration")
@@ -251,7 +258,7 @@ def _check_body(link: etree._Element) -> None:
 def _check_joint(joint: etree._Element, links: set[str]) -> None:
     """Check a joint's type, links, numbers, axis and limits; raise UrdfError if one is wrong."""
     kind = joint.get("type")
-    if kind not in KINDS:
+    if kind not in (*KINDS, *SEVERAL):
         what = "has no type" if kind is None else f"type {short(kind)} is unknown"
         raise bad(joint, f"{what}; choose from {', '.join(KINDS)}")
     for end in ("parent", "child"):
@@ -269,7 +276,7 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
     limit = joint.find("limit")
     if axis is None and kind == "planar":
         raise bad(joint, "a planar joint requires an <axis>, the normal of its plane; add one")
-    if axis is not None and kind not in ("fixed", "floating"):
+    if axis is not None and kind not in ("fixed", "floating", "ball", "spherical"):
         norm = math.hypot(*(numbers(axis, "xyz") or (1.0, 0.0, 0.0)))
         if not 1e-9 < norm < 1e9:
             raise bad(axis, f"xyz = {short(axis.get('xyz'))} has no direction; give a unit vector")

@@ -248,7 +248,20 @@ def short(text: str) -> str:
     return repr(text if len(text) <= 60 else text[:59] + "…")
 
 
-# ---- xacro ----
+# ---- packages and xacro ----
+
+
+def package_folder(given: str | Path) -> tuple[str, Path]:
+    """Split ``NAME=DIR`` into the name of a package and its folder; the name is empty for ``DIR``.
+
+    A path may contain ``=`` itself: it is read as a path if the name would contain a separator, or
+    if there is such a folder.
+    """
+    name, mark, folder = str(given).partition("=")
+    if not (mark and name) or "/" in name or os.path.isdir(given):
+        return "", Path(given)
+    return name, Path(os.path.expanduser(folder))
+
 
 _SECONDS = 20.0
 """Maximum time of an expansion, s."""
@@ -264,9 +277,11 @@ import xacro
 from xacro import substitution_args
 
 def find(package):
-    inside = [os.path.join(folder, package) for folder in folders]
-    named = [folder for folder in folders if os.path.basename(folder) == package]
-    found = [folder for folder in inside + named if os.path.isdir(folder)]
+    pairs = [folder.partition("=")[::2] for folder in folders]
+    own = [folder for name, folder in pairs if name == package]
+    inside = [os.path.join(folder, package) for name, folder in pairs]
+    named = [folder for name, folder in pairs if os.path.basename(folder) == package]
+    found = [folder for folder in own + inside + named if os.path.isdir(folder)]
     return found[0] if found else sys.exit(f"package {package!r} not found")
 
 substitution_args._eval_find = substitution_args._eval_dict["find"] = find
@@ -285,7 +300,8 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
     most
         Maximum size of the result, bytes; a longer result is cut after one byte more.
     package_dirs
-        Folders in which ``$(find package)`` is looked up: packages, or folders with packages.
+        Folders in which ``$(find package)`` is looked up: packages, folders with packages, or the
+        folder of one package as ``NAME=DIR``.
 
     Raises
     ------
@@ -297,7 +313,8 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
             "a xacro file requires xacro, which is not installed; run `pip install xacro`, "
             "or run `xacro file.xacro > robot.urdf` on a machine with ROS"
         )
-    folders = [os.path.abspath(folder) for folder in package_dirs]
+    named = map(package_folder, package_dirs)
+    folders = [f"{name}={os.path.abspath(folder)}" for name, folder in named]
     command = [sys.executable, "-c", _EXPAND, str(path.absolute()), *folders]
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE

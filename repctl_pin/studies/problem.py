@@ -151,7 +151,10 @@ class Problem:
         task = _task_of(loaded, frame, kind)
         parts = {"kind": kind, "start": start, "path": path, "region": region}
         given = frozenset(name for name, value in parts.items() if value is not None)
-        warnings: tuple[str, ...] = () if isinstance(loaded, Task) else loaded.warnings
+        warnings: tuple[str, ...] = ()
+        if isinstance(loaded, Robot):
+            narrowed = (loaded.narrowed.get(joint, "") for joint in task.robot_joints)
+            warnings = (*loaded.warnings, *filter(None, narrowed))
         freeze(self, task=task, given=given, period=None, warnings=warnings)
         freeze(self, _draw=draw, _asked=asked)
         self._begin(next(starts(task, start, draw, any_path=path is None)))

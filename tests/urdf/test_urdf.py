@@ -170,8 +170,8 @@ BAD = {
         ("line 3", "joint 'j'", "no type"),
     ),
     "unknown type": (
-        robot(links("a", "b"), joint(kind="ball")),
-        ("line 3", "joint 'j'", "'ball'", "revolute"),
+        robot(links("a", "b"), joint(kind="screw")),
+        ("line 3", "joint 'j'", "'screw'", "revolute"),
     ),
     "zero axis": (
         robot(links("a", "b"), joint(body='<axis xyz="0 0 0"/>')),
@@ -202,7 +202,7 @@ BAD = {
         ("line 3", "joint 'j'", "<limit>", "continuous"),
     ),
     "negative speed": (
-        robot(links("a", "b"), joint().replace('velocity="1"', 'velocity="-1"')),
+        robot(links("a", "b"), joint().replace('velocity="1"', 'velocity="-2"')),
         ("line 3", "velocity", "negative"),
     ),
     "mimics nobody": (
@@ -660,8 +660,8 @@ def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
         robot(links("a", "b", "c"), joint("f", "fixed", limit=""), follower)
     )
     d = rp.Robot.load(tmp_path / "r.urdf").description
-    assert d.joints[1].mimic is None
-    assert d.notes == ("joint 'k' mimics 'f', which is fixed; read as an independent joint",)
+    assert d.joints[1].kind == "fixed"
+    assert d.notes == ("read as fixed: joint 'k', because 'f', the leader, cannot move",)
 
 
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">

@@ -19,7 +19,7 @@ from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
-from .lines import COLUMNS, Span, fitted, wrapped
+from .lines import COLUMNS, Span, fitted, noted, wrapped
 from .motion_summary import MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table_spans
@@ -32,12 +32,13 @@ _NOT_SHOWN = "posture_off"
 
 _TITLES = {"pseudoinverse": "usual control", "posture": "+ posture", "repeatable": "repeatable"}
 _FIRST = (
+    "! ",
     "report.html is ",
     "on a circle of the same size ",
     "collisions of ",
     "the URDF has no collision geometry",
 )
-"""Beginnings of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
+"""Beginnings of warnings, and of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
 are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
@@ -68,7 +69,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     out += _short_table(study, rows)
     notes = [f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)]
     notes += _proved(study)
-    notes += [f"note: {note}" for note in _notes(study, rows)]
+    notes += [noted(note) for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
     left = ROWS - 2 - above - _height_of(below)  # without command and next prompt

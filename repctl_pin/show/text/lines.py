@@ -36,6 +36,11 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def noted(text: str) -> str:
+    """Begin a note with ``note: ``; a warning, which begins with ``! ``, stands as it is."""
+    return text if text.startswith("! ") else f"note: {text}"
+
+
 def coloured(spans: Iterable[Span]) -> str:
     """Join pieces of text; on a terminal with the colours of their tones.
 

@@ -15,7 +15,7 @@ from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
 from ...studies.quantities import JOINTS, QUANTITIES, SHARE, Quantity
 from .headline import stopped_cell, study_headline
-from .lines import Span, fitted, terminal_width
+from .lines import Span, fitted, noted, terminal_width
 from .numbers import number
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def study_table(study: Study) -> str:
     header = ["", *("\n".join(textwrap.wrap(row.label, NARROW)) for row in study.rows)]
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
     legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
-    notes = [f"note: {note}" for note in study_notes(study)]
+    notes = [noted(note) for note in study_notes(study)]
     before = fitted("\n".join([*loud, str(study_headline(study)), "", *head]))
     return "\n".join(
         [before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])]
