@@ -307,10 +307,13 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
 def _named(text: str | None, option: str) -> str | list[float] | None:
     """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint.
 
-    ``option`` is the one to name in an InputError. None stays None.
+    ``option`` is the one to name in an InputError. None stays None, and ``urdf`` is None, too: the
+    limits of the URDF.
     """
-    if text is None or text.strip().isidentifier():
-        return text and text.strip()
+    if text is None or text.strip() == "urdf":
+        return None
+    if text.strip().isidentifier():
+        return text.strip()
     return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")
 
 

@@ -56,7 +56,8 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
     dict
         ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``driven``, ``default_frame``,
         ``frames`` (for each the joints that move it, its position at the reference pose, m, and its
-        redundancy), ``frames_left_out`` (how many more can be moved), ``meshes`` and ``warnings``.
+        redundancy), ``frames_left_out`` (how many more can be moved), ``meshes``, ``collision``
+        (how many links have a collision body, of how many) and ``warnings``.
     """
     positions = robot.reference_positions()
     joints = {joint.name: joint for joint in robot.description.joints}
@@ -98,8 +99,30 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
         },
         "frames_left_out": len(set(robot.movable_frames) - set(redundancy)),
         "meshes": len(robot.description.meshes),
+        "collision": _with_bodies(robot),
         "warnings": [*robot.narrowed.values(), *robot.description.notes, *robot.warnings],
     }
+
+
+def _with_bodies(robot: rp.Robot) -> dict[str, int]:
+    """Count the links whose collisions can be checked, of those that have any shape.
+
+    Links that no joint separates count as one. A link has a body if a collision shape of it has a
+    size, or its mesh file is there; the file is not read. Without any shape, all links count.
+    """
+    from ..model.model import link_frames
+    from ..model.shapes import find_mesh
+
+    description = robot.description
+    joint = {name: frame.parentJoint for name, frame in link_frames(robot.model).items()}
+    shaped = [shape.link for shape in (*description.shapes, *description.collisions)]
+    found = {
+        joint[shape.link]
+        for shape in description.collisions
+        if shape.kind != "mesh" or find_mesh(shape.filename, description.path, robot.package_dirs)
+    }
+    every = {joint[link] for link in shaped or description.links}
+    return {"links_with_body": len(found), "links": len(every)}
 
 
 def _text(found: Mapping[str, Any]) -> str:
@@ -122,6 +145,8 @@ def _text(found: Mapping[str, Any]) -> str:
         table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),
         "units: rad or m, rad/s or m/s; –: no limit in the URDF",
     ]
+    with_body, of = (found["collision"][key] for key in ("links_with_body", "links"))
+    lines.append(f"collision: {with_body} of {of} links have a body (fixed together: one link)")
     locked = [f"{joint['name']} ({joint['why']})" for joint in found["locked"]]
     if locked:
         lines += ["", f"locked: {', '.join(locked)}"]

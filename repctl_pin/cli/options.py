@@ -189,7 +189,7 @@ class Parser(argparse.ArgumentParser):
     def limits(self) -> None:
         """Add the options of a motion's limits: --acceleration, --jerk and --tool-speed."""
         add = self.add_argument
-        accelerations = "rad/s² (m/s²), one number, one per joint, or panda, fr3, ur"
+        accelerations = "rad/s² (m/s²), one number, one per joint, panda, fr3, ur, or urdf"
         add(
             "--acceleration",
             metavar="A",

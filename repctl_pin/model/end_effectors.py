@@ -15,26 +15,23 @@ from .urdf import Description, Joint
 _TURN, _SLIDE = math.pi, 0.1
 """Maximum range of a finger joint: half a turn, rad, or 0.1 m."""
 
-_FINGER = re.compile(r"finger|thumb|jaw|knuckle|claw", re.IGNORECASE)
+_FINGER = re.compile(r"finger|thumb|jaw|knuckle|claw|phalan", re.IGNORECASE)
+_DIGITS = {"index", "middle", "ring", "little", "pinky", "pinkie"}
+"""Names of fingers, which are words of other parts, too: two of them must be in one file."""
+
 _TOOLS = ({"tcp", "grasp", "grasping"}, {"tool"}, {"ee", "eef", "effector"}, {"flange"})
 _HANDS = ({"gripper"}, {"palm"}, {"hand"})
 """Words in the names of end effectors, the best first.
 
-The words of ``_HANDS`` count only as the last word of a name.
+The words of ``_HANDS`` count only as the last word of a name; ``base``, ``link`` and ``frame`` after
+it do not count.
 """
-_SENSOR = {
-    "accelerometer",
-    "camera",
-    "optical",
-    "depth",
-    "rgb",
-    "imu",
-    "sensor",
-    "laser",
-    "lidar",
-    "range",
-    "led",
-}
+_SENSOR = frozenset(
+    "accelerometer asus astra barometer cam camera depth gps gyro gyroscope hokuyo imu kinect laser "
+    "led lens lidar livox magnetometer mic microphone multisense optical ouster radar range rangefinder "
+    "realsense rgb rgbd scanner sensor sick sonar stereo tof ultrasonic velodyne xtion zed".split()
+)
+"""Words in the names of sensors, and names of makers and products."""
 
 
 @dataclass(eq=False)
@@ -54,6 +51,10 @@ class _Body:
         Number of moving joints from the body to the farthest tip.
     narrow : bool
         True if every joint beyond the body has the range of a finger.
+    named : bool
+        True if the joint before the body, or its first link, is named as a finger.
+    shells : set of str
+        Links of the body that carry collision shapes and are not drawn.
     """
 
     links: dict[str, int]
@@ -61,6 +62,8 @@ class _Body:
     branches: list[tuple[Joint, _Body]]
     after: int = 0
     narrow: bool = True
+    named: bool = False
+    shells: frozenset[str] = frozenset()
 
     @property
     def is_hand(self) -> bool:
@@ -79,7 +82,7 @@ class _Body:
         beside it, a mimic joint, a prismatic joint at the end, a name of a gripper or finger, or a
         tool's link.
         """
-        if not (_moves_little(joint) and tip.narrow and 1 + tip.after <= self.before):
+        if not (_moves_little(joint, tip) and tip.narrow and 1 + tip.after <= self.before):
             return False
         last = tip.after == 0
         return (
@@ -87,7 +90,7 @@ class _Body:
             or joint.mimic is not None
             or (last and joint.kind == "prismatic")
             or (last and "gripper" in words(joint.name))
-            or _says_finger(joint)
+            or tip.named
             # a tool link precedes it
             or any(set.union(*_TOOLS) & set(words(link)) for link in self.links)
         )
@@ -100,11 +103,15 @@ def arm_ends(description: Description) -> list[_Body]:
     small range (half a turn, 0.1 m, or it mimics another joint) and at most as many joints as the
     arm. In addition, it has other branches beside it, is a mimic joint, is prismatic, is named a
     finger, or follows a link named as a tool. If every joint is named a finger, the robot is a
-    finger, and ends at its tip."""
+    finger, and ends at its tip.
+    """
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
         below.setdefault(joint.parent, []).append(joint)
-    root = _Body({description.root: 0}, 0, [])
+    digits = _digits(description)
+    shells = frozenset(shape.link for shape in description.collisions)
+    shells -= {shape.link for shape in description.shapes}
+    root = _Body({description.root: 0}, 0, [], shells=shells)
     bodies = [root]
     links = [(description.root, root)]
     for link, body in links:  # extended in the loop; parents come before children
@@ -113,14 +120,15 @@ def arm_ends(description: Description) -> list[_Body]:
                 body.links[joint.child] = body.links[link] + 1
                 links.append((joint.child, body))
             else:
-                tip = _Body({joint.child: 0}, body.before + 1, [])
+                named = _says_finger(joint, digits)
+                tip = _Body({joint.child: 0}, body.before + 1, [], named=named, shells=shells)
                 body.branches.append((joint, tip))
                 bodies.append(tip)
                 links.append((joint.child, tip))
     for body in reversed(bodies):
         body.after = max((1 + tip.after for _, tip in body.branches), default=0)
-        body.narrow = all(_moves_little(joint) and tip.narrow for joint, tip in body.branches)
-    whole = all(_says_finger(joint) for joint in description.joints if joint.kind != "fixed")
+        body.narrow = all(_moves_little(joint, tip) and tip.narrow for joint, tip in body.branches)
+    whole = all(body.named for body in bodies[1:])
     ends, todo = [], [root]
     while todo:
         body = todo.pop()
@@ -134,9 +142,21 @@ def arm_ends(description: Description) -> list[_Body]:
 def task_links(body: _Body) -> list[str]:
     """Sort a body's links, the best end effector first: by name, then the farthest first.
 
-    All links of a body move together; their names tell which one is meant as a tool's frame.
+    All links of a body move together; their names tell which one is meant as a tool's frame. Links
+    that only carry collision shapes are left out, unless the body has no others.
     """
-    return sorted(body.links, key=lambda link: (_rank(link), -body.links[link]))
+    meant = [link for link in body.links if not _only_collides(link, body)] or list(body.links)
+    return sorted(meant, key=lambda link: (rank(link), -body.links[link]))
+
+
+def _only_collides(link: str, body: _Body) -> bool:
+    """Test whether a link only holds the collision shapes of another one, as its name says.
+
+    It is not drawn, and its name is that of the other link with an ending, such as ``link7_sc``, or
+    contains ``collision``. A ``tool0`` that has a collision shape is none.
+    """
+    extends = any(link != other and link.startswith(other) for other in body.links)
+    return link in body.shells and (extends or "collision" in words(link))
 
 
 def is_sensor(link: str) -> bool:
@@ -154,8 +174,11 @@ def words(name: str) -> list[str]:
     return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
 
 
-def _rank(link: str) -> int:
+def rank(link: str) -> int:
+    """Rank a link by its name: 0 for the best end effector, more for sensors and fingers."""
     spoken = [word for word in words(link) if word not in ("link", "frame")]
+    if len(spoken) > 1 and spoken[-1] == "base":  # gripper_left_base_link
+        spoken = [word for word in spoken[:-1] if word not in ("left", "right")]
     known = [not tool.isdisjoint(spoken) for tool in _TOOLS] + [
         not hand.isdisjoint(spoken[-1:]) for hand in _HANDS
     ]
@@ -164,14 +187,21 @@ def _rank(link: str) -> int:
     return known.index(True) if any(known) else len(known)
 
 
-def _moves_little(joint: Joint) -> bool:
+def _moves_little(joint: Joint, tip: _Body) -> bool:
     range_ = joint.upper - joint.lower
     return (
         joint.mimic is not None
         or range_ <= (_SLIDE if joint.kind == "prismatic" else _TURN)
-        or _says_finger(joint)
+        or tip.named
     )
 
 
-def _says_finger(joint: Joint) -> bool:
-    return any(_FINGER.search(name) for name in (joint.name, joint.child))
+def _says_finger(joint: Joint, digits: set[str]) -> bool:
+    names = (joint.name, joint.child)
+    return any(_FINGER.search(name) or digits & set(words(name)) for name in names)
+
+
+def _digits(description: Description) -> set[str]:
+    """Collect the names of fingers in a file, such as ``index``; none if it has fewer than two."""
+    found = _DIGITS & {word for joint in description.joints for word in words(joint.child)}
+    return found if len(found) > 1 else set()

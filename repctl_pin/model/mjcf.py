@@ -35,7 +35,7 @@ class _Part:
     """A link, and the joint from its parent to it, as they will be written in the URDF.
 
     ``place`` is the placement in the parent link. ``kind`` is ``fixed``, ``revolute``,
-    ``continuous`` or ``prismatic``; ``mimic`` is the joint that it follows, with multiplier and
+    ``continuous``, ``prismatic`` or ``ball``; ``mimic`` is the joint that it follows, with multiplier and
     offset. ``inertia`` is the mass, kg, its placement, and the principal moments. A shape is its
     tag, placement and geometry.
     """
@@ -96,6 +96,11 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
             for j in range(first, first + count)
             if model.jnt_type[j] == _FREE
         ]
+        notes += [
+            f"left out: the range of ball joint {model.joint(j).name!r}"
+            for j in range(first, first + count)
+            if model.jnt_type[j] == _BALL and model.jnt_limited[j]
+        ]
         mass = float(model.body_mass[b])
         if mass > 0:
             at = _placed(model.body_ipos[b], model.body_iquat[b])
@@ -125,22 +130,22 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
     """Write the joints of a body as links, one below the other; the last one is the body.
 
     A URDF has one joint per link, MuJoCo several per body. ``above`` is the parent link, ``place``
-    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out, and UrdfError is
-    raised for a ball joint.
+    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out; a ball joint is
+    one of the URDF that is made, where it is split into three joints.
     """
     parts: list[_Part] = []
     for j in joints:
         kind = int(model.jnt_type[j])
         joint = model.joint(j).name or f"joint{j}"
-        if kind == _BALL:
-            raise UrdfError(
-                f"joint {joint!r} is a ball joint, which has no single coordinate; "
-                "replace it by three hinges"
-            )
         if kind == _FREE:
             continue
+        link = f"{name}/{joint}"
         anchor, axis = np.array(model.jnt_pos[j]), np.array(model.jnt_axis[j])
         at = place * pin.SE3(np.eye(3), anchor)
+        if kind == _BALL:
+            parts.append(_Part(link, above, at, joint, "ball"))
+            above, place = link, pin.SE3(np.eye(3), -anchor)
+            continue
         start = float(model.qpos0[model.jnt_qposadr[j]])
         slides = kind == _SLIDE
         back = (
@@ -151,7 +156,6 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
         limited = bool(model.jnt_limited[j])
         low, high = model.jnt_range[j] if limited else (-2 * NO_LIMIT, 2 * NO_LIMIT)
         kind_name = "prismatic" if slides else "revolute" if limited else "continuous"
-        link = f"{name}/{joint}"
         parts.append(_Part(link, above, at * back, joint, kind_name, tuple(axis), low, high))
         above, place = link, pin.SE3(np.eye(3), -anchor)
     if parts and not np.any(place.translation):
@@ -239,24 +243,19 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
 
 
 def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str, str]]]:
-    """Write a shape of MuJoCo by its half sizes; a capsule is a cylinder and two spheres.
+    """Write a shape of MuJoCo by its half sizes.
 
     ``kind`` is MuJoCo's number of the type. Each result is a placement, and the tag and attributes
     of a URDF shape; there are none for types that URDF does not have.
     """
-    ball = {"tag": "sphere", "radius": repr(float(size[0]))}
     if kind == _SPHERE:
-        return [(at, ball)]
+        return [(at, {"tag": "sphere", "radius": repr(float(size[0]))})]
     if kind == _BOX:
         return [(at, {"tag": "box", "size": _row(2 * np.array(size))})]
     if kind not in (_CAPSULE, _CYLINDER):
         return []
-    length = repr(2 * float(size[1]))
-    tube = (at, {"tag": "cylinder", "radius": ball["radius"], "length": length})
-    if kind == _CYLINDER:
-        return [tube]
-    ends = [pin.SE3(np.eye(3), np.array([0, 0, s * size[1]])) for s in (-1, 1)]
-    return [tube, *((at * end, ball) for end in ends)]
+    tag = "cylinder" if kind == _CYLINDER else "capsule"
+    return [(at, {"tag": tag, "radius": repr(float(size[0])), "length": repr(2 * float(size[1]))})]
 
 
 def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE3, dict[str, str]]]:
@@ -338,7 +337,7 @@ def _joint_element(part: _Part) -> etree._Element:
     _origin(joint, part.place)
     etree.SubElement(joint, "parent", link=part.parent)
     etree.SubElement(joint, "child", link=part.name)
-    if part.kind == "fixed":
+    if part.kind in ("fixed", "ball"):
         return joint
     etree.SubElement(joint, "axis", xyz=_row(part.axis))
     none = repr(2.0 * NO_LIMIT)  # MJCF has no limits of speed

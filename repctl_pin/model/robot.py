@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, file_name, list_of, list_of_names, require_type, shown
 from ..errors import InputError, UrdfError, unknown
 from .catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
-from .end_effectors import arm_ends, is_sensor, task_links
+from .end_effectors import arm_ends, is_sensor, rank, task_links
 from .kind import Kind, KindName, task_kind
 from .mechanism import Mechanism, couple, limits, pose
 from .model import frame_id, frame_placements, link_ids, lock_joints, path_between
@@ -416,14 +416,19 @@ class Robot(Mechanism):
 
     @property
     def offered_frames(self) -> tuple[str, ...]:
-        """Frames to offer for a task: the catalogue's, else the end of the longest arm."""
+        """Frames to offer for a task: the catalogue's, else the end of the longest arm.
+
+        Among arms of the same length, the one whose end has the better name; a sensor comes last.
+        """
         known = tuple(
             frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
         )
         ends = [links[0] for links in self._ends() if self._beyond_base(links[0])]
         return known or (
             max(
-                ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]
+                ends,
+                key=lambda frame: (not is_sensor(frame), len(self.chain(frame)), -rank(frame)),
+                default=self.base or self.frames[0],
             ),
         )
 

@@ -134,10 +134,10 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> 
         Folders in which packages are looked up, or the folder of one package as ``NAME=DIR``.
     """
     found = named_mesh(filename, urdf, package_dirs)
-    if found is not None:
+    scheme, mark, rest = filename.replace("\\", "/").partition("://")
+    if found is not None or (mark and scheme not in ("file", "package", "model")):
         return found
-    rest = filename.replace("\\", "/").partition("://")[2] or filename
-    parts = [part for part in rest.split("/") if part not in ("", ".", "..")]
+    parts = [part for part in (rest or scheme).split("/") if part not in ("", ".", "..")]
     parents = [Path(parent) for parent in urdf.absolute().parents]
     given = [package_folder(folder)[1] for folder in package_dirs]
     given = [folder for folder in given if folder.absolute() not in parents]

@@ -49,12 +49,15 @@ _UNLIMITED = 10.0
 def presumed_acceleration(task: Task) -> tuple[Array, str]:
     """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
 
-    A URDF has none, but the fastest cycle, which a study reports, needs some. They are published
-    ones if the arm has any, else each joint's speed limit divided by 0.2 s, or 10 rad/s² (m/s²)
-    without one.
+    The fastest cycle, which a study reports, needs some. They are the URDF's if it has one for
+    every joint, else published ones if the arm has any, else each joint's speed limit divided by
+    0.2 s, or 10 rad/s² (m/s²) without one.
     """
     entry = task.robot.entry
     names = task.robot_joints
+    own = _of_file(task, "acceleration")
+    if np.isfinite(own).all():
+        return own, "acceleration limits of the URDF"
     if entry is not None and entry.acceleration is not None:
         published = _PRESETS[entry.acceleration][0]
         if len(published) == len(names):
@@ -71,18 +74,19 @@ class Limits:
     """Limits for :func:`timed`, :func:`approach` and :class:`Governor`: speeds to torques.
 
     They determine how fast a joint path can be traversed. Without a limit of acceleration there is
-    no fastest motion from rest, so that it must be given.
+    no fastest motion from rest, so that it must be given unless the URDF has it (``acceleration``
+    and ``deceleration`` of ``<limit>``, URDF 1.2).
 
     Attributes
     ----------
     acceleration : float, (n,) array or str
-        Acceleration limits of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in
-        published limits: ``panda``, ``fr3``, ``ur``.
+        Acceleration limits of the robot's joints, rad/s² or m/s²; by default the URDF's. Or a name
+        in published limits: ``panda``, ``fr3``, ``ur``.
     velocity : float or (n,) array, optional
         Speed limits, rad/s (m/s); by default the URDF's.
     jerk : float, (n,) array or str, optional
         Jerk limits of the robot's joints, rad/s³ or m/s³, or a name of published limits: ``panda``,
-        ``fr3``. By default not limited.
+        ``fr3``. By default the URDF's if it has one for every joint, else not limited.
     torque : bool
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics. Not for a governor.
     tool_speed : float or (2,) array, optional
@@ -92,7 +96,8 @@ class Limits:
     Raises
     ------
     InputError
-        If accelerations are missing, a number is not above 0, or no limits of that name are known.
+        If a number is not above 0, or no limits of that name are known. If the URDF lacks
+        accelerations that are not given, what uses the limits raises it.
 
     Examples
     --------
@@ -109,13 +114,6 @@ class Limits:
     tool_speed: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        if self.acceleration is None:
-            known = ", ".join(_PRESETS)
-            also = "; jerk= requires it too" if self.jerk is not None else ""
-            raise InputError(
-                "acceleration= is missing, and a URDF has no acceleration limits; "
-                f"give rad/s² (prismatic: m/s²) per joint, or one of {known}{also}"
-            )
         freeze(
             self,
             acceleration=_known(self.acceleration, "acceleration", _PRESETS),
@@ -212,11 +210,15 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     names = task.robot_joints
     own = task.joint_limits[2]
     given, tool = limits.velocity, limits.tool_speed
-    assert limits.acceleration is not None  # the class refuses None
+    acceleration = limits.acceleration
+    if acceleration is None:
+        acceleration = _own_acceleration(task, also_jerk=limits.jerk is not None)
+    jerk = _of_file(task, "jerk") if limits.jerk is None else limits.jerk
+    unlimited = not isinstance(jerk, str) and np.isinf(jerk).any()
     found = JointLimits(
         own if given is None else per_joint(given, len(names), "velocity"),
-        _per_joint(limits.acceleration, _PRESETS, task, "acceleration"),
-        jerk=None if limits.jerk is None else _per_joint(limits.jerk, _JERKS, task, "jerk"),
+        _per_joint(acceleration, _PRESETS, task, "acceleration"),
+        jerk=None if unlimited else _per_joint(jerk, _JERKS, task, "jerk"),
         tool=None if tool is None else _tool_share(task, tool),
     )
     if not limits.torque:
@@ -232,6 +234,31 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
             "torque limits need efforts and masses, and this URDF lacks some; leave torque out"
         )
     return replace(found, torque=efforts, dynamics=task.dynamics())
+
+
+def _of_file(task: Task, what: str) -> Array:
+    """Return the URDF's limits of ``acceleration`` or ``jerk`` of a task's joints (n,); inf if none."""
+    robot = task.robot
+    columns = [robot.joint_names.index(name) for name in task.robot_joints]
+    found: Array = getattr(robot, f"{what}_limit")[columns]
+    return found
+
+
+def _own_acceleration(task: Task, *, also_jerk: bool) -> Array:
+    """Return the URDF's acceleration limits of a task's joints (n,).
+
+    InputError is raised if a joint has none; ``also_jerk`` says that jerk is limited, which
+    requires them.
+    """
+    own = _of_file(task, "acceleration")
+    if not np.isfinite(own).all():
+        joint = task.robot_joints[int(np.argmax(~np.isfinite(own)))]
+        also = "; jerk= requires it too" if also_jerk else ""
+        raise InputError(
+            f"acceleration= is missing, and the URDF has no acceleration limit of {joint!r}; "
+            f"give rad/s² (prismatic: m/s²) per joint, or one of {', '.join(_PRESETS)}{also}"
+        )
+    return own
 
 
 def _per_joint(

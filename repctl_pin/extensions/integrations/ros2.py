@@ -14,7 +14,6 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from numpy.typing import ArrayLike
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -102,7 +101,7 @@ class _ArmNode(Node):
         self.servo = Servo(
             design,
             given["rate"],
-            Limits(acceleration=_acceleration(given), jerk=given["jerk"]),
+            Limits(acceleration=given["acceleration"], jerk=given["jerk"]),
             timeout=given["timeout"],
             tolerance=given["tolerance"],
             tool=None if given["tool"] is None else placement_of(given["tool"], "tool"),
@@ -312,22 +311,6 @@ def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]
     """Return the position (x, y, z) and the quaternion (x, y, z, w) of a pose."""
     p, x = message.pose.position, message.pose.orientation
     return (p.x, p.y, p.z), (x.x, x.y, x.z, x.w)
-
-
-def _acceleration(given: dict[str, Any]) -> ArrayLike | str:
-    """Read the acceleration limits, a required parameter because a URDF has none.
-
-    They are one number, one per joint, rad/s² or m/s², or the name of a robot whose limits are
-    published.
-    """
-    value: ArrayLike | str | None = given["acceleration"]
-    if value is None:
-        raise InputError(
-            "the parameter acceleration is missing, and a URDF has no acceleration limits",
-            remedy="add --ros-args -p acceleration:=5.0 (rad/s²), one number per joint, or a "
-            "name such as panda",
-        )
-    return value
 
 
 def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:

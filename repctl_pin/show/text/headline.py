@@ -194,9 +194,9 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
     sentence before does not say it; else it is empty.
     """
     worst = max(summaries, key=lambda one: one.off)
-    subject = worst.part if worst.part[:4] == "arm " else f"{worst.part} of the arm"
-    if not any(letter.isdigit() for letter in worst.part):
-        subject = f"the {worst.part}"
+    numbered = worst.part.removeprefix("link ").isdigit()
+    named = worst.part if worst.part.startswith("link ") else f"the {worst.part}"
+    subject = f"{worst.part} of the arm" if numbered else named
     verb = "is not back" if after else "is not"
     if worst.off >= SMALL:
         offs = _offs(summaries, " off")

@@ -12,6 +12,9 @@ from ...model.task import Task
 _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripper", "hand", "head",
           "torso")  # fmt: skip
 
+_WORD = 3
+"""Minimum number of letters of a word; shorter parts of a name are abbreviations."""
+
 
 def redundant_part(task: Task) -> str:
     """Write what a task leaves free to drift: the elbow position of an arm with one spare joint.
@@ -27,8 +30,9 @@ def part_name(task: Task, q: Array, link: str) -> str:
 
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
     returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Else the
-    link's name without the robot's name, and without a prefix that most links share, is returned:
-    ``link 4``. With several frames, the word says on which side the link is: ``left wrist``.
+    words of its name are returned, without the robot's name and without a prefix that most links
+    share: ``link 4``. If they are no words, the name in the file is: ``link arm_2``. With several
+    frames, the word says on which side the link is: ``left wrist``.
 
     Parameters
     ----------
@@ -50,7 +54,9 @@ def part_name(task: Task, q: Array, link: str) -> str:
     kept = [word for word in own.split() if word not in robot or word.isdigit()]
     if kept and kept[-1] == "link" and len(kept) > 1:
         kept = kept[:-1]
-    return " ".join(kept) or link
+    whole = all(len(word) >= _WORD and word.isalpha() for word in kept)
+    numbered = len(kept) == 2 and kept[0] == "link" and kept[1].isdigit()
+    return " ".join(kept) if kept and (whole or numbered) else f"link {link.removesuffix('_link')}"
 
 
 def _side(link: str) -> str:
