@@ -182,7 +182,9 @@ class Robot(Mechanism):
         if base is not None:
             require_type(base, str, "base", "a link name")
         for folder in own:
-            if not os.path.isdir(package_folder(folder)[1]):  # unlike Path.is_dir, also for names that are too long
+            if not os.path.isdir(
+                package_folder(folder)[1]
+            ):  # unlike Path.is_dir, also for names that are too long
                 raise InputError(
                     f": there is no folder {folder!r}",
                     argument="package_dirs",

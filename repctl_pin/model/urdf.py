@@ -520,7 +520,11 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> None:
         if kind not in SEVERAL:
             continue
         steps = (
-            _planar(axis_of(joint)) if kind == "planar" else _FLOATING if kind == "floating" else _BALL
+            _planar(axis_of(joint))
+            if kind == "planar"
+            else _FLOATING
+            if kind == "floating"
+            else _BALL
         )
         named = [f"{joint.get('name')}_{suffix}" for suffix, _, _ in steps]
         taken = names & {*named, *(f"{name}_link" for name in named)}

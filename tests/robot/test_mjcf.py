@@ -169,7 +169,7 @@ def test_masses_and_shapes_are_those_of_mujoco(tmp_path: Path, mujoco: Any) -> N
         mujoco.mj_fullM(model, M, data.qM)
     assert np.allclose(task.inertias(q[None])[0], M, atol=1e-10)
     kinds = [shape.kind for shape in task.robot.description.collisions]
-    assert sorted(kinds) == ["box", "cylinder", "sphere", "sphere"]
+    assert sorted(kinds) == ["box", "capsule"]
 
 
 def test_the_fingers_of_a_gripper_are_coupled(tmp_path: Path, mujoco: Any) -> None:
@@ -213,7 +213,6 @@ def test_a_study_runs_on_it(tmp_path: Path, mujoco: Any) -> None:
     assert motion.drift[-1] < 1e-9
 
 
-BALL = '<body><joint type="ball" name="wrist" range="0 1"/><geom size="0.1"/></body>'
 WELD = '<equality><weld name="loop" body1="hand" body2="link0"/></equality>'
 CURVED = (
     '<equality><joint name="odd" joint1="joint1" joint2="joint2" polycoef="0 1 1 0 0"/></equality>'
@@ -223,7 +222,6 @@ CURVED = (
 @pytest.mark.parametrize(
     ("fingers", "rest", "said"),
     [
-        (BALL, "", "'wrist' is a ball joint"),
         ("", WELD, r"'loop' \(weld\) closes a loop"),
         ("", CURVED, "'odd' is not q₁ = a₀"),
         ("<body><joint/></body>", "", "MuJoCo cannot compile it"),
@@ -236,6 +234,29 @@ def test_what_is_not_supported_is_said_in_one_line(
     with pytest.raises(rp.UrdfError, match=said) as found:
         rp.Robot.load(path)
     assert "\n" not in str(found.value) and "arm.xml" in str(found.value)
+
+
+def test_a_ball_joint_beyond_the_tool_is_three(tmp_path: Path, mujoco: Any) -> None:
+    """26.13: the same pose as MuJoCo's, and the arm keeps its seven joints."""
+    ball = (
+        '<body name="bob" pos="0.1 0 0"><joint type="ball" name="wrist" pos="0 0.02 0" range="0 1"/>'
+        '<geom size="0.1"/></body>'
+    )
+    path = written(tmp_path, PANDA, ball)
+    robot = rp.Robot.load(path)
+    assert robot.task("tcp").n == 7
+    assert any("range of ball joint 'wrist'" in note for note in robot.description.notes)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data, task = mujoco.MjData(model), robot.task("bob")
+    q = np.r_[0.1, -0.5, 0.2, -2.0, 0.3, 1.5, 0.7, 0.4, -0.3, 0.2]
+    x, y, z, w = pin.Quaternion(pin.rpy.rpyToMatrix(0.2, -0.3, 0.4)).coeffs()
+    data.qpos[:7] = q[:7]
+    data.joint("wrist").qpos[:] = [w, x, y, z]
+    mujoco.mj_forward(model, data)
+    assert task.joint_names[7:] == ("wrist_yaw", "wrist_pitch", "wrist_roll")
+    place = task.placement(q)
+    assert np.allclose(place.translation, data.body("bob").xpos, atol=1e-12)
+    assert np.allclose(place.rotation, data.body("bob").xmat.reshape(3, 3), atol=1e-12)
 
 
 def test_without_mujoco_the_remedy_is_named(

@@ -229,7 +229,7 @@ def test_materials(tmp_path: Path) -> None:
         ("package://my_arm/meshes/a b.stl", ["share"], True),
         ("package:///my_arm/meshes/a b.stl", ["share/my_arm/meshes", "share"], True),
         ("package://my_arm/meshes/a b.stl", ["share/my_arm"], True),
-        ("package://other/meshes/a b.stl", ["share/my_arm"], False),
+        ("package://other/meshes/a b.stl", ["share/my_arm"], True),
         ("file://{mesh}", [], True),
         ("{mesh}", [], True),
         ("share/my_arm/meshes/a b.stl", [], True),

@@ -118,8 +118,9 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
             "0 under the repeatable one.",
         ),
         (
-            [replace(USUAL, part="arm 3"), CLOSED],
-            BACK + "Arm 3 is not: 32 cm off under the usual control, 0 under the repeatable one.",
+            [replace(USUAL, part="link arm_3"), CLOSED],
+            BACK
+            + "Link arm_3 is not: 32 cm off under the usual control, 0 under the repeatable one.",
         ),
         (
             [replace(USUAL, part="link 3"), CLOSED],
@@ -257,6 +258,21 @@ def test_limits_bodies_and_where_it_leads() -> None:
     also = replace(CLOSED, body_distance=0.013, near=("link3", "link5"))
     (near,) = (n.text for n in headline_of([close, also], 10).notes if "near" in n.text)
     assert near == "link3 and link5 come as near as 1.3\u00a0cm, in both."
+
+
+def test_a_link_without_words_keeps_the_name_of_the_file(tmp_path: Path) -> None:
+    """26.14: no "Arm 2 is not", "L 1 of the arm", "Link 6 r of the arm"."""
+    names = ["base", "arm_2_link", "l1", "link_6_r", "base_plate", "link_7"]
+    joints = [
+        f'<link name="{b}"/><joint name="to_{b}" type="continuous"><parent link="{a}"/>'
+        f'<child link="{b}"/><origin xyz="0 0 1"/></joint>'
+        for a, b in pairwise(names)
+    ]
+    file = tmp_path / "r.urdf"
+    file.write_text(f'<robot name="r"><link name="base"/>{"".join(joints)}</robot>')
+    task = rp.Robot.load(file).task("link_7", "xy", joints=["to_link_7"])
+    told = [part_name(task, task.reference, link) for link in names[1:]]
+    assert told == ["link arm_2", "link l1", "link link_6_r", "base plate", "link 7"]
 
 
 def test_links_are_named_in_words() -> None:

@@ -1,0 +1,296 @@
+"""Kinds of URDF files that others write: unknown limits, followers that narrow, quaternions, lengths
+in millimetres, joints with several coordinates, meshes in other places, limits of acceleration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from commands import main
+
+import repctl_pin as rp
+
+LIMIT = '<limit lower="-2" upper="2" effort="10" velocity="1"/>'
+
+
+def joint(name: str, parent: str, child: str, kind: str = "revolute", more: str = LIMIT) -> str:
+    return (
+        f'<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        f'<child link="{child}"/>{more}</joint>'
+    )
+
+
+def arm(limits: str = LIMIT, length: float = 0.3) -> list[str]:
+    """Seven joints about x, y, z in turn."""
+    return [
+        joint(
+            f"j{i}",
+            f"l{i - 1}",
+            f"l{i}",
+            more=f'<origin xyz="{length} 0 0"/><axis xyz="{axis}"/>{limits}',
+        )
+        for i, axis in enumerate(("0 0 1", "0 1 0", "1 0 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"), 1)
+    ]
+
+
+def load(folder: Path, *lines: str, head: str = '<robot name="made">', **options) -> rp.Robot:
+    path = folder / "made.urdf"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([head, '<link name="l0"/>', *lines, "</robot>"]))
+    return rp.Robot.load(path, **options)
+
+
+def test_a_limit_of_minus_1_is_not_given_and_one_note_says_so(tmp_path: Path) -> None:
+    """26.11: an exporter's "unknown", once for the whole file."""
+    robot = load(tmp_path, *arm('<limit lower="-1" upper="2" effort="-1.0" velocity="-1.0"/>'))
+    assert np.isinf(robot.velocity_limit).all() and (robot.lower == -1).all()
+    (note,) = robot.description.notes
+    assert note.startswith("effort and velocity of −1 read as not given: joints 'j1', 'j2', 'j3'")
+    assert note.endswith("and 4 more")
+    with pytest.raises(rp.UrdfError, match="velocity = '-1.5' is negative"):
+        load(tmp_path, *arm('<limit lower="-1" upper="2" velocity="-1.5"/>'))
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_follower_of_a_fixed_joint_stands_still_at_its_offset(tmp_path: Path, kind: str) -> None:
+    """26.11: against the same arm with the follower moved to the offset."""
+    place = '<origin xyz="0.1 0.2 0" rpy="0.3 0.2 0.1"/><axis xyz="0 0.6 0.8"/>'
+    fixed = joint("f", "l7", "m", "fixed", "")
+    finger = joint(
+        "k", "l7", "tip", kind, f'{place}{LIMIT}<mimic joint="f" multiplier="2" offset="0.4"/>'
+    )
+    robot = load(tmp_path, *arm(), fixed, finger)
+    assert robot.joint_names == tuple(f"j{i}" for i in range(1, 8)) and not robot.locked
+    assert robot.description.notes == (
+        "read as fixed: joint 'k', because 'f', the leader, cannot move",
+    )
+    task = robot.task("tip")
+    found = robot.task("l7").placement(task.reference).actInv(task.placement(task.reference))
+    own = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.1, 0.2, 0]))
+    along = 0.4 * np.array([0, 0.6, 0.8])
+    moved = (
+        pin.SE3(pin.exp3(along), np.zeros(3)) if kind == "revolute" else pin.SE3(np.eye(3), along)
+    )
+    assert np.allclose(found.homogeneous, (own * moved).homogeneous, atol=1e-14)
+
+
+FOLLOWER = '<axis xyz="0 1 0"/><mimic joint="j2" multiplier="-0.25"/>'
+
+
+def test_a_narrowed_axis_is_told_by_inspect_and_study(tmp_path: Path, capsys) -> None:
+    """26.12: the follower's range, divided by its multiplier, cuts the leader's."""
+    limit = '<limit lower="-0.3" upper="0.5" velocity="9"/>'
+    robot = load(tmp_path, *arm(), joint("rod", "l1", "cylinder", more=FOLLOWER + limit))
+    lower, upper = robot.lower[1], robot.upper[1]
+    assert (lower, upper) == (-2.0, pytest.approx(0.3 / 0.25))
+    said = robot.narrowed["j2"]
+    assert said.startswith("! j2 narrowed from [-2, 2] to [-2, 1.2] by rod")
+    assert [*robot.narrowed] == ["j2"]
+    path = str(tmp_path / "made.urdf")
+    assert main(["inspect", path]) == 0
+    assert "\n! j2 narrowed from [-2, 2] to [-2, 1.2] by rod" in capsys.readouterr().out
+    assert said in rp.Problem(robot).warnings
+    # not of an arm that the joint does not move
+    assert said not in rp.Problem(rp.Robot.load(path, base="l2")).warnings
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        ('lower="-9" upper="0.49" velocity="9"', "j2 narrowed from [-2, 2] to [-1.96, 2] by rod"),
+        ('lower="-9" upper="9" velocity="0.2"', "! speed limit of j2 lowered from 1 to 0.8 by rod"),
+        ('lower="-9" upper="9" velocity="9"', ""),
+        ('lower="-0.5" upper="0.5" velocity="0.25"', ""),
+    ],
+)
+def test_a_small_loss_is_a_note_and_a_large_one_a_warning(
+    tmp_path: Path, limit: str, said: str
+) -> None:
+    """26.12: more than 5 % of a range or a speed is a warning."""
+    rod = joint("rod", "l1", "cylinder", more=f"{FOLLOWER}<limit {limit}/>")
+    found = load(tmp_path, *arm(), rod).narrowed.get("j2", "")
+    assert found.startswith(said) and bool(found) == bool(said)
+
+
+def test_limits_of_urdf_1_2_are_the_default_of_timing_and_governor(tmp_path: Path) -> None:
+    """26.13: the smaller one of acceleration and deceleration, and followers keep theirs."""
+    limit = '<limit lower="-2" upper="2" velocity="1" acceleration="4" deceleration="3" jerk="50"/>'
+    head = '<robot name="made" version="1.2">'
+    robot = load(tmp_path, *arm(limit), head=head)
+    assert (robot.acceleration_limit == 3).all() and (robot.jerk_limit == 50).all()
+    task = robot.task("l7", "position")
+    q0 = np.array([0.2, 0.5, -0.3, 0.8, 0.4, 0.6, -0.2])
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.05), q0, cycles=1)
+    own, given = rp.timed(motion, rp.Limits()), rp.timed(motion, rp.Limits(acceleration=3, jerk=50))
+    assert own.duration == pytest.approx(given.duration, rel=1e-12)
+    assert np.abs(own.qddot).max() <= 3 * 1.001
+    slow = limit.replace('acceleration="4"', 'acceleration="1"')
+    rod = joint("rod", "l1", "cylinder", more=f"{FOLLOWER.replace('-0.25', '-2')}{slow}")
+    assert load(tmp_path, *arm(limit), rod, head=head).acceleration_limit[1] == 0.5
+    bare = load(tmp_path, *arm(limit)[:3], *arm()[3:], head=head).task("l7", "position")
+    motion = rp.follow(rp.Pseudoinverse(bare), rp.circle(bare, q0, 0.05), q0, cycles=1)
+    with pytest.raises(rp.InputError, match="the URDF has no acceleration limit of 'j4'"):
+        rp.timed(motion, rp.Limits())
+
+
+def quaternion(turn: np.ndarray) -> str:
+    return " ".join(map(repr, pin.Quaternion(turn).coeffs().tolist()))
+
+
+def test_quaternions_place_joints_and_shapes_and_need_a_version(tmp_path: Path) -> None:
+    """26.13: against rotations of Pinocchio, also at a pitch of π/2; else one note."""
+    rng = np.random.default_rng(1)
+    turns = [pin.exp3(rng.uniform(-3, 3, 3)) for _ in range(50)]
+    turns += [pin.rpy.rpyToMatrix(a, s * np.pi / 2, 0.3) for a in (0.0, 2.0) for s in (-1, 1)]
+    for turn in turns:
+        origin = f'<origin xyz="0 0 1" quat_xyzw="{quaternion(turn)}"/>'
+        shape = f"<collision>{origin}<geometry><sphere radius='1'/></geometry></collision>"
+        lines = [
+            f'<link name="b">{shape}</link><joint name="j" type="continuous"><parent link="l0"/>'
+            f'<child link="b"/>{origin}<axis xyz="0 0 1"/></joint>'
+        ]
+        robot = load(tmp_path, *lines, head='<robot name="made" version="1.1">')
+        assert np.allclose(robot.model.jointPlacements[1].rotation, turn, atol=1e-13)
+        (solid,) = robot.description.collisions
+        assert np.allclose(pin.rpy.rpyToMatrix(np.array(solid.rpy)), turn, atol=1e-13)
+    (note,) = load(tmp_path, *lines).description.notes
+    assert note.startswith("ignored: quat_xyzw in line 3 (and 1 more)") and "version" in note
+    both = lines[0].replace("xyz=", 'rpy="0 0 0" xyz=', 1)
+    with pytest.raises(rp.UrdfError, match="has both rpy and quat_xyzw"):
+        load(tmp_path, both, head='<robot name="made" version="1.1">')
+
+
+def test_a_planar_joint_says_which_limits_it_loses(tmp_path: Path) -> None:
+    """26.13"""
+    limit = '<axis xyz="0 0 1"/><limit effort="3" velocity="0.5"/>'
+    robot = load(tmp_path, joint("p", "l0", "cart", "planar", limit))
+    assert "; its effort and velocity limits are dropped; " in robot.description.notes[0]
+
+
+@pytest.mark.parametrize("kind", ["ball", "spherical"])
+def test_a_ball_joint_beyond_the_tool_does_not_refuse_the_arm(tmp_path: Path, kind: str) -> None:
+    """26.13: the arm is the same; the ball is yaw, pitch and roll about its centre."""
+    ball = joint("b", "l7", "bob", kind, '<origin xyz="0.1 0 0"/>')
+    robot = load(tmp_path, *arm(), ball)
+    assert robot.task("l7").joint_names == tuple(f"j{i}" for i in range(1, 8))
+    task = robot.task("bob")
+    q = np.r_[task.reference[:7], 0.3, -0.2, 0.9]
+    turn = robot.task("l7").placement(q[:7]).actInv(task.placement(q))
+    assert np.allclose(turn.rotation, pin.rpy.rpyToMatrix(0.9, -0.2, 0.3), atol=1e-14)
+    assert any(
+        "'b' is" in note and "b_yaw, b_pitch, b_roll" in note for note in robot.description.notes
+    )
+
+
+def test_lengths_in_millimetres_get_a_hint(tmp_path: Path) -> None:
+    """26.13: not for an arm in m, even if it stands far from the root."""
+    (note,) = load(tmp_path, *arm(length=300)).description.notes
+    assert "300 m" in note and "possibly in millimetres" in note and "5 more" in note
+    far = joint("place", "l0", "world", "fixed", '<origin xyz="5e6 0 0"/>')
+    assert not load(tmp_path, *arm(), far).description.notes
+
+
+def test_a_capsules_distance_is_that_of_two_segments(tmp_path: Path) -> None:
+    """26.13: against the closed form on parallel and crossing axes, in URDF and between samples."""
+    capsule = '<collision><geometry><capsule radius="0.05" length="0.4"/></geometry></collision>'
+    base = '<link name="base">' + capsule + "</link>"
+    rail = '<limit lower="-5" upper="5" velocity="1"/>'
+    slides = [
+        joint("x", "base", "a", "prismatic", f'<axis xyz="1 0 0"/>{rail}'),
+        joint("y", "a", "b", "prismatic", f'<axis xyz="0 1 0"/>{rail}'),
+        joint("z", "b", "c", "prismatic", f'<axis xyz="0 0 1"/>{rail}'),
+        joint("roll", "c", "tip", "continuous", '<axis xyz="1 0 0"/>').replace(
+            '<link name="tip"/>', f'<link name="tip">{capsule}</link>'
+        ),
+    ]
+    (tmp_path / "c.urdf").write_text(
+        f'<robot name="c" version="1.1">{base}{"".join(slides)}</robot>'
+    )
+    bodies = rp.Bodies(rp.Robot.load(tmp_path / "c.urdf").task("tip", "position"))
+    s = np.linspace(-0.2, 0.2, 801)
+    for x, y, z, roll in np.random.default_rng(2).uniform(-1, 1, (20, 4)) + [0.8, 0, 0, 0]:
+        centre = np.array([x, y, z])
+        one = s[:, None] * [0, 0, 1]
+        other = centre + s[:, None] * [0, -np.sin(roll), np.cos(roll)]
+        least = np.sqrt(((one[:, None] - other[None]) ** 2).sum(-1)).min() - 0.1
+        if least > 0.01:
+            found = bodies.distances([[x, y, z, roll]])[0]
+            assert least - 1e-3 < found < least + 1e-9
+
+
+STL = (
+    "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    "endloop\nendfacet\nendsolid\n"
+)
+
+
+def meshed(name: str) -> str:
+    shape = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
+    return f'<link name="part">{shape}{shape.replace("collision", "visual")}</link>' + joint(
+        "j", "l0", "part", "continuous", '<axis xyz="0 0 1"/>'
+    ).replace('<link name="part"/>', "")
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "given", "by_end"),
+    [
+        ("package://OTHER_V10/meshes/x.stl", "meshes/x.stl", None, True),
+        ("package://drake/manipulation/models/arm/meshes/x.stl", "arm/meshes/x.stl", None, True),
+        ("file:///usr/someone/robots/meshes/x.stl", "meshes/x.stl", None, True),
+        ("package://other/x.stl", "urdf/x.stl", None, True),
+        ("package://other/visual/x.stl", "elsewhere/parts/x.stl", "elsewhere/parts", True),
+        ("package://other/m/x.stl", "elsewhere/m/x.stl", "other=elsewhere", False),
+        ("package://other/m/x.stl", "elsewhere/m/x.stl", None, None),
+        ("http://other/meshes/x.stl", "meshes/x.stl", None, None),
+    ],
+)
+def test_meshes_are_found_by_the_end_of_their_names(
+    tmp_path: Path, capsys, name: str, file: str, given: str | None, by_end: bool | None
+) -> None:
+    """26.8: which file was taken is said; a package given by name needs no folder of that name."""
+    (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_text(STL)
+    start, mark, folder = (given or "").rpartition("=")
+    dirs = [f"{start}{mark}{tmp_path / folder}"] if given else []
+    robot = load(tmp_path / "urdf", meshed(name), package_dirs=dirs)
+    found = [text for text in robot.warnings if "found by the end of their names" in text]
+    assert bool(found) == bool(by_end)
+    assert not found or found[0].endswith(f"{name} is read from {tmp_path / file}")
+    assert any("are missing" in text for text in robot.warnings) == (by_end is None)
+    words = ["inspect", str(tmp_path / "urdf" / "made.urdf")]
+    assert main([*words, *(f"--package-dir={one}" for one in dirs)]) == 0
+    bodies = 0 if by_end is None else 1
+    assert f"collision: {bodies} of 1 links have a body" in capsys.readouterr().out
+
+
+def test_an_unknown_folder_of_a_package_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(rp.InputError, match="there is no folder 'arm=/nowhere'"):
+        load(tmp_path, *arm(), package_dirs=["arm=/nowhere"])
+
+
+def digit(name: str, count: int) -> list[str]:
+    """A finger without limits, whose joints and links are named after it."""
+    names = ["palm", *(f"{name}_{part}" for part in ("base", "mid", "distal", "tip")[:count])]
+    pairs = zip(names[:-1], names[1:], strict=True)
+    return [joint(f"{b}_joint", a, b, "continuous", '<axis xyz="0 1 0"/>') for a, b in pairs]
+
+
+def test_named_fingers_collision_links_and_sensors_are_no_end_effectors(tmp_path: Path) -> None:
+    """26.14"""
+    palm = joint("mount", "l7", "palm", "fixed", "")
+    hand = [palm, *digit("index", 4), *digit("middle", 4), *digit("thumb", 3)]
+    assert load(tmp_path, *arm(), *hand).default_frame == "palm"
+    sphere = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
+    shell = joint("s", "l7", "l7_sc", "fixed", "").replace(
+        '<link name="l7_sc"/>', f'<link name="l7_sc">{sphere}</link>'
+    )
+    robot = load(tmp_path, *arm(), shell, joint("f", "l7", "l8", "fixed", ""))
+    assert robot.default_frame == "l8" and robot.end_frames == ("l8", "l7")
+    # a spindle of a laser scanner on a neck that is longer than the arm
+    spindle = joint("h", "l7", "head_hokuyo_frame", "continuous", '<axis xyz="0 0 1"/>')
+    other = [joint(f"a{i}", f"b{i - 1}" if i > 1 else "l0", f"b{i}") for i in range(1, 6)]
+    assert load(tmp_path, *arm(), spindle, *other).default_frame == "b5"
+    grip = joint("g", "l7", "gripper_left_base_link", "fixed", "")
+    assert load(tmp_path, *arm(), grip).default_frame == "gripper_left_base_link"
