@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from ..errors import UrdfError
+from ..base.errors import UrdfError
 from .shapes import Shape, shapes_of
 from .urdf_rules import (
     LIMITS,
