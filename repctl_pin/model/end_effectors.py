@@ -23,13 +23,14 @@ _TOOLS = ({"tcp", "grasp", "grasping"}, {"tool"}, {"ee", "eef", "effector"}, {"f
 _HANDS = ({"gripper"}, {"palm"}, {"hand"})
 """Words in the names of end effectors, the best first.
 
-The words of ``_HANDS`` count only as the last word of a name; ``base``, ``link`` and ``frame`` after
-it do not count.
+The words of ``_HANDS`` count only as the last word of a name, not counting ``base``, ``link`` and
+``frame``.
 """
-_SENSOR = frozenset(
-    "accelerometer asus astra barometer cam camera depth gps gyro gyroscope hokuyo imu kinect laser "
-    "led lens lidar livox magnetometer mic microphone multisense optical ouster radar range rangefinder "
-    "realsense rgb rgbd scanner sensor sick sonar stereo tof ultrasonic velodyne xtion zed".split()
+_SENSORS = (
+    "accelerometer asus astra barometer cam camera depth gps gyro gyroscope hokuyo imu kinect "
+    "laser led lens lidar livox magnetometer mic microphone multisense optical ouster radar "
+    "range rangefinder realsense rgb rgbd scanner sensor sick sonar stereo tof ultrasonic "
+    "velodyne xtion zed"
 )
 """Words in the names of sensors, and names of makers and products."""
 
@@ -164,7 +165,7 @@ def is_sensor(link: str) -> bool:
 
     Such a link is offered as a task frame only where there is no other.
     """
-    return not _SENSOR.isdisjoint(words(link))
+    return not set(_SENSORS.split()).isdisjoint(words(link))
 
 
 def words(name: str) -> list[str]:

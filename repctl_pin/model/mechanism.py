@@ -16,7 +16,7 @@ from .model import frame_id
 from .urdf import Description, Joint
 
 _EQUAL = 1e-6
-"""Difference, rad or m or relative, below which two limits are the same, written with few digits."""
+"""Difference, rad, m or relative, below which two limits, written with few digits, are the same."""
 
 _LARGE_LOSS = 0.05
 """Share of a range or speed limit above which its loss by a mimic joint is a warning."""
@@ -222,8 +222,9 @@ def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
         if slower[0] < rates[0] * (1 - _EQUAL):
             slowed_by.append(follower.name)
         rates = slower
-    told = _narrowed(joint, (lower, upper), float(rates[0]), by, slowed_by)
-    return Range(lower, upper, *rates.tolist(), told)
+    velocity, acceleration, jerk = rates.tolist()
+    narrowed = _narrowed(joint, (lower, upper), velocity, by, slowed_by)
+    return Range(lower, upper, velocity, acceleration, jerk, narrowed)
 
 
 def _narrowed(

@@ -35,9 +35,9 @@ class _Part:
     """A link, and the joint from its parent to it, as they will be written in the URDF.
 
     ``place`` is the placement in the parent link. ``kind`` is ``fixed``, ``revolute``,
-    ``continuous``, ``prismatic`` or ``ball``; ``mimic`` is the joint that it follows, with multiplier and
-    offset. ``inertia`` is the mass, kg, its placement, and the principal moments. A shape is its
-    tag, placement and geometry.
+    ``continuous``, ``prismatic`` or ``ball``; ``mimic`` is the joint that it follows, with
+    multiplier and offset. ``inertia`` is the mass, kg, its placement, and the principal moments. A
+    shape is its tag, placement and geometry.
     """
 
     name: str

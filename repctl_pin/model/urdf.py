@@ -53,8 +53,8 @@ class Joint:
 
     ``lower``, ``upper`` (rad or m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³)
     are infinite without a limit; ``acceleration`` is the smaller one of the file's ``acceleration``
-    and ``deceleration``. ``mimic`` names the joint that this joint follows, as ``multiplier · q + offset``, and which is
-    not a mimic joint itself. ``line`` is the joint's line in the file.
+    and ``deceleration``. ``mimic`` names the joint that this joint follows, as ``multiplier ·
+    q + offset``, and which is not a mimic joint itself. ``line`` is the joint's line in the file.
     """
 
     name: str
@@ -302,7 +302,7 @@ def _mimicked(
 
 
 def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
-    """Compute the multiplier and the offset of a chain of ``<mimic>`` elements, the follower's first.
+    """Compute the multiplier and the offset of a chain of ``<mimic>``, the follower's first.
 
     The follower is at multiplier · q + offset, with q the position of the last joint.
     """
@@ -427,8 +427,8 @@ def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
 def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:
     """Replace the ``quat_xyzw`` of every origin by ``rpy``, as URDF 1.1 and later allow.
 
-    In a file of an older version, or of none, it does not count; ``notes`` receives a note. UrdfError
-    is raised for a quaternion of length 0, and for an origin that has both.
+    In a file of an older version, or of none, it does not count; ``notes`` receives a note.
+    UrdfError is raised for a quaternion of length 0, and for an origin that has both.
     """
     origins = [origin for origin in robot.iter("origin") if origin.get("quat_xyzw") is not None]
     if origins and robot.get("version", "1.0") == "1.0":
@@ -441,7 +441,7 @@ def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:
         if robot.get("version", "1.0") != "1.0":
             if origin.get("rpy") is not None:
                 raise bad(origin, "has both rpy and quat_xyzw; delete one of them")
-            x, y, z, w = numbers(origin, "quat_xyzw") or ()
+            x, y, z, w = numbers(origin, "quat_xyzw") or [0.0] * 4
             if not math.hypot(x, y, z, w) > 0:
                 raise bad(origin, "quat_xyzw is 0; give a unit quaternion")
             turn = pin.Quaternion(w, x, y, z).normalized().matrix()

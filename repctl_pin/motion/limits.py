@@ -246,7 +246,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
 
 
 def _of_file(task: Task, what: str) -> Array:
-    """Return the URDF's limits of ``acceleration`` or ``jerk`` of a task's joints (n,); inf if none."""
+    """Get the URDF's ``acceleration`` or ``jerk`` limits of a task's joints (n,), inf if none."""
     robot = task.robot
     columns = [robot.joint_names.index(name) for name in task.robot_joints]
     found: Array = getattr(robot, f"{what}_limit")[columns]

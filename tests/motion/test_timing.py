@@ -236,10 +236,7 @@ def one_cycle(motion: rp.Motion) -> rp.Motion:
 
 
 BAD = [
-    (
-        {},
-        "acceleration= is missing, and the URDF has no acceleration limit of 'theta1'; .* panda, fr3, ur",
-    ),
+    ({}, "= is missing, and the URDF has no acceleration limit of 'theta1'; .* panda, fr3, ur"),
     ({"acceleration": "kuka"}, "no accelerations of 'kuka' are known"),
     ({"acceleration": "panda"}, "of 7 joints, but 'tool' is moved by 3"),
     ({"acceleration": 0}, "acceleration must be"),

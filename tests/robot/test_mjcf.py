@@ -239,7 +239,8 @@ def test_what_is_not_supported_is_said_in_one_line(
 def test_a_ball_joint_beyond_the_tool_is_three(tmp_path: Path, mujoco: Any) -> None:
     """26.13: the same pose as MuJoCo's, and the arm keeps its seven joints."""
     ball = (
-        '<body name="bob" pos="0.1 0 0"><joint type="ball" name="wrist" pos="0 0.02 0" range="0 1"/>'
+        '<body name="bob" pos="0.1 0 0">'
+        '<joint type="ball" name="wrist" pos="0 0.02 0" range="0 1"/>'
         '<geom size="0.1"/></body>'
     )
     path = written(tmp_path, PANDA, ball)

@@ -4,6 +4,8 @@ written. What commands and pages print of motions is tested from outside."""
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -262,16 +264,19 @@ def test_limits_bodies_and_where_it_leads() -> None:
 
 def test_a_link_without_words_keeps_the_name_of_the_file(tmp_path: Path) -> None:
     """26.14: no "Arm 2 is not", "L 1 of the arm", "Link 6 r of the arm"."""
-    names = ["base", "arm_2_link", "l1", "link_6_r", "base_plate", "link_7"]
+    chain = ["base", "one", "two", "three"]
+    names = ["arm_2_link", "l1", "link_6_r", "base_plate", "link_7"]
+    kinds = [(a, b, "continuous") for a, b in pairwise(chain)]
+    kinds += [("base", b, "fixed") for b in names]
     joints = [
-        f'<link name="{b}"/><joint name="to_{b}" type="continuous"><parent link="{a}"/>'
-        f'<child link="{b}"/><origin xyz="0 0 1"/></joint>'
-        for a, b in pairwise(names)
+        f'<link name="{b}"/><joint name="to_{b}" type="{kind}"><parent link="{a}"/>'
+        f'<child link="{b}"/><origin xyz="0 0.5 1"/></joint>'
+        for a, b, kind in kinds
     ]
     file = tmp_path / "r.urdf"
     file.write_text(f'<robot name="r"><link name="base"/>{"".join(joints)}</robot>')
-    task = rp.Robot.load(file).task("link_7", "xy", joints=["to_link_7"])
-    told = [part_name(task, task.reference, link) for link in names[1:]]
+    task = rp.Robot.load(file).task("three", "yz")
+    told = [part_name(task, np.array([0.2, 0.5, 0.7]), link) for link in names]
     assert told == ["link arm_2", "link l1", "link link_6_r", "base plate", "link 7"]
 
 

@@ -1,8 +1,9 @@
-"""Kinds of URDF files that others write: unknown limits, followers that narrow, quaternions, lengths
-in millimetres, joints with several coordinates, meshes in other places, limits of acceleration."""
+"""Kinds of URDF files that others write: unknown limits, followers that narrow, quaternions,
+lengths in millimetres, joints with many coordinates, misplaced meshes, limits of acceleration."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -273,7 +274,7 @@ def test_an_unknown_folder_of_a_package_is_refused(tmp_path: Path) -> None:
 def digit(name: str, count: int) -> list[str]:
     """A finger without limits, whose joints and links are named after it."""
     names = ["palm", *(f"{name}_{part}" for part in ("base", "mid", "distal", "tip")[:count])]
-    pairs = zip(names[:-1], names[1:], strict=True)
+    pairs = pairwise(names)
     return [joint(f"{b}_joint", a, b, "continuous", '<axis xyz="0 1 0"/>') for a, b in pairs]
 
 

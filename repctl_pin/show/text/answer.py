@@ -38,8 +38,8 @@ _FIRST = (
     "collisions of ",
     "the URDF has no collision geometry",
 )
-"""Beginnings of warnings, and of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
-are not checked, which come first."""
+"""Beginnings of warnings, and of the notes on an old report, on a circle on which J⁺ drifts more,
+and on bodies that are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
