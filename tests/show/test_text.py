@@ -274,7 +274,7 @@ def test_a_link_without_words_keeps_the_name_of_the_file(tmp_path: Path) -> None
         for a, b, kind in kinds
     ]
     file = tmp_path / "r.urdf"
-    file.write_text(f'<robot name="r"><link name="base"/>{"".join(joints)}</robot>')
+    file.write_text(f'<robot name="made"><link name="base"/>{"".join(joints)}</robot>')
     task = rp.Robot.load(file).task("three", "yz")
     told = [part_name(task, np.array([0.2, 0.5, 0.7]), link) for link in names]
     assert told == ["link arm_2", "link l1", "link link_6_r", "base plate", "link 7"]

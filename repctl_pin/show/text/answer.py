@@ -32,14 +32,13 @@ _NOT_SHOWN = "posture_off"
 
 _TITLES = {"pseudoinverse": "usual control", "posture": "+ posture", "repeatable": "repeatable"}
 _FIRST = (
-    "! ",
     "report.html is ",
     "on a circle of the same size ",
     "collisions of ",
     "the URDF has no collision geometry",
 )
-"""Beginnings of warnings, and of the notes on an old report, on a circle on which J⁺ drifts more,
-and on bodies that are not checked, which come first."""
+"""Beginnings of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
+are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
@@ -68,8 +67,9 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     out += [*wrapped(study_headline(study).sentence), Span(f"\n\n{fitted(_about(study))}\n\n")]
     out += _short_table(study, rows)
     notes = [f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)]
-    notes += _proved(study)
-    notes += [noted(note) for note in _notes(study, rows)]
+    others = [noted(note) for note in _notes(study, rows)]
+    warned = [note for note in others if note.startswith("! ")]
+    notes += [*warned, *_proved(study), *(note for note in others if note not in warned)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
     left = ROWS - 2 - above - _height_of(below)  # without command and next prompt
