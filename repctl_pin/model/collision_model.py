@@ -146,20 +146,37 @@ class _CollisionModel:
         """
         return np.where(self._only_contact, 0.0, distance)
 
-    def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
+    def some_distances(
+        self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False
+    ) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
         q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
         of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
-        that of the exact shapes.
+        that of the exact shapes, and with ``exact`` that of every pair; below 0 in a collision.
         """
         with self._lock:
             self._move(q)
             found = [self._apart(k) for k in pairs.tolist()]
             for i, k in enumerate(pairs.tolist()):
-                if found[i] <= 0 and self._only_contact[k]:
+                if found[i] <= 0 and (exact or self._only_contact[k]):
                     found[i] = self._exact_distance(k)
         return np.array(found)
+
+    def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
+        """Evaluate rows of Q (K, N) in blocks of B: the first row, bounds, minimum distances.
+
+        The bounds (B, P) are lower bounds on the distances of all pairs, m; the minimum distances
+        (B,) are those of :meth:`least`.
+        """
+        last = 0
+        for start, block, bounds in self._bounded(Q):
+            found = np.full(len(block), np.inf)
+            telling = self._telling(bounds) if len(self.pairs) else bounds
+            for k, q in enumerate(block if len(self.pairs) else ()):
+                with self._lock:
+                    found[k], last = self._least(q, telling[k], last, self._exact)
+            yield start, bounds, found
 
     def names(self, pair: int) -> Pair:
         """Return the names of the two links of a pair, given by its index.
@@ -184,13 +201,21 @@ class _CollisionModel:
         N is the number of joints of the model, and P that of the pairs. The bound of a
         collision-only pair is infinite where it shows that the pair does not collide.
         """
-        size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
+        for _, block, bounds in self._bounded(Q):
+            yield from zip(block, self._telling(bounds), strict=True)
+
+    def _bounded(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
+        """Yield the rows of Q (K, N) in blocks: the first row, the block, and its bounds (B, P)."""
+        size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size, 1)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
-            bounds = self._bounds(block)
-            if self._some_only_contact:
-                bounds[self._only_contact & (bounds >= 0)] = np.inf
-            yield from zip(block, bounds, strict=True)
+            yield start, block, self._bounds(block)
+
+    def _telling(self, bounds: Array) -> Array:
+        """Return bounds (B, P) that are infinite where a pair that is not measured is apart."""
+        if not self._some_only_contact:
+            return bounds
+        return np.where(self._only_contact & (bounds >= 0), np.inf, bounds)
 
     def _least(
         self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
@@ -272,10 +297,10 @@ class _CollisionModel:
     def _exact_distance(self, k: int) -> float:
         """Compute the distance of the exact shapes of pair k at the current placements, m.
 
-        It is 0 in a collision.
+        It is below 0 in a collision.
         """
         if self._collide(k):
-            return 0.0
+            return -_TOUCHING
         (a, b), result = self._both[k], coal.DistanceResult()
         one, other = self._bodies[a].exact, self._bodies[b].exact
         here, there = self._transform(a), self._transform(b)
