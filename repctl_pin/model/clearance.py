@@ -13,31 +13,34 @@ its middle, and then halved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..base.arguments import Array
 
 if TYPE_CHECKING:
     from .collision_model import Pair, _CollisionModel
 
-SHARE = 0.05
+_SHARE = 0.1
 """Maximum share by which the minimum body distance of a motion can lie below the one found."""
 
-SMALL = 1e-3
-"""The same in m, for distances below 2 cm; above 0 it stays."""
+_SMALL = 5e-3
+"""The same in m, for distances below 5 cm; the minimum stays above 0."""
 
 _FLOOR = 2e-6
 """Way of the bodies of a pair, m, from which a piece is not halved again."""
+
+_FLOOR_OF_TOUCH = 1e-3
+"""The same where a collision was found, and only an earlier one is sought."""
 
 _MOST = 4_000
 """Maximum number of distances measured between the samples of a motion."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Clearance:
     """Minimum body distance of a motion, and its first collision.
 
@@ -52,18 +55,24 @@ class Clearance:
         Links of the two bodies.
     touch : (float, (str, str)) or None
         First collision found: sample, as ``at``, and the two links.
+    overlap : float
+        Distance at the first collision, m; 0 without a collision.
+    distances : (R,) array
+        Minimum distances at the samples that were compared first, m.
     points : int
         Number of configurations at which distances were measured.
     between : bool
         True if the result holds between the samples too: no collision is before ``touch``, and
-        without a collision, the minimum lies at most 5 % or 1 mm below ``distance``. If False,
-        it is the result at ``points`` configurations.
+        without a collision, the minimum lies is above 0 and lies at most 10 % or 5 mm below
+        ``distance``. If False, it is the result at ``points`` configurations.
     """
 
     distance: float
     at: float
     links: Pair
     touch: tuple[float, Pair] | None
+    overlap: float
+    distances: Array = field(repr=False)
     points: int
     between: bool
 
@@ -96,9 +105,11 @@ class _Search:
     def __init__(self, model: _CollisionModel, Q: Array) -> None:
         self._model, self._Q = model, Q
         self._way = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
-        self._reach = model.reach()
+        # a joint that stands still moves nothing, even where its reach is not bounded
+        self._reach = np.where(self._way[-1] > 0, model.reach(), 0.0)
         self._measured = model.kept(1.0) > 0
         self._best = np.inf
+        self._distances: list[Array] = []
         self._at = 0.0
         self._touch = np.inf
         self._points = 0
@@ -109,10 +120,14 @@ class _Search:
         """Return the result, with the names of the links."""
         distance, pair = self._measure_all(self._at) if len(self._reach) else (np.inf, -1)
         links = self._model.names(pair) if pair >= 0 else ("", "")
-        touch = None
+        touch, overlap = None, 0.0
         if self._touch < np.inf:
-            touch = self._touch, self._model.names(self._measure_all(self._touch)[1])
-        return Clearance(distance, self._at, links, touch, self._points, self._between)
+            overlap, pair = self._measure_all(self._touch)
+            touch = self._touch, self._model.names(pair)
+        distances = np.concatenate(self._distances)
+        return Clearance(
+            distance, self._at, links, touch, overlap, distances, self._points, touch is None and self._between
+        )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Measure the minimum distance at some samples, the R rows.
@@ -126,6 +141,7 @@ class _Search:
             for k, distance in enumerate(distances.tolist()):
                 self._note(float(rows[start + k]), distance)
             self._points += len(distances)
+            self._distances.append(distances)
             if last is not None:
                 bounds = np.vstack([last, bounds])
             begin = start - (last is not None)
@@ -145,10 +161,9 @@ class _Search:
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")
         pairs, pieces = pairs[order], pieces[order]
-        begin = np.flatnonzero(np.diff(pairs, prepend=-1))
-        for first, last in zip(begin, [*begin[1:], len(pairs)], strict=True):
-            here = pieces[first:last]
-            self._settle_pair(int(pairs[first]), rows[here] * 1.0, rows[here + 1] * 1.0)
+        for pair in np.unique(pairs).tolist():
+            here = pieces[slice(*np.searchsorted(pairs, [pair, pair + 1]))]
+            self._settle_pair(pair, rows[here] * 1.0, rows[here + 1] * 1.0)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
         """Settle a pair on M pieces, given by the positions of their ends (M,)."""
@@ -158,7 +173,8 @@ class _Search:
             pieces = pieces.of(~self._settled(pieces.lower, measured) & (pieces.begin < self._touch))
             # measuring the middle of such a piece could not settle it
             large = ~self._settled(pieces.upper - pieces.size, measured)
-            tiny = large & (pieces.size < _FLOOR)
+            floor = _FLOOR if self._touch == np.inf else _FLOOR_OF_TOUCH
+            tiny = large & ~((pieces.size > floor) & np.isfinite(pieces.size))
             if tiny.any():
                 self._between = False
                 pieces, large = pieces.of(~tiny), large[~tiny]
@@ -197,9 +213,9 @@ class _Search:
 
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
         """Tell whether lower bounds on distances, m, settle pairs, of which some are measured."""
-        if self._touch < np.inf or self._best <= SMALL or self._best == np.inf:
+        if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
-        least = self._best - max(SHARE * self._best, SMALL)
+        least = self._best - max(_SHARE * self._best, _SMALL)
         return lower > least * measured
 
     def _measure(self, pair: int, at: float) -> float:

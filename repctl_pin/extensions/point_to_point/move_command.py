@@ -13,6 +13,8 @@ from ...base.files import write_whole
 from ...cli.given import Options, positive
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
+from ...model.bodies import bodies_of
+from ...motion.joint_motion import checked_words
 from ...show.text.lines import fitted
 from ...show.text.numbers import counted, number
 
@@ -140,7 +142,7 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
     poses, rests = len(moved.poses), len(moved.rests)
     distance = result["body_distance"]
     hits = distance is not None and distance < 0
-    said = "bodies collide." if hits else "limits respected."
+    said = "bodies collide." if hits else f"limits respected{_free(distance, moved)}."
     yield f"{counted(poses, 'pose')} in {moved.duration:.4g} s from rest to rest; {said}"
     yield ""
     blended = f", blended at {poses - rests}" if rests < poses else ""
@@ -154,3 +156,10 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
         links = " and ".join(result["nearest_bodies"]["links"])
         least = f"overlap up to {number(-distance)} m" if hits else f"minimum {number(distance)} m"
         yield f"body distance   {least}, between {links}"
+    if unchecked := bodies_of(moved.motion.task).not_checked:
+        yield f"not checked     {unchecked}"
+
+
+def _free(distance: float | None, moved: rp.MotionBetween) -> str:
+    """Write that no bodies collide, or at how many points that was checked; empty without bodies."""
+    return "" if distance is None else f", no collision{checked_words(moved.motion)}"
