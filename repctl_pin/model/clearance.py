@@ -62,9 +62,9 @@ class Clearance:
     points : int
         Number of configurations at which distances were measured.
     between : bool
-        True if the result holds between the samples too: no collision is before ``touch``, and
-        without a collision, the minimum lies is above 0 and lies at most 10 % or 5 mm below
-        ``distance``. If False, it is the result at ``points`` configurations.
+        True if the minimum holds between the samples too: no bodies collide, and the minimum lies
+        at most 10 % or 5 mm below ``distance``. False after a collision, and where distances at
+        ``points`` configurations did not decide it.
     """
 
     distance: float
@@ -126,7 +126,14 @@ class _Search:
             touch = self._touch, self._model.names(pair)
         distances = np.concatenate(self._distances)
         return Clearance(
-            distance, self._at, links, touch, overlap, distances, self._points, touch is None and self._between
+            distance,
+            self._at,
+            links,
+            touch,
+            overlap,
+            distances,
+            self._points,
+            touch is None and self._between,
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -170,7 +177,9 @@ class _Search:
         measured = bool(self._measured[pair])
         pieces = self._pieces(pair, begin, end)
         while True:
-            pieces = pieces.of(~self._settled(pieces.lower, measured) & (pieces.begin < self._touch))
+            pieces = pieces.of(
+                ~self._settled(pieces.lower, measured) & (pieces.begin < self._touch)
+            )
             # measuring the middle of such a piece could not settle it
             large = ~self._settled(pieces.upper - pieces.size, measured)
             floor = _FLOOR if self._touch == np.inf else _FLOOR_OF_TOUCH
@@ -191,7 +200,7 @@ class _Search:
             pieces = pieces.after(distance, pieces.center[k])
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
-        """Make pieces from the positions of their ends (M,), without bounds on a pair's distance."""
+        """Make pieces from the positions of their ends (M,), without bounds on the distance."""
         middle = (begin + end) / 2
         long = end - begin > 1
         middle[long] = np.rint(middle[long])

@@ -147,9 +147,7 @@ class _CollisionModel:
         """
         return np.where(self._only_contact, 0.0, distance)
 
-    def some_distances(
-        self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False
-    ) -> Array:
+    def some_distances(self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
         q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
@@ -335,7 +333,9 @@ class _CollisionModel:
             except UnusableShape as error:
                 unusable[solid.filename or solid.name] = solid.link, str(error)
                 continue
-            self._add(body, link.parentJoint, link.placement * origin(solid), solid.link, solid.name)
+            self._add(
+                body, link.parentJoint, link.placement * origin(solid), solid.link, solid.name
+            )
         return unusable
 
     def _add_surroundings(self, task: Task) -> None:

@@ -176,7 +176,7 @@ def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
 
 
 def violations(motion: Motion) -> int:
-    """Count the kinds of violation of a motion, 0 to 2: a joint limit, and a collision of bodies."""
+    """Count the kinds of violation of a motion, 0 to 2: a joint limit, and a collision."""
     return len(violations_of(motion))
 
 

@@ -46,8 +46,8 @@ class Row:
         Relative distance ``‖G − G_d‖ / ‖G_d‖`` from the desired inverse G_d, in the mean over the
         region Ω, for the design and for J⁺ if G_d is J⁺; else None.
     body_distance : float or None
-        Minimum distance between bodies, m, see :attr:`.JointMotion.clearance`; None without bodies or
-        without a motion.
+        Minimum distance between bodies, m, see :attr:`.JointMotion.clearance`; None without bodies
+        or without a motion.
     violations : tuple of Violation
         First violation of a joint limit and first collision of two bodies, as far as they occur.
     cycle_time : float or None
@@ -270,8 +270,8 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
     """Collect the minimum body distance and the first collision in plain Python types, for JSON.
 
     The keys are ``body_distance``, m, ``nearest_bodies`` and ``first_touch``, each of the last two
-    with its cycle (a fraction counts) and its two links; ``between_samples`` tells whether they hold
-    between the samples too. Values are None where no bodies are checked.
+    with its cycle (a fraction counts) and its two links; ``between_samples`` tells whether they
+    hold between the samples too. Values are None where no bodies are checked.
     """
     keys = "body_distance", "nearest_bodies", "first_touch", "between_samples"
     least = motion.clearance.distance

@@ -161,5 +161,5 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
 
 
 def _free(distance: float | None, moved: rp.MotionBetween) -> str:
-    """Write that no bodies collide, or at how many points that was checked; empty without bodies."""
+    """Write that no bodies collide, or at how many points none do; empty without bodies."""
     return "" if distance is None else f", no collision{checked_words(moved.motion)}"

@@ -387,7 +387,7 @@ def approach(
         if touch is not None:
             at, (one, other) = touch
             raise InputError(
-                f"{one!r} and {other!r} collide at {100 * at / (_LOOKED_AT - 1):.0f} % of the straight "
+                f"{one!r} and {other!r} collide at {100 * at / (len(share) - 1):.0f} % of the straight "
                 "joint-space path: go through an intermediate configuration, or pass "
                 "bodies=False if this contact is not real"
             )

@@ -193,4 +193,3 @@ def row_summary(row: Row) -> MotionSummary | None:
         return None
     moved = farthest_link(motion.task, motion.q[[0, -1]])
     return with_outlook(motion_summary(row.label, motion, moved), [motion])
-
