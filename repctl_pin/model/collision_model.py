@@ -404,7 +404,7 @@ class _CollisionModel:
     def _named_apart(self, always: _Mask) -> tuple[Pair, ...]:
         """Return the names of the pairs in a mask (P,) that overlap always.
 
-        Of a link of the surroundings with other shapes that do not overlap, the shape is named.
+        The shape is named if its link of the surroundings has others that do not overlap.
         """
         partly = set(self.named(~always))
         found: dict[Pair, None] = {}

@@ -192,7 +192,7 @@ def without_tracebacks() -> Iterator[None]:
     It writes a traceback for each missing file.
     """
     thread = get_ident()
-    logger = logging.getLogger("trimesh")
+    logger = logging.getLogger("trimesh.util")
 
     def of_others(record: logging.LogRecord) -> bool:
         return record.thread != thread

@@ -386,8 +386,9 @@ def approach(
         touch = known.along(straight, np.arange(_LOOKED_AT)).touch
         if touch is not None:
             at, (one, other) = touch
+            percent = 100 * at / (_LOOKED_AT - 1)
             raise InputError(
-                f"{one!r} and {other!r} collide at {100 * at / (len(share) - 1):.0f} % of the straight "
+                f"{one!r} and {other!r} collide at {percent:.0f} % of the straight "
                 "joint-space path: go through an intermediate configuration, or pass "
                 "bodies=False if this contact is not real"
             )
