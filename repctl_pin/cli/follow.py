@@ -389,6 +389,8 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     on the speed at both ends of the motion is added.
     """
     from ..base.arguments import percentage
+    from ..model.bodies import bodies_of
+    from ..motion.joint_motion import checked_words
 
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
@@ -406,10 +408,12 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     distance = result["body_distance"]
     if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
-        least = f"minimum {number(distance)} m"
+        least = f"minimum {number(distance)} m{checked_words(motion)}"
         if distance < 0:
             least = f"collision, overlap up to {number(-distance)} m"
         yield f"body distance   {least}, between {links}"
+    if unchecked := bodies_of(motion.task).not_checked:
+        yield f"not checked     {unchecked}"
     yield f"time            {result['duration']:.4g} s{_timing_words(result)}"
     if motion.outside is not None:
         yield f"outside Ω       {percentage(motion.outside)}"

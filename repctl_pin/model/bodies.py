@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import Array, as_configurations, require_type, vector
+from .clearance import Clearance, clearance
 from .model import link_frames
 from .robot import read_surroundings
 from .task import Task
@@ -58,7 +59,8 @@ class Bodies:
     distance: pairs that the SRDF disables, pairs with a single joint between them, and pairs whose
     hulls overlap at every sampled configuration. Links that a joint connects are not checked. Also
     not checked are pairs of the first two kinds that collide at the reference pose or at a quarter
-    of the sampled configurations, and any pair that collides at all of them.
+    of the sampled configurations, and any pair that collides at all of them. This is decided for
+    two links of the robot with all of their shapes, and for each shape of the surroundings.
 
     Bodies of the same files and joints share their geometry. Several threads can use one object.
 
@@ -83,7 +85,8 @@ class Bodies:
         Pairs not checked because the SRDF disables them and they overlap at the reference pose or
         at a quarter of the sampled configurations.
     touching : tuple of (str, str)
-        Pairs not checked because they overlap at every sampled configuration.
+        Pairs not checked because they overlap at every sampled configuration. If only some shapes
+        of a link of the surroundings do, the second name is ``shape of link``.
     missing : tuple of str
         Unusable shapes of the robot: meshes that are missing or unreadable, named as in the URDF,
         and shapes without a size. Those links have no body.
@@ -160,8 +163,9 @@ class Bodies:
                 f"the surroundings have {count} shapes: "
                 f"all are measured, the first {MAX_SHAPES} are drawn"
             )
-        outer = [pair for pair in self.touching if self.standing & {*pair}]
-        inner = [pair for pair in self.touching if not self.standing & {*pair}]
+        own = set(self.task.robot.description.links)
+        outer = [pair for pair in self.touching if not own.issuperset(pair)]
+        inner = [pair for pair in self.touching if own.issuperset(pair)]
         notes += [
             f"{_listed(pairs)} overlap at every sampled configuration; they are not checked"
             for pairs in (outer, inner)
@@ -184,6 +188,31 @@ class Bodies:
         A negative distance is a collision.
         """
         return self._all(Q)[0]
+
+    def along(self, Q: Array, rows: NDArray[np.intp]) -> Clearance:
+        """Find the minimum body distance and the first collision of a motion, see :mod:`clearance`.
+
+        Parameters
+        ----------
+        Q
+            Samples (K, n) of the motion; between two samples, the joints move on a straight line.
+        rows
+            Indices of the samples that are compared first, with 0 and K − 1.
+        """
+        if not (self.pairs or self.only_contact):
+            free = np.full(len(rows), np.inf)
+            return Clearance(np.inf, 0.0, ("", ""), None, 0.0, free, 0, between=True)
+        return clearance(self._model, self._drive.joints(Q), rows)
+
+    @property
+    def not_checked(self) -> str:
+        """Text on the bodies whose collisions are not checked; empty if all are checked."""
+        count = len(self.unchecked)
+        if not count:
+            return ""
+        lost = any("/" in name for name in self.missing)
+        remedy = "; meshes missing: --package-dir DIR" if lost else ""
+        return f"{count} {'body' if count == 1 else 'bodies'} without a shape{remedy}"
 
     def hull_distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum distance between convex hulls at every row of Q (K, n): (K,), m.

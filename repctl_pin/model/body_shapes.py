@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError, needed
 from .shapes import Shape, find_mesh
-from .surfaces import HEAD, unit
+from .surfaces import HEAD, unit, without_tracebacks
 
 _LARGEST_FILE = 100_000_000
 """Maximum size of a mesh file, bytes."""
@@ -256,7 +256,8 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
             "simplify the mesh"
         )
     try:
-        mesh = trimesh.load(path, force="mesh", process=False)
+        with without_tracebacks():
+            mesh = trimesh.load(path, force="mesh", process=False)
         meters = _unit_of(path)
         vertices = np.asarray(mesh.vertices, float) * meters * scale
         faces = np.asarray(mesh.faces, np.intp)

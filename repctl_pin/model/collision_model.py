@@ -92,6 +92,7 @@ class _CollisionModel:
         self._bodies: list[BodyShape] = []
         self._joint: list[int] = []
         self._place: list[pin.SE3] = []
+        self._shape_names: list[str] = []
         self.unusable = self._add_robot(task)
         self._own = len(self.links)
         self._add_surroundings(task)
@@ -146,20 +147,35 @@ class _CollisionModel:
         """
         return np.where(self._only_contact, 0.0, distance)
 
-    def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
+    def some_distances(self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
         q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
         of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
-        that of the exact shapes.
+        that of the exact shapes, and with ``exact`` that of every pair; below 0 in a collision.
         """
         with self._lock:
             self._move(q)
             found = [self._apart(k) for k in pairs.tolist()]
             for i, k in enumerate(pairs.tolist()):
-                if found[i] <= 0 and self._only_contact[k]:
+                if found[i] <= 0 and (exact or self._only_contact[k]):
                     found[i] = self._exact_distance(k)
         return np.array(found)
+
+    def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
+        """Evaluate rows of Q (K, N) in blocks of B: the first row, bounds, minimum distances.
+
+        The bounds (B, P) are lower bounds on the distances of all pairs, m; the minimum distances
+        (B,) are those of :meth:`least`.
+        """
+        last = 0
+        for start, block, bounds in self._bounded(Q):
+            found = np.full(len(block), np.inf)
+            telling = self._telling(bounds) if len(self.pairs) else bounds
+            for k, q in enumerate(block if len(self.pairs) else ()):
+                with self._lock:
+                    found[k], last = self._least(q, telling[k], last, self._exact)
+            yield start, bounds, found
 
     def names(self, pair: int) -> Pair:
         """Return the names of the two links of a pair, given by its index.
@@ -184,13 +200,21 @@ class _CollisionModel:
         N is the number of joints of the model, and P that of the pairs. The bound of a
         collision-only pair is infinite where it shows that the pair does not collide.
         """
-        size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
+        for _, block, bounds in self._bounded(Q):
+            yield from zip(block, self._telling(bounds), strict=True)
+
+    def _bounded(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
+        """Yield the rows of Q (K, N) in blocks: the first row, the block, and its bounds (B, P)."""
+        size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size, 1)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
-            bounds = self._bounds(block)
-            if self._some_only_contact:
-                bounds[self._only_contact & (bounds >= 0)] = np.inf
-            yield from zip(block, bounds, strict=True)
+            yield start, block, self._bounds(block)
+
+    def _telling(self, bounds: Array) -> Array:
+        """Return bounds (B, P) that are infinite where a pair that is not measured is apart."""
+        if not self._some_only_contact:
+            return bounds
+        return np.where(self._only_contact & (bounds >= 0), np.inf, bounds)
 
     def _least(
         self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
@@ -272,10 +296,10 @@ class _CollisionModel:
     def _exact_distance(self, k: int) -> float:
         """Compute the distance of the exact shapes of pair k at the current placements, m.
 
-        It is 0 in a collision.
+        It is below 0 in a collision.
         """
         if self._collide(k):
-            return 0.0
+            return -_TOUCHING
         (a, b), result = self._both[k], coal.DistanceResult()
         one, other = self._bodies[a].exact, self._bodies[b].exact
         here, there = self._transform(a), self._transform(b)
@@ -309,7 +333,9 @@ class _CollisionModel:
             except UnusableShape as error:
                 unusable[solid.filename or solid.name] = solid.link, str(error)
                 continue
-            self._add(body, link.parentJoint, link.placement * origin(solid), solid.link)
+            self._add(
+                body, link.parentJoint, link.placement * origin(solid), solid.link, solid.name
+            )
         return unusable
 
     def _add_surroundings(self, task: Task) -> None:
@@ -329,18 +355,22 @@ class _CollisionModel:
                 body = body_shape(solid, around.path, task.robot.package_dirs, standing=True)
             except UnusableShape as error:
                 raise InputError(f"{around.path}: link {solid.link!r}: {error}") from error
-            self._add(body, 0, places[solid.link] * origin(solid), name)
+            self._add(body, 0, places[solid.link] * origin(solid), name, solid.name)
 
-    def _add(self, body: BodyShape, joint: int, place: pin.SE3, link: str) -> None:
+    def _add(self, body: BodyShape, joint: int, place: pin.SE3, link: str, shape: str) -> None:
         self.links.append(link)
         self._bodies.append(body)
         self._joint.append(joint)
         self._place.append(place)
+        self._shape_names.append(shape)
 
     # ---- pairs ---------------------------------------------------------------------------------
 
     def _choose_pairs(self, task: Task) -> None:
         """Choose the pairs to check, and list the names of all pairs by how they are treated.
+
+        Each pair of the robot's own links is treated alike, whichever of their shapes overlap; a
+        link of the surroundings often has shapes far apart, which are treated one by one.
 
         Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
         between them, are checked for collisions only, and not at all if they collide at the
@@ -363,13 +393,38 @@ class _CollisionModel:
         always = share == 1
         self.disabled = self.named(ruled_out & fused)
         self.adjacent += self.named(near & ~ruled_out & fused)
-        self.touching = self.named(always & ~near)
+        self.touching = self._named_apart(always & ~near)
         own = self.pairs[:, 1] < self._own
         only_contact = near | (hulls_always & own)
         left_out = fused | always
         self.measured = self.named(~only_contact & ~left_out)
         self.only_contact = self.named(only_contact & ~left_out)
         self._measure(self.pairs[~left_out], only_contact[~left_out])
+
+    def _named_apart(self, always: _Mask) -> tuple[Pair, ...]:
+        """Return the names of the pairs in a mask (P,) that overlap always.
+
+        The shape is named if its link of the surroundings has others that do not overlap.
+        """
+        partly = set(self.named(~always))
+        found: dict[Pair, None] = {}
+        for k in np.flatnonzero(always).tolist():
+            one, other = self.names(k)
+            if (one, other) in partly:
+                other = f"{self._shape_names[self.pairs[k, 1]]} of {other}"
+            found[one, other] = None
+        return tuple(found)
+
+    def _link_pairs(self) -> NDArray[np.intp]:
+        """Number the pairs of links to which the pairs of bodies belong: (P,).
+
+        Each pair with a body of the surroundings has a number of its own.
+        """
+        numbers: dict[object, int] = {}
+        keys = [
+            frozenset(self.names(k)) if k < self._own_pairs else k for k in range(len(self.pairs))
+        ]
+        return np.array([numbers.setdefault(key, len(numbers)) for key in keys], np.intp)
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """Return the pairs (P, 2) of bodies with a moving joint between them.
@@ -441,24 +496,29 @@ class _CollisionModel:
         task
             Task whose reference pose is the first configuration.
         near
-            Mask (P,) of the pairs that are tested at every configuration; other pairs are tested
-            until their hulls are apart at one of them.
+            Mask (P,) of the pairs that are tested at every configuration; other pairs of links are
+            tested until their hulls are apart at one of them.
 
         Returns
         -------
-        Collisions at the reference pose, share of configurations with a collision, and whether the
-        hulls overlap at all configurations: (P,) each."""
+        Collisions at the reference pose, share of configurations with a collision, and whether
+        hulls overlap at all configurations, of the pairs of links to which the pairs belong: (P,)
+        each."""
         Q = _sample_configurations(task)
+        link_pair = self._link_pairs()
         count = np.zeros(len(self.pairs))
         at_reference = np.zeros(len(self.pairs), bool)
         overlaps = ~at_reference
         for i, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
             self._move(q)
-            overlap = (bounds < 0) & (near | overlaps)
-            for k in np.flatnonzero(overlap).tolist():
-                overlap[k] = self._apart(k) <= 0
-                count[k] += overlap[k] and self._collide(k)
-            overlaps &= overlap
+            overlap, hit = np.zeros((2, len(self.pairs)), bool)
+            for k in np.flatnonzero((bounds < 0) & (near | overlaps)).tolist():
+                number = link_pair[k]
+                if not hit[number] and self._apart(k) <= 0:
+                    overlap[number] = True
+                    hit[number] = self._collide(k)
+            count += hit[link_pair]
+            overlaps &= overlap[link_pair]
             if i == 0:
                 at_reference = count > 0
         return at_reference, count / len(Q), overlaps

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -166,6 +169,12 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
     import trimesh  # type: ignore[import-untyped, unused-ignore]
 
     file = io.BytesIO(data)
+    with without_tracebacks():
+        return _parsed(trimesh, file, file_type, resolver)
+
+
+def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -> Any:
+    """Parse a mesh file by a reader of trimesh, the module; see :func:`_scene`."""
     if file_type != "dae":
         return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
     # load_scene does not pass process= on to the meshes of a COLLADA file
@@ -174,6 +183,25 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
         mesh["process"] = not np.isfinite(mesh["vertices"]).all()
         mesh.pop("vertex_normals", None)  # not used, and costly to keep
     return trimesh.load_scene(parts)
+
+
+@contextmanager
+def without_tracebacks() -> Iterator[None]:
+    """Keep trimesh from logging, on this thread, what it goes on without, such as a texture.
+
+    It writes a traceback for each missing file.
+    """
+    thread = get_ident()
+    logger = logging.getLogger("trimesh.util")
+
+    def of_others(record: logging.LogRecord) -> bool:
+        return record.thread != thread
+
+    logger.addFilter(of_others)
+    try:
+        yield
+    finally:
+        logger.removeFilter(of_others)
 
 
 def _read_bytes(path: Path) -> bytes:

@@ -30,7 +30,7 @@ _INSIDE = 0.999
 """Maximum of the region's ratio at the sampled points of a circle; below 1, because the ratio can
 be larger between them."""
 _LOOKS = 12
-"""Number of points per cycle at which collisions are checked."""
+"""Number of points per cycle at which body distances are measured first."""
 
 
 def fitting_circle(
@@ -75,7 +75,7 @@ def fitting_circle(
                 inside = region is None or not (region.ratio(motion.q) > _INSIDE).any()
                 if not (clear and inside and motion.limit_margin.min() > _LEAST_MARGIN):
                     continue
-                if motion.thinned(_LOOKS).body_distance.min() > 0:
+                if motion.clearance_from(_LOOKS).distance > 0:
                     return path
                 touching = touching or path
     if touching is not None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import Array, as_int, as_matrices, read_only
 from ..base.errors import InputError
 from ..model.bodies import Nearest, bodies_of
+from ..model.clearance import Clearance
 from ..model.length import joint_scale
 from ..model.task import Task
 
@@ -159,25 +160,38 @@ class JointMotion:
         return distances
 
     @cached_property
+    def clearance(self) -> Clearance:
+        """Minimum body distance and first collision, at the samples and between them.
+
+        Between two samples, the joints move on a straight line. First, at most 100 samples per
+        cycle are compared.
+        """
+        return self.clearance_from(_COARSE)
+
+    def clearance_from(self, most: int) -> Clearance:
+        """Compute :attr:`clearance` from at most ``most`` samples per cycle.
+
+        More are measured only where these do not decide.
+        """
+        return bodies_of(self.task).along(self.q, rows_of(self, most))
+
+    @property
     def nearest_bodies(self) -> tuple[float, Nearest]:
         """Time of the minimum body distance, in cycles, and the two bodies at that time.
 
         The time has fractions: 2.5 is the middle of the third cycle. Reports name the two links.
         """
-        row = int(np.argmin(self.body_distance))
-        return row / self.steps, bodies_of(self.task).nearest(self.q[row])
+        found = self.clearance
+        return found.at / self.steps, Nearest(found.distance, found.links)
 
-    @cached_property
+    @property
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
         """First collision: (cycle in fractions, names of the two links), or None.
 
-        A negative body distance is a collision. A trajectory file is refused then.
+        It may lie between two samples. A trajectory file is refused then.
         """
-        touch = self.body_distance < 0
-        if not touch.any():
-            return None
-        row = int(np.argmax(touch))
-        return row / self.steps, bodies_of(self.task).nearest(self.q[row]).links
+        touch = self.clearance.touch
+        return None if touch is None else (touch[0] / self.steps, touch[1])
 
     @property
     def first_violation(self) -> tuple[float, str] | None:
@@ -230,10 +244,7 @@ class JointMotion:
 
     @cached_property
     def coarse(self) -> Self:
-        """The motion at no more than 100 points per cycle, at which body distances are computed.
-
-        They take too long at each step; a collision of a shorter time is not seen.
-        """
+        """The motion at no more than 100 points per cycle, for figures of body distances."""
         return self.thinned(_COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
@@ -289,25 +300,27 @@ class Violation:
         return f"{names} {verb} {into if self.moment else 'at the start'}"
 
 
-def violations_of(motion: JointMotion, bodies: JointMotion | None = None) -> tuple[Violation, ...]:
+def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
     """List the first limit violation and the first collision of a motion, in order of time.
 
     The tuple is empty if the motion can be sent to the robot.
-
-    Parameters
-    ----------
-    motion
-        Motion to check.
-    bodies
-        The same motion at fewer points, for fewer collision checks.
     """
     beyond = motion.first_violation
-    touch = (bodies or motion).first_touch
+    touch = motion.first_touch
     found: list[tuple[float, tuple[str, ...]]] = [(beyond[0], beyond[1:])] if beyond else []
     found += [touch] if touch else []
     return tuple(
         Violation(moment, cycle_of(moment, motion.cycles), names) for moment, names in sorted(found)
     )
+
+
+def checked_words(motion: JointMotion) -> str:
+    """Write at how many points collisions were checked, to follow a sentence on body distances.
+
+    The text is empty where the sentence holds between the samples too, and after a collision.
+    """
+    found = motion.clearance
+    return "" if found.between or found.touch else f" at {found.points:,} points"
 
 
 def refuse_violations(motion: JointMotion, remedy: str) -> None:

@@ -174,7 +174,7 @@ def _better(motion: Motion, given: Motion, margin: float) -> bool:
     ``margin`` is the smallest joint-limit margin allowed, rad or m.
     """
     fast = motion.rms_speed < given.rms_speed
-    return fast and _margin(motion) >= margin and bool(motion.body_distance.min() >= 0)
+    return fast and _margin(motion) >= margin and motion.clearance.touch is None
 
 
 def _margin(motion: Motion) -> float:

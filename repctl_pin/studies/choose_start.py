@@ -37,8 +37,6 @@ _SINGULAR = 1e-3
 _FAR = 1.0  # rad
 _FAINT = 1e-3
 """Displacement of every part in one cycle of J⁺, m, below which ten cycles show no drift."""
-_LOOKS = 12
-"""Number of points per cycle at which collisions are checked when a start is chosen."""
 
 _POSES = {
     "reference": "the reference pose",
@@ -178,11 +176,8 @@ def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
 
 
 def violations(motion: Motion) -> int:
-    """Count the kinds of violation of a motion, 0 to 2: a joint limit, and a collision of bodies.
-
-    Collisions are checked at 12 points per cycle only, which is enough to choose a start.
-    """
-    return len(violations_of(motion, motion.thinned(_LOOKS)))
+    """Count the kinds of violation of a motion, 0 to 2: a joint limit, and a collision."""
+    return len(violations_of(motion))
 
 
 def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:

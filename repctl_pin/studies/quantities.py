@@ -83,11 +83,14 @@ def finite(value: float) -> float | None:
 def _distance(motion: Motion, cycles: int) -> float:
     """Evaluate the minimum body distance, m, in the first ``cycles`` cycles.
 
-    It is below 0 in a collision. It is evaluated at no more than 100 points per cycle, and infinite
-    without bodies.
+    It is below 0 in a collision, and infinite without bodies.
     """
-    coarse = motion.coarse
-    return float(coarse.body_distance[: cycles * coarse.steps + 1].min())
+    found, end = motion.clearance, cycles * motion.steps
+    looks = (len(found.distances) - 1) // motion.cycles
+    least = float(found.distances[: cycles * looks + 1].min())
+    if found.touch is not None and found.touch[0] <= end:
+        least = min(least, found.overlap)
+    return min(least, found.distance) if found.at <= end else least
 
 
 QUANTITIES = (

@@ -16,7 +16,7 @@ from ..design import Design
 from ..model.task import Task
 from ..motion import LeafLock, Motion, follow, least_closed_motion
 from ..motion.fitting_circle import fitting_circle
-from ..motion.joint_motion import TOO_FAST, cycle_of
+from ..motion.joint_motion import TOO_FAST, checked_words, cycle_of
 from ..motion.motion import ON_PATH
 from ..paths import TaskPath
 from ..strategies import Pseudoinverse
@@ -50,6 +50,7 @@ def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
     return [
         *_path_losses(rows),
         *(f"{row.label}: {said}" for row in rows for said in violation_texts(row)),
+        *_looked_at(rows),
         *_drift_elsewhere(Pseudoinverse(task), q0, plain),
         *_extra_speed(plain, closed),
     ]
@@ -65,6 +66,15 @@ def unlimited_speeds(task: Task) -> list[str]:
     if not names:
         return []
     return [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"]
+
+
+def _looked_at(rows: Sequence[Row]) -> list[str]:
+    """Write a note per controller whose collisions between the samples are not ruled out."""
+    return [
+        f"{row.label}: collisions checked{words}, not between them"
+        for row in rows
+        if row.motion is not None and (words := checked_words(row.motion))
+    ]
 
 
 def _path_losses(rows: Sequence[Row]) -> list[str]:
@@ -222,4 +232,4 @@ def _from_anywhere(least: Motion) -> float:
         )
     except (InputError, SingularityError):
         return np.inf
-    return found.rms_speed if found.body_distance.min() >= 0 else np.inf
+    return found.rms_speed if found.clearance.touch is None else np.inf

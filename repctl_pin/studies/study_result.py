@@ -46,8 +46,8 @@ class Row:
         Relative distance ``‖G − G_d‖ / ‖G_d‖`` from the desired inverse G_d, in the mean over the
         region Ω, for the design and for J⁺ if G_d is J⁺; else None.
     body_distance : float or None
-        Minimum distance between bodies at 100 points per cycle, m; None without bodies or
-        without a motion.
+        Minimum distance between bodies, m, see :attr:`.JointMotion.clearance`; None without bodies
+        or without a motion.
     violations : tuple of Violation
         First violation of a joint limit and first collision of two bodies, as far as they occur.
     cycle_time : float or None
@@ -115,11 +115,11 @@ def evaluated(row: Row) -> Row:
     motion = row.motion
     if motion is None:
         return row
-    distance = float(motion.coarse.body_distance.min())
+    distance = motion.clearance.distance
     return replace(
         row,
         body_distance=distance if np.isfinite(distance) else None,
-        violations=violations_of(motion, motion.coarse),
+        violations=violations_of(motion),
     )
 
 
@@ -270,18 +270,20 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
     """Collect the minimum body distance and the first collision in plain Python types, for JSON.
 
     The keys are ``body_distance``, m, ``nearest_bodies`` and ``first_touch``, each of the last two
-    with its cycle (a fraction counts) and its two links. Values are None where no bodies are
-    checked.
+    with its cycle (a fraction counts) and its two links; ``between_samples`` tells whether they
+    hold between the samples too. Values are None where no bodies are checked.
     """
-    least = float(motion.body_distance.min())
+    keys = "body_distance", "nearest_bodies", "first_touch", "between_samples"
+    least = motion.clearance.distance
     if not np.isfinite(least):
-        return {"body_distance": None, "nearest_bodies": None, "first_touch": None}
+        return dict.fromkeys(keys)
     when, nearest = motion.nearest_bodies
     touch = motion.first_touch
     return {
         "body_distance": least,
         "nearest_bodies": {"cycle": when, "links": list(nearest.links)},
         "first_touch": None if touch is None else {"cycle": touch[0], "links": list(touch[1])},
+        "between_samples": motion.clearance.between,
     }
 
 
@@ -339,7 +341,7 @@ def _row_dict(row: Row) -> dict[str, Any]:
         **values_of(motion, "first_rms_speed", "rms_speed", "peak_speed"),
         "speed_ratio": finite(motion.speed_ratio),
         **limits_dict(motion),
-        **bodies_dict(motion.coarse),
+        **bodies_dict(motion),
         "cycle_time": row.cycle_time,
         "closes": motion.closes,
         **picked(row, "leaf_margin", "distance"),

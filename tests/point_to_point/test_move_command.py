@@ -36,7 +36,9 @@ def move(*words: str) -> int:
 def test_the_files_are_those_of_the_motion(capsys: pytest.CaptureFixture[str]) -> None:
     assert move("--jerk", "panda", "--csv", "day.csv", "--yaml", "day.yaml") == 0
     said = capsys.readouterr().out
-    assert re.match(r"3 poses in [\d.]+ s from rest to rest; limits respected\.\n", said)
+    assert re.match(
+        r"3 poses in [\d.]+ s from rest to rest; limits respected, no collision\.\n", said
+    )
     assert "at rest at 3" in said and "wrote day.yaml" in said
     F = found("position").function
     R = F.cell.placement.rotation

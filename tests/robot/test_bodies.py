@@ -544,3 +544,52 @@ def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
 def test_an_arm_without_bodies() -> None:
     bodies = rp.Bodies(rp.Robot.load("planar3r").task())
     assert bodies.pairs == () and bodies.nearest(np.zeros(3)).distance == np.inf
+
+
+TWO_SHAPES = """<robot name="capsules"><link name="l0">{body}</link>
+<link name="l1">{body}</link><link name="l2">{body}</link><link name="l3">{body}</link>
+<link name="l4"/>
+{joints}</robot>"""
+
+CAPSULE = """<collision><geometry><cylinder radius="0.09" length="0.2"/></geometry></collision>
+<collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.09"/></geometry></collision>
+<collision><origin xyz="0 0 -0.1"/><geometry><sphere radius="0.09"/></geometry></collision>"""
+
+
+def test_pairs_of_links_are_in_one_list(tmp_path: Path) -> None:
+    """Issue 52, item 26.6: links of several shapes, some of which overlap by construction."""
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<origin xyz="{x} 0 0.05"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+        for k, (x, axis) in enumerate([(0, "0 0 1"), (0, "0 1 0"), (0.3, "0 0 1"), (0.3, "0 1 0")])
+    )
+    (tmp_path / "capsules.urdf").write_text(TWO_SHAPES.format(body=CAPSULE, joints=joints))
+    task = rp.Robot.load(tmp_path / "capsules.urdf").task("l4", "position")
+    bodies = rp.Bodies(task)
+    kinds = [bodies.pairs, bodies.only_contact, bodies.adjacent, bodies.disabled, bodies.touching]
+    listed = [frozenset(pair) for kind in kinds for pair in kind]
+    assert len(listed) == len(set(listed)) == 6
+    assert ("l0", "l2") in bodies.touching
+    # l0 and l2 overlap from the start, so that no distance is theirs
+    assert not {"l0", "l2"} >= {*bodies.nearest(task.reference).links}
+
+
+def test_a_shape_of_the_surroundings_that_overlaps_hides_no_other(tmp_path: Path) -> None:
+    """Issue 52, item 26.6: a link of the surroundings holds the pedestal and a post."""
+    scene = """<robot name="scene"><link name="scene">
+    <collision><geometry><sphere radius="0.3"/></geometry></collision>
+    <collision><origin xyz="2.5 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>
+    </link></robot>"""
+    (tmp_path / "scene.urdf").write_text(scene)
+    arm = chain_with_bodies(tmp_path)
+    text = arm.read_text()
+    at = text.index('<link name="a"')
+    end = text.index(">", at)
+    ball = "<collision><geometry><sphere radius='0.2'/></geometry></collision>"
+    link = f'<link name="a">{ball}' + ("</link>" if text[end - 1] == "/" else "")
+    arm.write_text(text[:at] + link + text[end + 1 :])
+    task = rp.Robot.load(arm, surroundings=tmp_path / "scene.urdf").task("tip", "position")
+    bodies = rp.Bodies(task)
+    assert ("a", "scene_0 of scene") in bodies.touching and ("a", "scene") in bodies.pairs
+    assert any("scene_0 of scene overlap" in note for note in bodies.notes)

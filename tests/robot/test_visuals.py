@@ -290,3 +290,34 @@ def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
         visuals.placements(Q)[:, -1], np.broadcast_to(expected, (len(Q), 4, 4)), atol=1e-12
     )
     np.testing.assert_array_equal(visuals.placements(Q)[:, :-1], alone.placements(Q))
+
+
+def test_a_missing_texture_is_no_traceback(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Issue 52, item 26.9: a .ply names an image that is not there."""
+    cube = trimesh.creation.box()
+    head = ["ply", "format ascii 1.0", "comment TextureFile lost.png"]
+    head += [f"element vertex {len(cube.vertices)}", *(f"property float {x}" for x in "xyz")]
+    head += [f"element face {len(cube.faces)}", "property list uchar int vertex_indices"]
+    rows = [" ".join(map(str, point)) for point in cube.vertices.tolist()]
+    rows += ["3 " + " ".join(map(str, face)) for face in cube.faces.tolist()]
+    (tmp_path / "cube.ply").write_text("\n".join([*head, "end_header", *rows]) + "\n")
+    trimesh.load(tmp_path / "cube.ply", resolver=trimesh.resolvers.FilePathResolver(tmp_path))
+    assert "Traceback" in capfd.readouterr().err or caplog.text  # alone, trimesh logs it
+    caplog.clear()
+    mesh = '<geometry><mesh filename="cube.ply"/></geometry>'
+    text = (
+        f'<robot name="r"><link name="a"/><link name="b"><visual>{mesh}</visual>'
+        f"<collision>{mesh}</collision></link>"
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    (tmp_path / "r.urdf").write_text(text)
+    task = rp.Robot.load(tmp_path / "r.urdf").task("b", "xy")
+    from repctl_pin.model.surfaces import read_surface
+
+    assert len(read_surface(tmp_path / "cube.ply").faces) == 12
+    assert not rp.Bodies(task).missing
+    said = capfd.readouterr()
+    assert not said.out and not said.err and not caplog.records

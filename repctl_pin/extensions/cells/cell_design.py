@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import Array, ratio_in_percent, read_only
 from ...base.certificate import CELL_THEOREM, Proof, fingerprint, own_proof, proved_words
 from ...design.subject import rounded, task_parts
+from ...model.bodies import bodies_of
 from ...model.task import Task
 from ...motion.fitting_circle import fitting_circle
 from ...paths import ClosedPath, TaskPath
@@ -224,8 +225,12 @@ class CellDesign:
         )
         if left_out := self.function.chart.cell.excepted:
             margin += f"\nwithout {', '.join(left_out)}, whose limits end the range"
-        bodies = f"{100 * j.body_distance:.3g} cm, {' and '.join(j.nearest_bodies)}"
-        bodies += _unmet(j.body_distance, self.requested_body_distance)
+        bodies = "no collision bodies"
+        if np.isnan(j.body_distance):
+            bodies = "not known: the bodies have changed since it was evaluated"
+        elif np.isfinite(j.body_distance):
+            bodies = f"{100 * j.body_distance:.3g} cm, {' and '.join(j.nearest_bodies)}"
+            bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
         speed = f"{ratio_in_percent(j.extra_speed)} ± {100 * j.extra_speed_error:.1g} on average, "
@@ -251,16 +256,17 @@ class CellDesign:
             "extra joint speed": speed,
             "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
-            "body distance": "not known: the bodies have changed since it was evaluated"
-            if np.isnan(j.body_distance)
-            else bodies
-            if np.isfinite(j.body_distance)
-            else "no collision bodies",
+            "body distance": self._with_unchecked(bodies),
             "σ_min(J)": sigma,
             "leaf margin": f"{leaf}, {proved_words(self.proof)}",
             "residual": f"{j.residual:.1g} m or rad",
             "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
+
+    def _with_unchecked(self, bodies: str) -> str:
+        """Add to a text on body distances the bodies that are not checked for collisions."""
+        unchecked = bodies_of(self.task).not_checked
+        return f"{bodies}\nnot checked: {unchecked}" if unchecked else bodies
 
     def _symmetry(self) -> dict[str, str]:
         """Return texts by display name: the symmetries that are used, and the ranges they allow.

@@ -27,9 +27,6 @@ from ..timing.profile import Course, require_samples
 from .lines import Function
 from .parts import parts_of
 
-_LOOKED_AT = 50
-"""Number of points per line at which limit margins and body distances are evaluated."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 @read_only
@@ -38,7 +35,7 @@ class MotionBetween(TimedMotion):
 
     It is a :class:`TimedMotion`: :func:`write_motion` writes it, :class:`Run` runs it with a feed
     override. The first and the last sample are at rest, and the derivatives are exact. ``motion``
-    holds its configurations at fewer points, with their limit margins and body distances.
+    holds its configurations, with their limit margins and body distances.
 
     Attributes
     ----------
@@ -214,7 +211,7 @@ def between(
         acceleration=kept.acceleration,
         jerk=kept.jerk,
         stops=len(rests) - 2,
-        motion=_looked_at(F.task, course, times),
+        motion=JointMotion(F.task, t, q, qdot, 1, len(t) - 1),
         trajectory=course,
         poses=X,
         lines=tuple(line.kind for line in lines),
@@ -248,15 +245,3 @@ def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
         except InputError as error:
             raise InputError(f"{name}: {error}") from None
     return np.array(Q)
-
-
-def _looked_at(task: Task, course: Course, times: Array) -> JointMotion:
-    """Evaluate the motion at 50 points per line, at which limit margins and collisions are checked.
-
-    ``times`` (P,) are those of the poses, s.
-    """
-    share = np.arange(_LOOKED_AT) / _LOOKED_AT
-    t = times[:-1, None] + np.diff(times)[:, None] * share
-    t = np.append(t, times[-1])
-    q, qdot, *_ = course.derivatives(t)
-    return JointMotion(task, t, q, qdot, 1, len(t) - 1)

@@ -137,10 +137,16 @@ def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
 
 def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
     """Yield the lines of text that report the motion."""
+    from ...model.bodies import bodies_of
+    from ...motion.joint_motion import checked_words
+
+    motion = moved.motion
+    assert motion is not None
     poses, rests = len(moved.poses), len(moved.rests)
     distance = result["body_distance"]
     hits = distance is not None and distance < 0
-    said = "bodies collide." if hits else "limits respected."
+    free = "" if distance is None else f", no collision{checked_words(motion)}"
+    said = "bodies collide." if hits else f"limits respected{free}."
     yield f"{counted(poses, 'pose')} in {moved.duration:.4g} s from rest to rest; {said}"
     yield ""
     blended = f", blended at {poses - rests}" if rests < poses else ""
@@ -154,3 +160,5 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
         links = " and ".join(result["nearest_bodies"]["links"])
         least = f"overlap up to {number(-distance)} m" if hits else f"minimum {number(distance)} m"
         yield f"body distance   {least}, between {links}"
+    if unchecked := bodies_of(motion.task).not_checked:
+        yield f"not checked     {unchecked}"

@@ -315,7 +315,7 @@ def _sampled(
 
 
 _LOOKED_AT = 101
-"""Number of points of an approach at which collisions are checked."""
+"""Number of points of an approach at which body distances are measured first."""
 
 
 def approach(
@@ -383,11 +383,12 @@ def approach(
     if bodies:
         straight = ends[0] + share * (ends[1] - ends[0])
         known = bodies_of(task)
-        distances = known.distances(straight)
-        if distances[at := int(np.argmin(distances))] < 0:
-            one, other = known.nearest(straight[at]).links
+        touch = known.along(straight, np.arange(_LOOKED_AT)).touch
+        if touch is not None:
+            at, (one, other) = touch
+            percent = 100 * at / (_LOOKED_AT - 1)
             raise InputError(
-                f"{one!r} and {other!r} collide at {100 * share[at, 0]:.0f} % of the straight "
+                f"{one!r} and {other!r} collide at {percent:.0f} % of the straight "
                 "joint-space path: go through an intermediate configuration, or pass "
                 "bodies=False if this contact is not real"
             )

@@ -331,7 +331,7 @@ def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> Firs
             at, joint = first
             found.append((at, f"{joint} past its speed limit", child[joint], one.task))
     whole = track.motion or (played[0] if len(played) == 1 else None)
-    if whole is not None and (touch := whole.coarse.first_touch):
+    if whole is not None and (touch := whole.first_touch):
         at, links = touch
         link = next(name for name in links if name in description.links)
         found.append((at, f"{' and '.join(links)} have touched", link, whole.task))

@@ -80,7 +80,7 @@ def _bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) ->
         Label, motion and colour of each.
     """
     lines = [
-        (label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions
+        (label, colour, _least_in_cycles(m.clearance.distances, m)) for label, m, colour in motions
     ]
     _least_over_cycles(ax, lines, motions[0][1].cycles)
     ax.set_ylabel("minimum body distance (m)")
@@ -121,7 +121,7 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     ``motions`` lists the label, motion and colour of each controller. The report of a study shows
     it.
     """
-    bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
+    bodies = np.isfinite(motions[0][1].clearance.distance)
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
     for ax in third:

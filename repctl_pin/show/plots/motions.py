@@ -141,7 +141,7 @@ def _drift_lines(ax: Axes, curves: Sequence[_Curve], size: float = 4.0) -> None:
             label=curve.label,
             clip_on=False,  # a zero lies on the axis
         )
-        for beyond in violations_of(motion, motion.coarse):
+        for beyond in violations_of(motion):
             cross = _BEYOND | {"ms": 2.25 * size}
             ax.plot(beyond.cycle, values[beyond.cycle - 1], **cross)
 
@@ -223,7 +223,7 @@ def _end_words(curve: _Curve, high: float) -> str:
     above = " ↑" if curve.values[-1] > high else ""
     beyond = "".join(
         f"\n× {'limit' if len(it.names) == 1 else 'collision'} in cycle {it.cycle}"
-        for it in violations_of(curve.motion, curve.motion.coarse)
+        for it in violations_of(curve.motion)
     )
     return f"{curve.label}: {curve.words}{above}{beyond}"
 
@@ -261,7 +261,7 @@ def _joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joi
             lw=1.1,
             label=label,
         )
-        for beyond in violations_of(motion, motion.coarse):
+        for beyond in violations_of(motion):
             if beyond.names == task.joint_names[joint : joint + 1]:
                 ax.plot(
                     beyond.moment, motion.q[round(beyond.moment * motion.steps), joint], **_BEYOND

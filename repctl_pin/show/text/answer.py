@@ -20,7 +20,7 @@ from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
 from .lines import COLUMNS, Span, fitted, noted, wrapped
-from .motion_summary import MotionSummary, row_summary, without_shape
+from .motion_summary import MotionSummary, row_summary
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table_spans
 
@@ -116,10 +116,8 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = [[Span(name), *line] for name, line in _cells(study, rows)]
     out = [*table_spans(header, cells), Span("\n")]
-    if unchecked := _unchecked(study):
-        meshes = bodies_of(study.task).missing
-        lost = "; meshes missing: --package-dir DIR" if any("/" in m for m in meshes) else ""
-        out.append(Span(f"not checked: {without_shape(unchecked)}{lost}\n", "near"))
+    if unchecked := bodies_of(study.task).not_checked:
+        out.append(Span(f"not checked: {unchecked}\n", "near"))
     return out
 
 
@@ -132,11 +130,6 @@ def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
-
-
-def _unchecked(study: Study) -> int:
-    """Count the bodies that are not checked for collisions, because their shape is unknown."""
-    return len(bodies_of(study.task).unchecked)
 
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
@@ -161,7 +154,7 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     if ends:
         names.insert(2, f"{end_name(ends[0])} off at the end")
     checked = any(one.body_distance is not None for one in known)
-    if checked or not _unchecked(study):
+    if checked or not bodies_of(study.task).unchecked:
         names.append("closest links")
     columns = [
         [Span(stopped_cell(row), "bad")] * len(names)

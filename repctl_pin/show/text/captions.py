@@ -106,7 +106,7 @@ def cycles_words(study: Study) -> str:
     for label, motion in _moved(study):
         margin = float(motion.limit_margin.min())
         limits = f"minimum limit margin {margin:.3g}" if margin < 1e6 else "no limits"
-        distance = float(motion.coarse.body_distance.min())
+        distance = motion.clearance.distance
         bodies = f", minimum body distance {distance:.3g} m" if np.isfinite(distance) else ""
         parts.append(f"{label}: peak speed {motion.peak_speed:.3g} per s, {limits}{bodies}")
     return (

@@ -18,7 +18,7 @@ from ...motion.motion import ON_PATH
 from ...paths.winding import winding_words
 from ...studies.study_result import Row, Study
 from .lines import Span, capital
-from .motion_summary import SMALL, TURNED, MotionSummary, row_summary, without_shape
+from .motion_summary import SMALL, TURNED, MotionSummary, row_summary
 from .numbers import counted, displacement, metres, percent, radians
 
 NEAR = 0.02
@@ -150,7 +150,11 @@ def headline_of(
         Number of arms that follow paths in each motion.
     """
     times = counted(cycles, "cycle")
-    said = [*_winds(summaries), *(Span(f"{text} ", "bad") for text in stopped)]
+    said = [
+        *_collide(summaries),
+        *_winds(summaries),
+        *(Span(f"{text} ", "bad") for text in stopped),
+    ]
     if not summaries:
         return Headline(tuple(said), ())
     notes = tuple(_notes(summaries))
@@ -171,6 +175,15 @@ def headline_of(
     else:
         said += _drifted(summaries, f"After {times} " if lost else "")
     return Headline((*said, *_ends(summaries)), notes)
+
+
+def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Write that bodies collide in every motion that is compared, so that none can be run."""
+    if len(summaries) < 2 or not all(one.collision_cycle and one.near for one in summaries):
+        return []
+    pairs = dict.fromkeys(" and ".join(one.near) for one in summaries)
+    words = f"{', '.join(pairs)} collide; give another start or path. "
+    return [Span(f"No motion without a collision was found: {words}", "bad")]
 
 
 def _whole(text: str) -> str:
@@ -435,7 +448,9 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
         if one.collision_cycle
     ]
     near = [one for one in free if (one.body_distance or 0.0) < NEAR]
-    texts = [f"{' and '.join(one.near)} come as near as {_distance(one)}" for one in near]
+    texts = [
+        f"{' and '.join(one.near)} come as near as {_distance(one)}{one.checked}" for one in near
+    ]
     if len(texts) == 2 and texts[0] == texts[1]:
         said.append(Span(f"{texts[0]}, in both.", "near"))
     else:
@@ -447,7 +462,8 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
         return said
     least = min(free, key=lambda one: one.body_distance or 0.0)
     both = ", in both" if len(free) == 2 else ""
-    return [Span(f"Links stay at least {_distance(least)} apart{both}.")]
+    checked = next((one.checked for one in free if one.checked), "")
+    return [Span(f"Links stay at least {_distance(least)} apart{both}{checked}.")]
 
 
 def _distance(one: MotionSummary) -> str:
@@ -460,6 +476,5 @@ def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
 
     Without it, the user could take such bodies for free of collisions. Empty if all are checked.
     """
-    count = max(one.unchecked for one in summaries)
-    said = Span(f"Collisions not checked: {without_shape(count)}.", "near")
-    return [said] if count else []
+    texts = dict.fromkeys(one.unchecked for one in summaries if one.unchecked)
+    return [Span(f"Collisions not checked: {text}.", "near") for text in texts]

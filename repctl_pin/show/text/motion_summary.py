@@ -14,7 +14,7 @@ import numpy as np
 from ...model.bodies import bodies_of
 from ...model.length import arm_length
 from ...motion.displacement import end_displacements, farthest_link, leaves_range
-from ...motion.joint_motion import JointMotion, cycle_of
+from ...motion.joint_motion import JointMotion, checked_words, cycle_of
 from ...motion.motion import Motion
 from ...paths.winding import winding
 from ...studies.study_result import Row
@@ -68,8 +68,11 @@ class MotionSummary:
         controls.
     ends : dict of str to float
         Displacement at the end of each other end effector that moves with the arm, m, by link.
-    unchecked : int
-        Number of bodies without a collision shape, which are not checked for collisions.
+    checked : str
+        Text that says at how many points body distances were checked; empty if the minimum holds
+        between the samples too.
+    unchecked : str
+        Text on the bodies that are not checked for collisions, see :attr:`.Bodies.not_checked`.
     leaves : (int, str) or None
         The cycle in which a joint leaves its range if it drifts on at this rate, and the joint.
     near : tuple of str
@@ -92,7 +95,8 @@ class MotionSummary:
     link: str = ""
     hand_off: float = 0.0
     ends: Mapping[str, float] = field(default_factory=dict)
-    unchecked: int = 0
+    checked: str = ""
+    unchecked: str = ""
     leaves: tuple[int, str] | None = None
     near: tuple[str, ...] = ()
     winding: tuple[int, str] = (0, "")
@@ -135,11 +139,11 @@ def motion_summary(
     task, closes = motion.task, motion.closes
     (link, off), first, last = moved, motion.q[0], motion.q[-1]
     hand = task.error(last, task.placements(first))[task.kind.linear]
-    violation, coarse = motion.first_violation, motion.coarse
+    violation = motion.first_violation
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
     body_distance, collision = (
-        (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
+        (motion.clearance.distance, motion.first_touch) if bodies else (np.inf, None)
     )
     return MotionSummary(
         label,
@@ -156,7 +160,8 @@ def motion_summary(
         link,
         float(np.linalg.norm(hand)),
         {link: float(d[-1]) for link, d in end_displacements(task, motion.q[[0, -1]]).items()},
-        len(bodies_of(task).unchecked) if bodies else 0,
+        checked=checked_words(motion) if bodies else "",
+        unchecked=bodies_of(task).not_checked if bodies else "",
         winding=(winding(task, motion.path), task.joint_names[0])
         if isinstance(motion, Motion)
         else (0, ""),
@@ -177,7 +182,7 @@ def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> Motio
         The motion of each chain of the robot.
     """
     found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
-    near = () if summary.body_distance is None else played[0].coarse.nearest_bodies[1].links
+    near = () if summary.body_distance is None else played[0].clearance.links
     return replace(summary, leaves=min(found, default=None), near=near)
 
 
@@ -188,8 +193,3 @@ def row_summary(row: Row) -> MotionSummary | None:
         return None
     moved = farthest_link(motion.task, motion.q[[0, -1]])
     return with_outlook(motion_summary(row.label, motion, moved), [motion])
-
-
-def without_shape(count: int) -> str:
-    """Write how many bodies have no collision shape, such as ``2 bodies without a shape``."""
-    return f"{count} {'body' if count == 1 else 'bodies'} without a shape"

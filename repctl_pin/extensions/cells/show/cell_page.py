@@ -12,8 +12,9 @@ from itertools import product
 import numpy as np
 
 from ....base.arguments import Array, ratio_in_percent
+from ....model.bodies import bodies_of
 from ....motion import Motion, elbow
-from ....motion.joint_motion import TOO_FAST
+from ....motion.joint_motion import TOO_FAST, checked_words
 from ....show.page.html import render
 from ....show.page.playback import TracedChain, playback_of, playback_page
 from ....show.page.snapshot import still_figure
@@ -246,16 +247,20 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
 
     ``path`` is empty, or has the motion along the sample path, which counts, too.
     """
-    distances = [float(motion.coarse.body_distance.min()) for motion in path]
-    least = min([design.body_distance, *distances])
+    unchecked = bodies_of(design.task).not_checked
+    more = [Span(f"Collisions not checked: {unchecked}.", "near")] if unchecked else []
+    found = [(design.body_distance, design.evaluation.nearest_bodies)]
+    found += [(motion.clearance.distance, motion.clearance.links) for motion in path]
+    least, links = min(found, key=lambda one: one[0])
     if not np.isfinite(least):
-        return [Span("No collision bodies: collisions are not checked.")]
-    links = " and ".join(design.evaluation.nearest_bodies)
+        return more or [Span("No collision bodies: collisions are not checked.")]
+    named = " and ".join(links)
+    checked = next(filter(None, map(checked_words, path)), "")
     if least < 0:
-        return [Span(f"{links} collide.", "bad")]
+        return [Span(f"{named} collide.", "bad"), *more]
     if least < NEAR:
-        return [Span(f"{links} come as near as {metres(least)}.", "near")]
-    return [Span(f"Links stay at least {metres(least)} apart.")]
+        return [Span(f"{named} come as near as {metres(least)}{checked}.", "near"), *more]
+    return [Span(f"Links stay at least {metres(least)} apart{checked}."), *more]
 
 
 def _unbroken(span: Span) -> Span:

@@ -1,0 +1,302 @@
+r"""Minimum body distance along a motion, at its samples and between them.
+
+Between two samples, the joints move on a straight line. A pair's distance d changes by at most
+ρ·\|q − x\| from x to q, with ρ_j a bound on how far joint j moves the points of the two bodies
+against each other, see :meth:`.BodyBounds.reach`. So on a piece of the motion whose configurations
+differ from its middle c by at most w per joint,
+
+.. math:: d(q) \ge d(x) - \rho \cdot (|c - x| + w)
+
+for every configuration x at which d was measured. A piece that this does not settle is measured at
+its middle, and then halved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arguments import Array
+
+if TYPE_CHECKING:
+    from .collision_model import Pair, _CollisionModel
+
+_SHARE = 0.1
+"""Maximum share by which the minimum body distance of a motion can lie below the one found."""
+
+_SMALL = 5e-3
+"""The same in m, for distances below 5 cm; the minimum stays above 0."""
+
+_FLOOR = 2e-6
+"""Way of the bodies of a pair, m, from which a piece is not halved again."""
+
+_FLOOR_OF_TOUCH = 1e-3
+"""The same where a collision was found, and only an earlier one is sought."""
+
+_MOST = 4_000
+"""Maximum number of distances measured between the samples of a motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Minimum body distance of a motion, and its first collision.
+
+    Attributes
+    ----------
+    distance : float
+        Minimum distance found, m: below 0 in a collision, 0 if only convex hulls overlap, inf
+        without bodies.
+    at : float
+        Sample of the minimum, from 0; a fraction lies between two samples.
+    links : (str, str)
+        Links of the two bodies.
+    touch : (float, (str, str)) or None
+        First collision found: sample, as ``at``, and the two links.
+    overlap : float
+        Distance at the first collision, m; 0 without a collision.
+    distances : (R,) array
+        Minimum distances at the samples that were compared first, m.
+    points : int
+        Number of configurations at which distances were measured.
+    between : bool
+        True if the minimum holds between the samples too: no bodies collide, and the minimum lies
+        at most 10 % or 5 mm below ``distance``. False after a collision, and where distances at
+        ``points`` configurations did not decide it.
+    """
+
+    distance: float
+    at: float
+    links: Pair
+    touch: tuple[float, Pair] | None
+    overlap: float
+    distances: Array = field(repr=False)
+    points: int
+    between: bool
+
+
+def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clearance:
+    """Find the minimum body distance and the first collision of a motion.
+
+    Parameters
+    ----------
+    model
+        Bodies and their pairs.
+    Q
+        Samples (K, N) of the motion, a value per joint of the model. Between two samples, the
+        joints move on a straight line.
+    rows
+        Indices of the samples at which all pairs are compared first; with 0 and K − 1.
+    """
+    search = _Search(model, Q)
+    undecided = search.look_at(rows)
+    search.settle(rows, undecided)
+    return search.found()
+
+
+class _Search:
+    """Search for the minimum body distance of a motion, piece by piece.
+
+    Positions on the motion are sample numbers; a fraction lies between two samples.
+    """
+
+    def __init__(self, model: _CollisionModel, Q: Array) -> None:
+        self._model, self._Q = model, Q
+        self._way = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
+        # a joint that stands still moves nothing, even where its reach is not bounded
+        self._reach = np.where(self._way[-1] > 0, model.reach(), 0.0)
+        self._measured = model.kept(1.0) > 0
+        self._best = np.inf
+        self._distances: list[Array] = []
+        self._at = 0.0
+        self._touch = np.inf
+        self._points = 0
+        self._left = _MOST
+        self._between = True
+
+    def found(self) -> Clearance:
+        """Return the result, with the names of the links."""
+        distance, pair = self._measure_all(self._at) if len(self._reach) else (np.inf, -1)
+        links = self._model.names(pair) if pair >= 0 else ("", "")
+        touch, overlap = None, 0.0
+        if self._touch < np.inf:
+            overlap, pair = self._measure_all(self._touch)
+            touch = self._touch, self._model.names(pair)
+        distances = np.concatenate(self._distances)
+        return Clearance(
+            distance,
+            self._at,
+            links,
+            touch,
+            overlap,
+            distances,
+            self._points,
+            touch is None and self._between,
+        )
+
+    def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Measure the minimum distance at some samples, the R rows.
+
+        Returns the pairs, and the pieces between two rows, by index, that the lower bounds at both
+        rows do not settle.
+        """
+        pairs, pieces = [], []
+        last = None
+        for start, bounds, distances in self._model.blocks(self._Q[rows]):
+            for k, distance in enumerate(distances.tolist()):
+                self._note(float(rows[start + k]), distance)
+            self._points += len(distances)
+            self._distances.append(distances)
+            if last is not None:
+                bounds = np.vstack([last, bounds])
+            begin = start - (last is not None)
+            last = bounds[-1:]
+            way = np.diff(self._way[rows[begin : begin + len(bounds)]], axis=0) @ self._reach.T
+            lower = (bounds[:-1] + bounds[1:] - way) / 2
+            piece, pair = np.nonzero(~self._settled(lower, self._measured))
+            pairs.append(pair)
+            pieces.append(piece + begin)
+        none = np.zeros(0, np.intp)
+        return np.concatenate([none, *pairs]), np.concatenate([none, *pieces])
+
+    def settle(
+        self, rows: NDArray[np.intp], undecided: tuple[NDArray[np.intp], NDArray[np.intp]]
+    ) -> None:
+        """Settle the pairs on the pieces between rows that are undecided, by their indices."""
+        pairs, pieces = undecided
+        order = np.argsort(pairs, kind="stable")
+        pairs, pieces = pairs[order], pieces[order]
+        for pair in np.unique(pairs).tolist():
+            here = pieces[slice(*np.searchsorted(pairs, [pair, pair + 1]))]
+            self._settle_pair(pair, rows[here] * 1.0, rows[here + 1] * 1.0)
+
+    def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
+        """Settle a pair on M pieces, given by the positions of their ends (M,)."""
+        measured = bool(self._measured[pair])
+        pieces = self._pieces(pair, begin, end)
+        while True:
+            pieces = pieces.of(
+                ~self._settled(pieces.lower, measured) & (pieces.begin < self._touch)
+            )
+            # measuring the middle of such a piece could not settle it
+            large = ~self._settled(pieces.upper - pieces.size, measured)
+            floor = _FLOOR if self._touch == np.inf else _FLOOR_OF_TOUCH
+            tiny = large & ~((pieces.size > floor) & np.isfinite(pieces.size))
+            if tiny.any():
+                self._between = False
+                pieces, large = pieces.of(~tiny), large[~tiny]
+            if not len(large):
+                return
+            if self._left <= 0:
+                self._between = False
+                return
+            if large.any():
+                pieces = pieces.of(~large).and_those(self._halves(pair, pieces.of(large)))
+                continue
+            k = int(np.argmin(pieces.lower))
+            distance = self._measure(pair, float(pieces.middle[k]))
+            pieces = pieces.after(distance, pieces.center[k])
+
+    def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
+        """Make pieces from the positions of their ends (M,), without bounds on the distance."""
+        middle = (begin + end) / 2
+        long = end - begin > 1
+        middle[long] = np.rint(middle[long])
+        way = _between(self._way, middle)
+        half = np.maximum(way - _between(self._way, begin), _between(self._way, end) - way)
+        none = np.full(len(begin), np.inf)
+        moves = np.flatnonzero(self._reach[pair])
+        center = _between(self._Q, middle)[:, moves] * self._reach[pair, moves]
+        return _Pieces(begin, end, middle, half @ self._reach[pair], -none, none, center)
+
+    def _halves(self, pair: int, pieces: _Pieces) -> _Pieces:
+        """Halve pieces at their middles."""
+        begin, end = np.stack([pieces.begin, pieces.middle]), np.stack([pieces.middle, pieces.end])
+        halves = self._pieces(pair, begin.ravel(), end.ravel())
+        moved = np.abs(halves.center - np.tile(pieces.center, (2, 1))).sum(axis=1)
+        return halves._replace(
+            lower=np.tile(pieces.lower, 2), upper=np.tile(pieces.upper, 2) + moved
+        )
+
+    def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
+        """Tell whether lower bounds on distances, m, settle pairs, of which some are measured."""
+        if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
+            return lower > 0
+        least = self._best - max(_SHARE * self._best, _SMALL)
+        return lower > least * measured
+
+    def _measure(self, pair: int, at: float) -> float:
+        """Measure the distance of a pair at a position, m; below 0 in a collision."""
+        self._left -= 1
+        self._points += 1
+        q = self._Q[int(at)] if at.is_integer() else _between(self._Q, np.array([at]))[0]
+        distance = float(self._model.some_distances(q, np.array([pair]), exact=True)[0])
+        if distance < 0:
+            self._note(at, self._measure_all(at)[0])
+        elif self._measured[pair]:
+            self._note(at, distance)
+        return distance
+
+    def _measure_all(self, at: float) -> tuple[float, int]:
+        """Measure the minimum distance at a position, m, and find its pair."""
+        found, which = self._model.least(_between(self._Q, np.array([at])))
+        return float(found[0]), int(which[0])
+
+    def _note(self, at: float, distance: float) -> None:
+        """Note a minimum distance that was measured at a position."""
+        if distance < self._best:
+            self._best, self._at = distance, at
+        if distance < 0:
+            self._touch = min(self._touch, at)
+
+
+class _Pieces(NamedTuple):
+    """Pieces of a motion that are not settled for a pair, with bounds on its distance, m.
+
+    Attributes
+    ----------
+    begin, end, middle
+        Positions of both ends, and of the middles (M,).
+    size
+        Maximum way of the bodies of the pair from the middle to any point of a piece (M,).
+    lower
+        Lower bounds on the distance on the pieces (M,).
+    upper
+        Upper bounds on the distance at the middles (M,).
+    center
+        Joints that move the pair at the middles, times their reach: (M, J), m.
+    """
+
+    begin: Array
+    end: Array
+    middle: Array
+    size: Array
+    lower: Array
+    upper: Array
+    center: Array
+
+    def of(self, which: NDArray[np.bool_]) -> _Pieces:
+        """Return the pieces of a mask (M,)."""
+        return self if which.all() else _Pieces(*(values[which] for values in self))
+
+    def and_those(self, more: _Pieces) -> _Pieces:
+        """Return these pieces and more."""
+        return _Pieces(*map(np.concatenate, zip(self, more, strict=True)))
+
+    def after(self, distance: float, at: Array) -> _Pieces:
+        """Return the pieces with the bounds that follow from a distance measured at ``at`` (J,)."""
+        moved = np.abs(self.center - at).sum(axis=1)
+        return self._replace(
+            lower=np.maximum(self.lower, distance - moved - self.size),
+            upper=np.minimum(self.upper, distance + moved),
+        )
+
+
+def _between(values: Array, at: Array) -> Array:
+    """Interpolate rows of values (K, N) at positions (M,): (M, N)."""
+    first = np.minimum(at.astype(np.intp), len(values) - 1)
+    last = np.minimum(first + 1, len(values) - 1)
+    share = (at - first)[:, None]
+    return np.asarray((1 - share) * values[first] + share * values[last])

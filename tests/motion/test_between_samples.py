@@ -1,0 +1,131 @@
+"""Body distances hold between the samples of a motion: a dense check is the oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+
+LINKS = np.array([0.5, 0.4, 0.3])
+
+ARM = """<robot name="arm"><link name="base"/>
+{links}
+{joints}</robot>"""
+
+LINK = """<link name="l{k}"><collision><origin xyz="{x} 0 0" rpy="0 1.5707963 0"/>
+<geometry><capsule radius="0.01" length="{length}"/></geometry></collision></link>"""
+
+JOINT = """<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/>
+<origin xyz="{x} 0 0"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="1"/>
+</joint>"""
+
+THIN = """<robot name="thin"><link name="ground"/><link name="thin"><collision>
+<origin rpy="0 0 {yaw}"/><geometry>{shape}</geometry></collision></link>
+<joint name="there" type="fixed"><parent link="ground"/><child link="thin"/>
+<origin xyz="{x} {y} 0"/></joint></robot>"""
+
+
+def arm(folder: Path) -> Path:
+    """Three links of capsules in a plane."""
+    starts = [0.0, *LINKS[:2]]
+    parents = ["base", "l0", "l1"]
+    links = [LINK.format(k=k, x=a / 2, length=a) for k, a in enumerate(LINKS)]
+    joints = [JOINT.format(k=k, parent=parents[k], x=starts[k]) for k in range(3)]
+    (folder / "arm.urdf").write_text(ARM.format(links="\n".join(links), joints="\n".join(joints)))
+    return folder / "arm.urdf"
+
+
+def beside(folder: Path, x: float, y: float, yaw: float, shape: str) -> rp.Task:
+    """Make the task of the arm with a thin body beside it."""
+    (folder / "thin.urdf").write_text(THIN.format(x=x, y=y, yaw=yaw, shape=shape))
+    robot = rp.Robot.load(arm(folder), surroundings=folder / "thin.urdf")
+    return robot.task("l2", "xy")
+
+
+def motion_of(task: rp.Task, Q: np.ndarray) -> rp.Motion:
+    """Make a motion of samples Q; its path plays no part."""
+    q0 = np.array([0.4, 0.9, 0.8])
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.05), q0, cycles=1, steps=10)
+    t = np.linspace(0.0, 1.0, len(Q))
+    return replace(motion, t=t, q=Q, qdot=np.gradient(Q, t, axis=0), steps=len(Q) - 1)
+
+
+def dense(task: rp.Task, Q: np.ndarray, count: int) -> float:
+    """Measure the minimum body distance at ``count`` points between each two samples, m."""
+    share = np.arange(count)[:, None] / count
+    points = [a + share * (b - a) for a, b in pairwise(Q)]
+    return float(rp.Bodies(task).distances(np.vstack([*points, Q[-1:]])).min())
+
+
+def test_a_pin_between_two_samples_is_hit(tmp_path: Path) -> None:
+    """Issue 52, item 26.2: the tip passes a pin of 1 mm radius between two samples."""
+    Q = np.linspace([0.0, 0.3, 0.2], [1.0, 0.3, 0.2], 21)
+    middle = np.cumsum((Q[10] + Q[11]) / 2)
+    x, y = np.sum(LINKS[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1), axis=0)
+    task = beside(tmp_path, x, y, 0.0, '<cylinder radius="0.001" length="0.2"/>')
+    motion = motion_of(task, Q)
+    assert motion.body_distance.min() > 0  # none of the samples collides
+    moment, links = motion.first_touch
+    assert 0.5 < moment < 0.55 and links == ("l2", "thin")
+    assert motion.clearance.distance < 0
+    with pytest.raises(rp.InputError, match="l2 and thin collide 5[0-9] % into cycle 1"):
+        rp.write_motion(motion, tmp_path / "motion.csv")
+    assert not (tmp_path / "motion.csv").exists()
+
+
+def test_never_clean_where_a_dense_check_finds_a_collision(tmp_path: Path) -> None:
+    """Issue 52, item 26.2: pins and thin plates at random places, and coarse samples."""
+    rng = np.random.default_rng(52)
+    hidden = collisions = clean = 0
+    for _ in range(100):
+        radius, angle = rng.uniform(0.5, 1.2), rng.uniform(-0.5, 1.5)
+        x, y = radius * np.cos(angle), radius * np.sin(angle)
+        shape = rng.choice(
+            [
+                f'<cylinder radius="{rng.uniform(3e-4, 2e-3)}" length="0.1"/>',
+                f'<box size="{rng.uniform(0.01, 0.1)} 0.0002 0.1"/>',
+            ]
+        )
+        task = beside(tmp_path, x, y, rng.uniform(0, 3), str(shape))
+        turns = rng.uniform(-0.4, 0.4, 3), rng.uniform(-0.6, 0.6, 3)
+        s = np.linspace(0.0, 1.0, int(rng.integers(8, 40)))[:, None]
+        Q = [0.3, 0.4, 0.3] + s * turns[0] + np.sin(2 * np.pi * s) * turns[1]
+        motion = motion_of(task, Q)
+        found, oracle = motion.clearance, dense(task, Q, 400)
+        sampled = float(motion.body_distance.min())
+        if oracle < 0:
+            collisions += 1
+            hidden += sampled >= 0
+            assert found.touch is not None or not found.between
+        elif found.touch is None and found.between:
+            clean += 1
+            least = found.distance - max(0.1 * found.distance, 5e-3)
+            assert oracle >= least - 1e-6 and found.distance <= sampled + 1e-9
+    assert hidden >= 5 and collisions - hidden >= 5 and clean >= 15
+
+
+def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
+    """The tip passes a plate at 1 nm: a collision is neither found nor ruled out."""
+    plate = '<box size="0.002 0.4 0.1"/>'
+    task = beside(tmp_path, 1.2 + 0.011 + 1e-9, 0.0, 0.0, plate)
+    Q = np.linspace([-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], 21)
+    found = motion_of(task, Q).clearance
+    assert found.touch is None and not found.between and found.points > 21
+
+
+def test_a_study_whose_motions_all_collide_says_so_first(tmp_path: Path) -> None:
+    """Issue 52, item 26.10: a ball at the root of the third link lies in a ball around the arm."""
+    task = beside(tmp_path, 0.45, 0.35, 0.0, '<sphere radius="0.3"/>')
+    q0 = np.array([0.4, 0.9, 0.8])
+    problem = rp.Problem(task, start=q0, path=rp.circle(task, q0, 0.05))
+    study = rp.study(problem, cycles=1, options=rp.FitOptions(samples=64, held_out=64))
+    from repctl_pin.show.text.answer import study_answer
+
+    text = "".join(span.text for span in study_answer(study)).replace("\u00a0", " ")
+    assert text.startswith("No motion without a collision was found: ")
+    assert "and thin collide" in " ".join(text.split())
