@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
-from ..defaults import REGION, STEPS
-from ..errors import InputError, needed
-from ..files import write_whole
+from ..base.defaults import REGION, STEPS
+from ..base.errors import InputError, needed
+from ..base.files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
 from .given import Options, integer, positive, with_options
@@ -25,7 +25,7 @@ from .terminal import progress, report, say_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from ..certificate import ClosingRadius
+    from ..base.certificate import ClosingRadius
     from ..regions import Region
     from ..strategies import Bounded, Inverse, Strategy
 
@@ -105,7 +105,7 @@ def run(options: Options) -> int:
     from ..motion.csv_file import csv_text
     from ..motion.follow import unresolved
     from ..motion.joint_motion import refuse_violations, violations_of
-    from ..motion.write_motion import commanded, yaml_text
+    from ..motion.write_motion import commanded, refuse_coarse, yaml_text
     from ..paths.winding import winding, winding_words
     from ..show.text.table import outside_words
     from ..strategies import RepeatableInverse
@@ -176,6 +176,8 @@ def run(options: Options) -> int:
     remedy = _remedy(options, best_leaf=searched, smaller=later)
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
+    if (options.csv or options.yaml) and rest is not None:
+        refuse_coarse(rest)
     written = slowed if rest is None else rest
     contents = dict[str, str | bytes]()
     if options.csv is not None:
@@ -325,7 +327,7 @@ def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
     Potentials are functions of the joints that the controller holds constant. The region Ω is a box
     of half-width ``--region``. An error on a singularity in it names the options that avoid it.
     """
-    from ..plugins import plugin
+    from ..base.plugins import plugin
 
     task, q0 = problem.task, problem.start
     potentials = plugin("potentials", options.potentials)(task, q0)
@@ -342,7 +344,7 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
 
     InputError is raised for an unknown name, or an object that is no strategy.
     """
-    from ..plugins import plugin
+    from ..base.plugins import plugin
     from ..strategies import Strategy
 
     strategy = plugin("strategies", name, known=_OWN)(task)
@@ -388,7 +390,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     ``result`` is that of :func:`_result`; ``written`` tells that files were written, so that a note
     on the speed at both ends of the motion is added.
     """
-    from ..arguments import percentage
+    from ..base.arguments import percentage
 
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:

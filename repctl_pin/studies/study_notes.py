@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arguments import Array, ratio_in_percent
+from ..base.arguments import Array, ratio_in_percent
+from ..base.errors import InputError, SingularityError
 from ..design import Design
-from ..errors import InputError, SingularityError
 from ..model.task import Task
 from ..motion import LeafLock, Motion, follow, least_closed_motion
 from ..motion.fitting_circle import fitting_circle
@@ -196,7 +196,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
         return []
     above = max(own.rms_speed / least.rms_speed - 1, 0.0)
     size = ratio_in_percent(above, 2) if above > 1e-5 else "less than 0.001 %"
-    notes = [f"joint speed: {size} above the minimum of closed motions from this start"]
+    notes = [f"joint speed: {size} above a local minimum of closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:
         notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")

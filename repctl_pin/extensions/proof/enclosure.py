@@ -19,8 +19,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...errors import InputError, SingularityError
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError, SingularityError
 from ...model.joint_chain import JointChain, joint_chain
 from ...motion import LeafLock, follow
 from ...motion.follow import path_grid
