@@ -26,6 +26,9 @@ _THEOREM = 4
 CELL_THEOREM = 5
 """Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is no leaf margin: it is larger."""
 
+CHECKED_BEFORE = 100
+"""Number of points at which files without that number checked that a path itself closes."""
+
 _LEAST_RADIUS = 1e-3
 """Closing radius, m, below which there is said to be none."""
 
@@ -42,10 +45,10 @@ class ClosingRadius:
     :attr:`radians` of the start pose closes, however long it is: its motion, begun at the end of
     the straight way from the start, stays in Ω, the region of joint space that was proved, and ends
     where it began. Around a path that closes itself, every closed path that deviates by less than
-    both, at each moment, closes too. That the path closes, and how it bends between its samples, is
-    checked by following it, not proved. Where the path crosses itself, a path that leaves it for
-    its other branch is none of these. ``bool(radius)`` tells whether a radius of at least 1 mm is
-    proved.
+    both, at each moment, closes too. That the path itself closes is proved if :attr:`checked` is 0;
+    else it was checked by following the path, at so many points. Where the path crosses itself, a
+    path that leaves it for its other branch is none of these. ``bool(radius)`` tells whether a
+    radius of at least 1 mm is proved.
 
     Attributes
     ----------
@@ -70,6 +73,9 @@ class ClosingRadius:
         was proved; more gives more.
     reason : str
         Why the radius is not larger.
+    checked : int
+        Number of points at which it was checked, not proved, that the path itself closes; 0 if it
+        is proved, or for the surroundings of a start.
 
     Examples
     --------
@@ -90,10 +96,13 @@ class ClosingRadius:
     boxes: int
     complete: bool
     reason: str
+    checked: int = 0
 
     def __post_init__(self) -> None:
         for name in ("start", "positions", "rotations"):
             freeze(self, **{name: np.array(getattr(self, name), float)})
+        if self.around == "start":
+            freeze(self, checked=0)
 
     def __bool__(self) -> bool:
         return self.metres >= _LEAST_RADIUS
@@ -166,6 +175,11 @@ class ClosingRadius:
         return float(4 * np.sin(min(self.radians + _SAME_ANGLE, np.pi) / 2) ** 2)
 
     @property
+    def path_proved(self) -> bool:
+        """Whether the radius is that of a path that is proved to close."""
+        return self.around == "path" and not self.checked
+
+    @property
     def words(self) -> str:
         """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``.
 
@@ -175,7 +189,10 @@ class ClosingRadius:
             return f"no closing radius above 1 mm is proved: {self.reason}"
         paths = "closed paths of constant orientation" if self.radians == 0 else "closed paths"
         where = "path at each moment" if self.around == "path" else self.around
-        return f"{paths} within {self.size} of the {where} close"
+        said = f"{paths} within {self.size} of the {where} close"
+        if self.around == "start" or self.path_proved:
+            return said
+        return f"{said}, if the path itself closes (checked at {self.checked} points)"
 
     @property
     def size(self) -> str:
@@ -302,8 +319,11 @@ class Proof:
         names = [n for n in self.__dataclass_fields__ if n not in ("seal", "closes")]
         own = [getattr(self, name) for name in names]
         if self.closes is not None:
-            inner = self.closes.__dataclass_fields__
+            inner = [n for n in self.closes.__dataclass_fields__ if n != "checked"]
             own.append([getattr(self.closes, name) for name in inner])
+            # files of older versions keep their fingerprint
+            own += [self.closes.checked] * (self.closes.checked not in (0, CHECKED_BEFORE))
+            own += ["the path closes"] * self.closes.path_proved
         return fingerprint(*own)
 
     def summary(self) -> str:

@@ -105,7 +105,7 @@ def run(options: Options) -> int:
     from ..motion.csv_file import csv_text
     from ..motion.follow import unresolved
     from ..motion.joint_motion import refuse_violations, violations_of
-    from ..motion.write_motion import commanded, yaml_text
+    from ..motion.write_motion import commanded, refuse_coarse, yaml_text
     from ..paths.winding import winding, winding_words
     from ..show.text.table import outside_words
     from ..strategies import RepeatableInverse
@@ -176,6 +176,8 @@ def run(options: Options) -> int:
     remedy = _remedy(options, best_leaf=searched, smaller=later)
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
+    if (options.csv or options.yaml) and rest is not None:
+        refuse_coarse(rest)
     written = slowed if rest is None else rest
     contents = dict[str, str | bytes]()
     if options.csv is not None:

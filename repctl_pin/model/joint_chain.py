@@ -26,7 +26,7 @@ _MOST = 64
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class _JointChain:
+class JointChain:
     """Serial chain of the P joints from the base to the frame of a task, as plain arrays.
 
     Attributes
@@ -50,7 +50,7 @@ class _JointChain:
     offset: Array
 
 
-def joint_chain(task: Task) -> _JointChain:
+def joint_chain(task: Task) -> JointChain:
     """Extract the serial chain of a task from its Pinocchio model, as plain arrays.
 
     InputError is raised for a task of several frames.
@@ -59,7 +59,7 @@ def joint_chain(task: Task) -> _JointChain:
     frame = model.frames[task._frame_id]
     joints = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
     places = [*(model.jointPlacements[j] for j in joints), frame.placement]
-    return _JointChain(
+    return JointChain(
         np.array([place.rotation for place in places], order="C"),
         np.array([place.translation for place in places]),
         *joint_axes(model, joints),
@@ -79,7 +79,7 @@ class _JointTree:
     parents : (N,) array of int
         Number of the joint before each, from 0; −1 if it is on the base.
     R, p, axes, revolute, S, offset
-        As of :class:`_JointChain`, with N joints; R and p are relative to the joint before.
+        As of :class:`JointChain`, with N joints; R and p are relative to the joint before.
     chain : (P,) array of int
         Joints between base and frame.
     R_frame, p_frame : (3, 3) and (3,) arrays
@@ -181,7 +181,7 @@ def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]]
     return arm, held
 
 
-def _along_z(chain: _JointChain) -> tuple[Array, Array]:
+def _along_z(chain: JointChain) -> tuple[Array, Array]:
     """Turn the frames of the joints, so that each joint moves about or along its own z axis.
 
     Each frame is also turned about its z axis, which its joint does anyway, so that the rotation to

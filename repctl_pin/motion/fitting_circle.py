@@ -5,7 +5,6 @@ A study takes such a circle if the user names no path.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -15,7 +14,7 @@ from ..base.errors import InputError, SingularityError
 from ..model.length import arm_length, arm_reach
 from ..model.task import Task
 from ..paths.shapes import Normal, circle
-from ..paths.task_path import TaskPath
+from ..paths.task_path import TaskPath, renamed
 from ..redundancy.inverses import inverse_condition_number
 from ..strategies import Bounded, Pseudoinverse, Strategy
 from .follow import follow
@@ -108,7 +107,7 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
     )
     # as few digits as reproduce the same floats
     numbers = (np.format_float_positional(x, trim="-") for x in (radius, degrees))
-    return replace(path, spec=":".join(["circle", *numbers]), plane=plane)
+    return renamed(path, spec=":".join(["circle", *numbers]), plane=plane)
 
 
 def dexterity_at(task: Task, q: Array) -> float:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from ..base.tables import number
 from ..model.task import Task
 from ..paths.polyline import MOST_POINTS, polygon
 from ..paths.shapes import PLANES, figure_eight, rose
-from ..paths.task_path import TaskPath
+from ..paths.task_path import TaskPath, renamed
 from ..paths.waypoint_file import waypoint_path
 from .fitting_circle import circle_at, fitting_circle
 
@@ -81,7 +80,7 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
             f"what {kind!r} makes",
             "a closed path, as rp.circle makes one",
         )
-        return path if path.spec else replace(path, spec=text, plane=flat)
+        return path if path.spec else renamed(path, spec=text, plane=flat)
 
     return make
 

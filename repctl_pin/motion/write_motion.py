@@ -16,6 +16,9 @@ from .joint_motion import refuse_violations
 from .motion import Motion
 from .timed_motion import TimedMotion
 
+_LEAST_SAMPLES = 10
+"""Smallest number of samples per cycle of a timed motion in a file."""
+
 
 def write_motion(
     motion: Motion | TimedMotion, file: str | Path, *, allow_violations: bool = False
@@ -40,7 +43,8 @@ def write_motion(
     Raises
     ------
     InputError
-        If the motion violates a limit or bodies collide, the file name has another ending, or the
+        If a timed motion has fewer than ten samples per cycle, the motion violates a limit, bodies
+        collide, the file name has another ending, or the
         file cannot be written.
 
     Examples
@@ -51,6 +55,8 @@ def write_motion(
     """
     if not isinstance(motion, TimedMotion):
         require_type(motion, Motion, "motion", "a motion, such as rp.follow or rp.timed returns")
+    else:
+        refuse_coarse(motion)
     path = Path(file_name(file, "file"))
     if path.suffix not in (".csv", ".yaml", ".yml"):
         raise InputError(f"{str(path)!r} must end in .csv or .yaml")
@@ -60,6 +66,17 @@ def write_motion(
             followed, "choose another start or path, or write it anyway with allow_violations=True"
         )
     return write_whole(path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion))
+
+
+def refuse_coarse(motion: TimedMotion) -> None:
+    """Raise InputError if a timed motion has too few samples to show its cycle in a file."""
+    count = (len(motion.t) - 1) * motion.cycle_time / max(motion.duration, 1e-300)
+    if count < _LEAST_SAMPLES:
+        rate = np.ceil(_LEAST_SAMPLES / motion.cycle_time)
+        raise InputError(
+            f"a rate with {count:.2g} samples per cycle loses the path between them",
+            remedy=f"use a rate of at least {rate:g} per second",
+        )
 
 
 def commanded(motion: Motion, strategy: Strategy) -> Motion:

@@ -89,7 +89,9 @@ def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, fl
     return piece
 
 
-def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[_Turning, _Turning]:
+def smooth_turning(
+    knots: ArrayLike, rotations: Sequence[Array]
+) -> tuple[_Turning, _Turning, Array]:
     """Interpolate orientations (P, 3, 3) at knots (P,) by a periodic cubic spline on SO(3).
 
     The knots increase from 0 to 1; the last orientation equals the first. The spline is twice
@@ -100,6 +102,8 @@ def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[_Turni
     -------
     rotation, spin
         The functions R(s) and ω(s).
+    turns : (P,) array
+        Upper bounds of the total rotation from the first knot to each, rad.
 
     Raises
     ------
@@ -146,18 +150,24 @@ def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[_Turni
         )
         return R[i] @ pin.exp3(v) @ turn / steps[i, 0]
 
-    return rotation, spin
+    # |ω| ds ≤ |v′(u)| du, because no singular value of Jexp3 is above 1
+    most = np.linalg.norm(cubic, axis=2) @ [1.0, 2.0, 3.0]
+    return rotation, spin, np.concatenate([[0.0], np.cumsum(most)])
 
 
 def facing(
     target: Array, point: _Turning, slope: _Turning, start: Array
-) -> tuple[_Turning, _Turning]:
+) -> tuple[_Turning, _Turning, Callable[[float, float], float]]:
     """Create R(s) and ω(s) of a frame that keeps facing a point, as it does at the start.
 
     ``point`` and ``slope`` are p(s), m, and dp/ds of the path, ``target`` is the point (3,), m, and
     ``start`` is R(0). ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from the frame to
     the point, d₀ = d(0), and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1
     + d₀·d) d``.
+
+    The third result bounds the rotation, rad, on an arc from s on of at most the given length, m.
+    There d turns by at most ``δ = length / (distance − length)``, and ``|ω| = |ḋ| / cos(θ/2)`` at
+    most, where θ is the angle from d₀ to d.
 
     Raises
     ------
@@ -189,4 +199,12 @@ def facing(
         ddot = -(np.eye(3) - np.outer(d, d)) @ slope(s) / distance
         return np.cross(d, ddot) - np.cross(d0, d) @ ddot / (1 + d0 @ d) * d
 
-    return rotation, spin
+    def turn(s: float, length: float) -> float:
+        d, distance = direction(s)
+        if length >= distance:
+            return np.inf
+        swing = length / (distance - length)
+        theta = np.arctan2(float(np.linalg.norm(np.cross(d0, d))), float(d0 @ d)) + swing
+        return float(swing / np.cos(theta / 2)) if theta < np.pi else np.inf
+
+    return rotation, spin, turn

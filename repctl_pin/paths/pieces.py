@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError
-from .task_path import TaskPath
+from .task_path import TaskPath, with_arc
 
 _DEGREES = (1, 2, 4, 8, 16, 32, 64)
 _EXACT = 1e-12
@@ -99,9 +99,27 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
     turning: dict[str, Any] = {"rotation": rotation}
     if pieces[0].coefficients.shape[1] == 7:
         turning = {"rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(), "spin": spin}
-    return TaskPath(
+    # |T_k| ≤ 1, so a sum of norms bounds each slope
+    rates = np.array(
+        [
+            [np.linalg.norm(slope[:, part], axis=1).sum() for part in (slice(3), slice(3, None))]
+            for slope in slopes
+        ]
+    )
+
+    def arc(a: float, b: float) -> tuple[float, float]:
+        """Bound an arc: |ω| ≤ 2 |p′| / |p| for a quaternion p, which is not normalised."""
+        first, last = np.searchsorted(ends, [a, b]).tolist()
+        length, turned = (rates[first : last + 1].max(axis=0) * (b - a)).tolist()
+        if not turned:
+            return length, 0.0
+        least = float(np.linalg.norm(at(a)[3:])) - turned
+        return length, 2 * turned / least if least > 0 else np.inf
+
+    path = TaskPath(
         point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **what
     )
+    return with_arc(path, arc)
 
 
 def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:

@@ -22,7 +22,7 @@ from ..model.chain_formulas import as_placements
 from ..model.task import Task, require_task
 from .bend import Bend
 from .orientation import piece_finder, rotation_matrix, smooth_turning
-from .task_path import TaskPath
+from .task_path import ArcBound, TaskPath, with_arc
 
 MOST_POINTS = 3000
 """Maximum number of waypoints of a path; each requires an integration step per cycle, and a study
@@ -118,7 +118,8 @@ def polygon(
     aside = start.translation - path.point(0.0)
     if not aside.any():
         return path
-    return TaskPath(name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks)
+    moved = TaskPath(name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks)
+    return with_arc(moved, path.arc)
 
 
 def waypoints(
@@ -277,12 +278,36 @@ def _polyline(
 
     breaks = tuple(float(x) for x in s[1:-1])
     if not isinstance(rotation, list):
-        return TaskPath(name, point, slope, rotation, breaks, period=period)
+        path = TaskPath(name, point, slope, rotation, breaks, period=period)
+        return with_arc(path, _arc(pieces, s, None))
     try:
-        R, spin = smooth_turning(at_corners / knots[-1], rotation)
+        R, spin, turned = smooth_turning(at_corners / knots[-1], rotation)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-    return TaskPath(name, point, slope, R, breaks, spin=spin, period=period)
+    path = TaskPath(name, point, slope, R, breaks, spin=spin, period=period)
+    return with_arc(path, _arc(pieces, s, (at_corners / knots[-1], turned)))
+
+
+def _arc(pieces: list[_Curve], s: Array, turns: tuple[Array, Array] | None) -> ArcBound:
+    """Make the bounds of arcs of lines and bends, whose speed is constant between knots ``s``.
+
+    ``turns`` are knots and the total rotation up to each, rad; None for a fixed orientation.
+    """
+    lengths = [float(np.linalg.norm(piece(0.5)[1])) for piece in pieces]
+    passed = np.concatenate([[0.0], np.cumsum(lengths)])
+
+    def arc(a: float, b: float) -> tuple[float, float]:
+        length = float(np.diff(np.interp([a, b], s, passed))[0])
+        if turns is None:
+            return length, 0.0
+        knots, turned = turns
+        # the rate of turning is not constant: an arc counts with all of each interval it touches
+        first = int(np.searchsorted(knots, a, side="right")) - 1
+        last = int(np.searchsorted(knots, b, side="left"))
+        most = np.diff(turned[first : last + 1]) / np.diff(knots[first : last + 1])
+        return length, float(most.max(initial=0.0)) * (b - a)
+
+    return arc
 
 
 _Curve = Callable[[float], tuple[Array, Array]]

@@ -14,7 +14,7 @@ from ..base.errors import InputError
 from ..model.chain_formulas import Placements
 from ..model.several_frames import of_singles
 from ..model.task import Task, require_task
-from .task_path import ClosedPath, TaskPath, closed_path
+from .task_path import ClosedPath, TaskPath, closed_path, with_arc
 
 PathOfFrame: TypeAlias = ClosedPath | Callable[[Task, Array], ClosedPath] | None
 """Path of one of several frames, or a function (task, q0) → path; None holds the frame still."""
@@ -155,7 +155,8 @@ def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
     if path is None:
         here = task.placement(q0)
         point, rest = here.translation.copy(), np.zeros(3)
-        return TaskPath(_STILL, lambda s: point, lambda s: rest, here.rotation)
+        still = TaskPath(_STILL, lambda s: point, lambda s: rest, here.rotation)
+        return with_arc(still, lambda a, b: (0.0, 0.0))
     if isinstance(path, ClosedPath):
         return closed_path(path)
     if not callable(path):

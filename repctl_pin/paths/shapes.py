@@ -12,7 +12,7 @@ from ..base.arguments import Array, as_int, finite, positive, require_type, show
 from ..base.errors import InputError
 from ..model.task import Task, require_task
 from .orientation import facing
-from .task_path import TaskPath
+from .task_path import TaskPath, with_arc
 
 Normal = Literal["x", "y", "z", "-x", "-y", "-z", "xy", "yz", "xz", "-xy", "-yz", "-xz"]
 """Normal of a path's plane, or the plane itself; a minus sign reverses the normal."""
@@ -84,6 +84,9 @@ def circle(
     def slope(s: float) -> Array:
         return 2 * np.pi * around(start_angle + 2 * np.pi * s + np.pi / 2)
 
+    def length(a: float, b: float) -> float:
+        return 2 * np.pi * radius * (b - a)
+
     center = here.translation - around(start_angle)
     name = f"circle of radius {radius:g} m in {plane}"
     if isinstance(rotation, str):
@@ -92,20 +95,22 @@ def circle(
                 f"rotation must be 'fixed', 'tangent' or a point to face, not {rotation!r}"
             )
         if rotation == "fixed":
-            return TaskPath(name, point, slope, here.rotation)
+            fixed = TaskPath(name, point, slope, here.rotation)
+            return with_arc(fixed, lambda a, b: (length(a, b), 0.0))
         axis = np.cross(e1, e2)
-        return TaskPath(
+        turning = TaskPath(
             f"{name}, tangent orientation",
             point,
             slope,
             lambda s: pin.exp3(2 * np.pi * s * axis) @ here.rotation,
             spin=lambda s: 2 * np.pi * axis,
         )
+        return with_arc(turning, lambda a, b: (length(a, b), 2 * np.pi * (b - a)))
     target = vector(rotation, 3, "rotation, as a point to face,")
-    R, spin = facing(target, point, slope, here.rotation)
-    return TaskPath(
-        f"{name}, facing ({', '.join(f'{v:g}' for v in target)})", point, slope, R, spin=spin
-    )
+    R, spin, turn = facing(target, point, slope, here.rotation)
+    to = ", ".join(f"{v:g}" for v in target)
+    path = TaskPath(f"{name}, facing ({to})", point, slope, R, spin=spin)
+    return with_arc(path, lambda a, b: (length(a, b), turn(a, length(a, b))))
 
 
 def figure_eight(
@@ -155,7 +160,7 @@ def figure_eight(
     along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
     across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2
     turn = 2 * np.pi
-    return TaskPath(
+    path = TaskPath(
         f"figure eight of half-length {radius:g} m in {plane}",
         lambda s: (
             here.translation
@@ -164,6 +169,7 @@ def figure_eight(
         lambda s: radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across),
         here.rotation,
     )
+    return with_arc(path, lambda a, b: (np.sqrt(2) * radius * turn * (b - a), 0.0))
 
 
 def rose(
@@ -215,12 +221,13 @@ def rose(
         across = np.sin(phase) * ray(np.pi * (s + 0.5))
         return radius * np.pi * (outward + across)
 
-    return TaskPath(
+    path = TaskPath(
         f"rose of {petals} petals, {radius:g} m, in {plane}",
         lambda s: here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s),
         slope,
         here.rotation,
     )
+    return with_arc(path, lambda a, b: (radius * np.pi * petals * (b - a), 0.0))
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -55,6 +55,11 @@ class ClosedPath(Protocol):
         """Evaluate d(pose)/ds = (v, ω) at s in [0, 1]: (6,), m and rad per cycle, base axes."""
 
 
+ArcBound: TypeAlias = Callable[[float, float], tuple[float, float]]
+"""Function (a, b) → upper bounds of the length, m, and of the total rotation, rad, from s = a to b;
+a < b, and no corner of the path is between them."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class TaskPath:
@@ -85,6 +90,9 @@ class TaskPath:
         differences of R(s).
     period : float, optional
         Period, s, if the waypoints have times.
+    arc : function of a and b, optional
+        Upper bounds of the length, m, and of the total rotation, rad, between s = a and b. A proof
+        along the path needs them. Paths of this package have them, your own functions do not.
 
     Raises
     ------
@@ -114,6 +122,7 @@ class TaskPath:
     corners: tuple[str, ...] = ()
     spin: Callable[[float], Array] | None = None
     period: float | None = None
+    arc: ArcBound | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         turn = self.point if self.spin is None else self.spin
@@ -200,6 +209,20 @@ def closed_path(path: Any) -> TaskPath:
         tuple(path.breaks),
         spin=lambda s: np.asarray(path.twist(s), float)[3:],
     )
+
+
+def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
+    """Give a new path the bounds of its arcs, which hold for the very functions of this path."""
+    object.__setattr__(path, "arc", arc)
+    return path
+
+
+def renamed(path: TaskPath, **names: Any) -> TaskPath:
+    """Return the same curve with another name, spec, plane or names of corners.
+
+    ``dataclasses.replace`` would drop the bounds of arcs, because it may replace the curve.
+    """
+    return with_arc(replace(path, **names), path.arc)
 
 
 def _check(path: TaskPath) -> None:

@@ -6,7 +6,6 @@ A line of the file (:data:`_Line`) is its number and its cells, so that errors c
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from ..base.tables import csv_rows, number
 from ..model.task import Task
 from .polyline import MOST_POINTS, Waypoints, waypoints
 from .several_paths import several_paths
-from .task_path import TaskPath
+from .task_path import TaskPath, renamed
 
 _POINT, _TURN, _TIME = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("time",)
 _TIMES = {"t": "time"}
@@ -131,7 +130,7 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
                 remedy="name each frame once",
             )
         path = several_paths(task, q0, [own.get(frame) for frame in task.frames])
-        return path if path.spec else replace(path, spec=spec)
+        return path if path.spec else renamed(path, spec=spec)
 
     return path_of
 
@@ -149,7 +148,7 @@ def _through(
 
     def through(rotation: ArrayLike) -> TaskPath:
         path = waypoints(table.points, rotation, times=table.times, blend=blend, name=name)
-        return replace(path, spec=spec, corners=corners)
+        return renamed(path, spec=spec, corners=corners)
 
     known = through(np.eye(3) if table.rotations is None else table.rotations)
     if table.rotations is not None:

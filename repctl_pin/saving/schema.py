@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 import numpy as np
 
-from ..base.certificate import ClosingRadius, Proof
+from ..base.certificate import CHECKED_BEFORE, ClosingRadius, Proof
 from ..base.errors import InputError
 from ..design.subject import check_configurations, points_at
 from ..model.task import Task
@@ -300,6 +300,7 @@ class ClosingRadiusFile(Part):
     boxes: int
     complete: bool
     reason: str
+    checked: int = CHECKED_BEFORE
 
 
 class ProofFile(Part):

@@ -206,7 +206,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
         return []
     above = max(own.rms_speed / least.rms_speed - 1, 0.0)
     size = ratio_in_percent(above, 2) if above > 1e-5 else "less than 0.001 %"
-    notes = [f"joint speed: {size} above the minimum of closed motions from this start"]
+    notes = [f"joint speed: {size} above a local minimum of closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:
         notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")

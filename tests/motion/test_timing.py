@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -689,3 +690,15 @@ def test_follow_keeps_jerk_tool_speed_and_times(tmp_path, monkeypatch, capsys) -
     assert "--tool-speed 'v' is not one or two" in refused(
         capsys, *words, *limits[:2], "--tool-speed", "v"
     )
+
+
+def test_a_file_has_at_least_ten_samples_per_cycle(tmp_path: Path) -> None:
+    """Item 26.18: a rate of 0.5 per second loses the cycle between the samples."""
+    problem = rp.Problem("planar3r")
+    control = rp.Pseudoinverse(problem.task)
+    motion = rp.follow(control, problem.cycle, problem.start, cycles=2, steps=100)
+    limits = rp.Limits(acceleration=5.0)
+    with pytest.raises(rp.InputError, match="samples per cycle.*use a rate of at least"):
+        rp.write_motion(rp.timed(motion, limits, rate=0.5), tmp_path / "slow.csv")
+    assert not list(tmp_path.iterdir())
+    rp.write_motion(rp.timed(motion, limits, rate=50.0), tmp_path / "fast.csv")

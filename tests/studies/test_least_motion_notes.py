@@ -11,7 +11,7 @@ from commands import told, without_pictures
 
 import repctl_pin as rp
 
-ABOVE = r"joint speed: (\S+) % above the minimum of .* from this start"
+ABOVE = r"joint speed: (\S+) % above a local minimum of .* from this start"
 
 
 @pytest.fixture(scope="module")

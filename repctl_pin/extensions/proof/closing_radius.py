@@ -1,4 +1,4 @@
-"""The closing radius of a design: around its start, or along a closed path that closes itself.
+"""The closing radius of a design: around its start, or along a closed path.
 
 It is the distance within which every closed path of the end effector is closed in the joints, too.
 """
@@ -12,22 +12,19 @@ from ...base.certificate import ClosingRadius
 from ...base.errors import SingularityError
 from ...design import Design
 from ...model.task import Task
-from ...motion import follow
-from ...paths.task_path import ClosedPath
+from ...paths.task_path import ClosedPath, closed_path
 from ...regions import Box, Region, Tube, WorkspaceBox
 from .boxes import sections
 from .chain import frames_of
+from .enclosure import Enclosure, enclosed
 from .leaf_margin_bounds import LeafMarginProblem
 from .lifts import Places, Reach, bound_reach
 
-_CYCLE_STEPS = 100
-"""Number of configurations along a path, between which straight lines are taken."""
+_POSES = 100
+"""Maximum number of poses of a path to which a distance is compared."""
 
 _MOST = {"start": 250_000, "path": 20_000}
 """Number of boxes after which the largest radius found so far is taken."""
-
-_CLOSED = 1e-7
-"""Gap, rad or m, below which a followed path is taken for closed."""
 
 
 def closing_radius(
@@ -60,15 +57,17 @@ def closing_radius(
     ratio = ratio if turns else 0.0
     start = _start(design, region, path)
     if path is None:
-        Q, around, why = start[None], "start", ""
+        motion = Enclosure(start[None], np.zeros((1, task.n)), True, "")
     else:
-        Q, why = _followed(design, path, start)
-        around = "path"
-    poses = [task.placements(q) for q in Q]
+        motion = enclosed(design.inverse, problem, closed_path(path), start)
+    Q, why = motion.Q, motion.reason
+    around = "start" if path is None else "path"
+    shown = np.unique(np.linspace(0, len(Q) - 1, _POSES + 1).astype(int))
+    poses = [task.placements(q) for q in Q[shown]]
     radius, boxes, complete = 0.0, 0, True
     if not why:
         clearance = _clearance(region, Q)
-        places = _places(Q, clearance)
+        places = _places(Q, clearance, motion.half)
         if not (places.clearance > 0).all():
             why = f"the {around} is not inside Ω"
         else:
@@ -98,12 +97,13 @@ def closing_radius(
         ratio * radius if turns else None,
         around,
         str(task.kind),
-        start,
-        np.array([[x.translation for x in pose] for pose in poses]).reshape(len(Q), -1),
-        np.array([[x.rotation for x in pose] for pose in poses]).reshape(len(Q), -1, 3),
+        Q[0],
+        np.array([[x.translation for x in pose] for pose in poses]).reshape(len(poses), -1),
+        np.array([[x.rotation for x in pose] for pose in poses]).reshape(len(poses), -1, 3),
         boxes,
         complete,
         why,
+        0 if motion.proved else len(Q) - 1,
     )
 
 
@@ -136,28 +136,12 @@ def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
     return np.asarray(region.samples[np.linalg.norm(away, axis=1).argmin()], float)
 
 
-def _followed(design: Design, path: ClosedPath, start: Array) -> tuple[Array, str]:
-    """Follow a closed path once with the design's controller; return the configurations (K, n).
-
-    Return also an empty text, or why the motion is of no use: it ends in a singularity, or does not
-    close. The only configuration is then the start.
-    """
-    try:
-        motion = follow(design.inverse, path, start, cycles=1, steps=_CYCLE_STEPS)
-    except SingularityError as error:
-        return start[None], f"the path ends in a singularity ({error})"
-    gap = float(np.abs(motion.q[-1] - motion.q[0]).max())
-    if gap > _CLOSED:
-        return start[None], f"the path itself does not close, by {gap:.2g}"
-    return np.concatenate([motion.q[:-1], motion.q[:1]]), ""
-
-
 def _clearance(region: Region, Q: Array) -> Array:
     """Bound how far each joint may move from configurations Q (K, n) within Ω: (K, n), rad or m.
 
     Ω is the region of joint space of the design. In a box it is the distance from the nearer face.
-    In a tube around sampled configurations, half of the larger step to a neighbouring row of Q is
-    subtracted, so that the bound holds between the rows, too.
+    In a tube around sampled configurations, it is the distance from the boundary of the box around
+    the nearest one.
     """
     if isinstance(region, WorkspaceBox):
         return _clearance(region.within, Q)
@@ -167,41 +151,23 @@ def _clearance(region: Region, Q: Array) -> Array:
     away = np.abs(Q[:, None] - region.samples)  # (K, samples, n)
     nearest = (away / region.radius).max(axis=2).argmin(axis=1)
     clearance = region.radius - away[np.arange(len(Q)), nearest]
-    steps = np.abs(np.diff(Q, axis=0))
-    if len(steps):
-        gaps = np.zeros_like(clearance)
-        gaps[:-1], gaps[1:] = steps, np.maximum(gaps[1:], steps)
-        clearance = clearance - gaps / 2
     return np.asarray(clearance, float)
 
 
-def _places(Q: Array, clearance: Array) -> Places:
+def _places(Q: Array, clearance: Array, half: Array) -> Places:
     """Divide a path through Q (K, n) into places: boxes of configurations in which lines begin.
 
     A closing radius is proved for lines that begin anywhere on the path. Neighbouring boxes share a
-    configuration, and contain the path between. ``clearance`` (K, n) is the distance that each
-    joint may move within Ω, rad or m; in a place, the smallest one counts.
+    configuration, and contain the path between, which is within ``half`` (K, n) of a row until the
+    next one. ``clearance`` (K, n) is the distance that each joint may move within Ω, rad or m; in a
+    place, the smallest one counts.
     """
     parts = sections(Q, clearance)
     low = np.array([Q[part].min(axis=0) for part in parts])
     high = np.array([Q[part].max(axis=0) for part in parts])
-    bent = _bent(Q)
-    bends = np.array([bent[part].max(axis=0) for part in parts])
+    bends = np.array([half[part].max(axis=0) for part in parts])
     return Places(
         (low + high) / 2,
         (high - low) / 2 * (1 + 1e-12) + bends,
         np.array([clearance[part].min(axis=0) for part in parts]) - bends,
     )
-
-
-def _bent(Q: Array) -> Array:
-    """Bound how far a closed path through Q (K, n) is from straight lines between its rows: (K, n).
-
-    Boxes around these lines, widened by this bound, contain the path. It is
-    ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four
-    times the sag of a parabola.
-    """
-    if len(Q) < 3:
-        return np.zeros_like(Q)
-    steps = np.diff(Q, axis=0)
-    return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)

@@ -130,7 +130,7 @@ class LeafMarginProblem:
         """
         call = getattr(required_library("a proof"), kernel)
         problem = self.struct()
-        arms = self._arm_angles(Q, half)
+        arms = self.arm_angles(Q, half)
         boxes = (np.ascontiguousarray(values, float) for values in (Q, half))
         given = [*boxes, arms, *more]
         call(ctypes.byref(problem), ctypes.c_long(len(Q)), *map(_as_argument, given))
@@ -153,7 +153,7 @@ class LeafMarginProblem:
         point(made, "frame", [chain.struct() for chain in self.chains])
         return made
 
-    def _arm_angles(self, Q: Array, half: Array) -> Array | None:
+    def arm_angles(self, Q: Array, half: Array) -> Array | None:
         """Evaluate the arm angles' gradients on boxes Q ± half, (K, n) each, for C; None without.
 
         The result (K, r, n² + 2 n + 1) has for each of the r potentials the gradient V at the

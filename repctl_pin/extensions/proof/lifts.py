@@ -393,7 +393,7 @@ def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
     """
     points = Q.reshape(-1, Q.shape[2])
     J, V = task.jacobians(points), field.gradients(points)
-    G = _inverses(np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1))
+    G = inverses(np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1))
     rates, row = np.zeros(points.shape), 0
     for part in frames_of(task):
         g = G[:, :, row : row + part.m]
@@ -404,7 +404,7 @@ def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
     return np.nan_to_num(rates, nan=np.inf).reshape(Q.shape)
 
 
-def _inverses(matrices: Array) -> Array:
+def inverses(matrices: Array) -> Array:
     """Invert matrices (K, N, N), such as J_V; NaN where a matrix is singular, without an error."""
     try:
         return np.asarray(np.linalg.inv(matrices), float)

@@ -16,11 +16,16 @@ from numpy.typing import ArrayLike
 from ...base.arguments import require_type, vector
 from ...base.errors import InputError, SingularityError
 from ...motion import LeafLock, follow
+from ...motion.follow import path_grid
 from ...paths import ClosedPath
+from ...paths.task_path import closed_path
 from ...strategies.repeatable import RepeatableInverse
 
 _RAYS, _STEPS = 120, 4
 """Number of rays of the cone, and of steps of the motion from one to the next."""
+
+_LOCK = LeafLock(corrections=4)
+"""Corrections of each step, so that it ends in the solution also where an edge is long."""
 
 _SAME = 1e-6
 """Difference, rad or m, up to which two configurations are one."""
@@ -43,6 +48,8 @@ class PathCertificate:
         motion stops.
     reason : str
         Why the path is not shrunk; empty if it is.
+    poses : int
+        Number of poses of the path at which rays were checked.
 
     Examples
     --------
@@ -55,6 +62,7 @@ class PathCertificate:
     gap: float
     mismatch: float
     reason: str
+    poses: int
 
     def __bool__(self) -> bool:
         return self.shrinks
@@ -66,7 +74,8 @@ class PathCertificate:
     def words(self) -> str:
         """Whether the path closes, and why or why not, in words."""
         if self.shrinks:
-            return "the path can be shrunk to its start, so it closes: checked, not proved"
+            checked = f"checked at {self.poses} poses, not proved"
+            return f"the path can be shrunk to its start, so it closes: {checked}"
         return f"the path need not close: {self.reason}"
 
 
@@ -79,8 +88,9 @@ def path_certificate(
     ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, with a rotation about one axis. The arm stays on the leaf of
     q0, on which the potentials are constant. If J_V, the task Jacobian stacked on their gradients,
     is regular on all these rays, and each ends on the motion along x(s), the motion closes: paths
-    ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are checked at 120 poses, so this
-    is no proof. Paths around the base, or around a singularity, are not shrunk.
+    ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are checked at some 120 poses, all
+    corners included, so this is no proof. Paths around the base, or around a singularity, are not
+    shrunk.
 
     Parameters
     ----------
@@ -103,10 +113,11 @@ def path_certificate(
     Examples
     --------
     >>> rp.path_certificate(design.inverse, path, q0).words
-    'the path can be shrunk to its start, so it closes: checked, not proved'
+    'the path can be shrunk to its start, so it closes: checked at 121 poses, not proved'
     """
     require_type(inverse, RepeatableInverse, "inverse", "a repeatable inverse: design.inverse")
     require_type(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
+    path = closed_path(path)
     q0 = vector(q0, inverse.task.n, "q0")
     off = np.abs(inverse.task.error(q0, path.placement(0.0))).max()
     if off > _SAME:
@@ -114,26 +125,30 @@ def path_certificate(
             f"q0 is {off:.2g} m or rad off the start of the path",
             remedy="reach it with rp.solve_ik, or let the path begin at q0",
         )
-    shares = np.arange(_RAYS + 1) / _RAYS
+    # Rays end at the very values of s at which the motion is known, the corners among them.
+    grid = path_grid(path, _RAYS * _STEPS)
+    ends = np.union1d(np.arange(0, len(grid), _STEPS), np.searchsorted(grid, [*path.breaks, 1.0]))
+    shares = grid[ends]
+    count = len(ends)
     try:
-        motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS, integrator=LeafLock(2))
+        motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS, integrator=_LOCK)
     except SingularityError as error:
         why = f"the motion stops at a singularity ({error})"
-        return PathCertificate(False, np.nan, np.nan, why)
-    along = motion.q[::_STEPS]
+        return PathCertificate(False, np.nan, np.nan, why, count)
+    along = motion.q[ends]
     gap = float(np.abs(along[-1] - along[0]).max())
-    ends = np.empty_like(along)
+    reached = np.empty_like(along)
     for k, s in enumerate(shares):
         try:
-            ends[k] = inverse.solve(path.placement(s % 1.0), along[0])
+            reached[k] = inverse.solve(path.placement(s % 1.0), along[0])
         except InputError as error:
             why = f"the straight line to {s:.0%} of it stops ({error})"
-            return PathCertificate(False, gap, np.nan, why)
-    away = np.abs(ends - along).max(axis=1)
+            return PathCertificate(False, gap, np.nan, why, count)
+    away = np.abs(reached - along).max(axis=1)
     worst = int(away.argmax())
     mismatch, at = float(away[worst]), float(shares[worst])
     if mismatch <= _SAME:
-        return PathCertificate(True, gap, mismatch, "")
+        return PathCertificate(True, gap, mismatch, "", count)
     where = f"the straight line to {at:.0%} of it ends {mismatch:.2g} {inverse.task.unit} away"
     why = f"{where} from the motion, so something singular is inside the path, such as the base"
-    return PathCertificate(False, gap, mismatch, why)
+    return PathCertificate(False, gap, mismatch, why, count)

@@ -48,8 +48,7 @@ def unproved_note(design: Design) -> list[str]:
 
     The list is empty if the design has a certificate, or if there is no proof for such a design.
     """
-    several = len(design.task.frames) > 1  # they have no closing radius
-    if design.proof is not None or library() is None or several:
+    if design.proof is not None or library() is None:
         return []
     try:
         low, high = cover(design.region)

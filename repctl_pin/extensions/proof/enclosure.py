@@ -1,0 +1,280 @@
+r"""The motion along a closed path, enclosed in boxes between its samples, and proved to close.
+
+A lift q(s) is the motion on the leaf h(q) = c over a path x(s). With Φ = (f, h), A an inverse of
+J_V at a sample Q, and J̄ a mean of J_V, any q and q' in a box of half-widths h around Q satisfy
+``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc of length ℓ therefore
+
+.. math:: |q − Q| ≤ |A| ℓ + |A|\, Δ(h)\, h < h,
+
+with Δ a bound of the change of J_V on the box. The lift thus stays in the box, in which Φ is
+injective: its end is the one solution near the next sample. The theory, "The path itself closes",
+has the theorem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError, SingularityError
+from ...model.joint_chain import JointChain, joint_chain
+from ...motion import LeafLock, follow
+from ...motion.follow import path_grid
+from ...paths.several_paths import paths_of
+from ...paths.task_path import TaskPath
+from ...strategies import RepeatableInverse
+from .chain import frames_of
+from .leaf_margin_bounds import LeafMarginProblem
+from .lifts import inverses
+
+_STEPS = (500, 2000, 8000)
+"""Numbers of arcs that are tried, until each is short enough for a proof."""
+
+_LOCK = LeafLock(corrections=4)
+
+_CLOSED = 1e-7
+"""Gap, rad or m, below which a followed path is taken for closed."""
+
+_SAME = 1e-9
+"""Task error, rad or m, up to which a configuration is at the beginning of the path."""
+
+_ROUND = 1e-12
+"""Rounding of a pose, relative to 1 and the length of the arm."""
+
+_WIDER = 1.25
+"""Factor by which a box is wider than the motion that was bounded in a narrower one."""
+
+_LEAST = 1e-6
+"""Smallest half-width of a box, relative to its largest: joints that rest have rounding errors."""
+
+_TURN, _BATCH = 0.5, 512
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Enclosure:
+    """Motion along a closed path: samples, and how far the motion is from them until the next one.
+
+    Attributes
+    ----------
+    Q : (K + 1, n) array
+        Configurations along the path; the last one is the first one.
+    half : (K + 1, n) array
+        Half-widths of boxes around them, rad or m, that contain the motion. If they are not proved,
+        they are half the second differences.
+    proved : bool
+        True if the motion is proved to close, and to be in the boxes.
+    reason : str
+        Why the motion is of no use: it ends in a singularity, or does not close. Empty if it is.
+    """
+
+    Q: Array
+    half: Array
+    proved: bool
+    reason: str
+
+
+def enclosed(
+    inverse: RepeatableInverse, problem: LeafMarginProblem, path: TaskPath, start: Array
+) -> Enclosure:
+    """Follow a closed path once on the leaf of the start (n,), and enclose its motion in boxes.
+
+    It is proved if arcs of the path have length bounds, and each arc can be taken short enough.
+    """
+    task, q = inverse.task, start
+    try:
+        if np.abs(task.error(q, path.placement(0.0))).max() > _SAME:
+            q = inverse.solve(path.placement(0.0), q)
+    except (InputError, SingularityError) as error:
+        return Enclosure(start[None], np.zeros((1, task.n)), False, f"no start: {error}")
+    found = None
+    bounded = all(one.arc is not None for one in paths_of(path))
+    for steps in _STEPS if bounded else _STEPS[:1]:
+        try:
+            motion = follow(inverse, path, q, cycles=1, steps=steps, integrator=_LOCK)
+        except SingularityError as error:
+            # smaller steps may pass it, or find that the path does not close
+            why = f"the path ends in a singularity ({error})"
+            found = Enclosure(q[None], np.zeros((1, task.n)), False, why)
+            continue
+        gap = float(np.abs(motion.q[-1] - motion.q[0]).max())
+        if gap > _CLOSED:
+            why = f"the path itself does not close, by {gap:.2g}"
+            return Enclosure(q[None], np.zeros((1, task.n)), False, why)
+        Q = np.concatenate([motion.q[:-1], motion.q[:1]])
+        if bounded:
+            half = _boxes(inverse, problem, path, path_grid(path, steps), Q)
+            if half is not None:
+                return Enclosure(Q, half, True, "")
+        found = found or Enclosure(Q, _bent(Q), False, "")
+    assert found is not None, "at least one number of steps is tried"
+    return found
+
+
+def _bent(Q: Array) -> Array:
+    """Estimate how far a closed path through Q (K, n) is from straight lines between its rows.
+
+    Boxes around these lines, widened by this, contain a path without sudden turns. It is ``|q_(i−1)
+    − 2 q_i + q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four times the
+    sag of a parabola.
+    """
+    steps = np.diff(Q, axis=0, append=Q[1:2])
+    return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)
+
+
+@np.errstate(all="ignore")
+def _boxes(
+    inverse: RepeatableInverse, problem: LeafMarginProblem, path: TaskPath, s: Array, Q: Array
+) -> Array | None:
+    """Bound how far the lift is from sample Q_i until s_(i+1): (K + 1, n); None if not proved.
+
+    The last row is that of the first sample, in which the path ends.
+    """
+    task, frames = inverse.task, frames_of(inverse.task)
+    K = len(s) - 1
+    # Arcs: length, m, and rotation, rad, of each frame; and the error of the samples.
+    arcs = np.array(
+        [[one.arc(a, b) for one in paths_of(path) if one.arc] for a, b in pairwise(s.tolist())]
+    ) * (1 + _ROUND)
+    if not np.isfinite(arcs).all():
+        return None
+    reach = max(float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames)
+    errors = task.errors(Q[:-1], [path.placement(float(x)) for x in s[:-1]])
+    off = np.linalg.norm(errors, axis=1) + _ROUND * (1 + reach + np.abs(Q[:-1]).max(axis=1))
+    levels = np.array([inverse.leaf(q) for q in Q[:-1]])
+    size = problem.features.size + problem.round[-task.r :]
+    level_off = (
+        np.abs(levels - levels[0]) + _ROUND * size * (1 + np.abs(Q[:-1]).sum(axis=1))[:, None]
+    )
+
+    half, narrow, shifts = (np.empty((K, task.n)) for _ in range(3))
+    for first in range(0, K, _BATCH):
+        part = slice(first, min(first + _BATCH, K))
+        after = np.arange(part.start + 1, part.stop + 1) % K
+        box = _Boxes(inverse, problem, Q[part])
+        # Where the lift can be: the sample's own error counts twice, for it and its target.
+        error = box.moved(np.repeat(off[part, None, None], 2, 2), level_off[part])
+        arc = box.moved(arcs[part] + off[part, None, None], level_off[part])
+        h = 1.5 * arc
+        for _ in range(3):
+            h = _WIDER * (arc + box.bent(h))
+            h = np.maximum(h, _LEAST * h.max(axis=1)[:, None])
+        bent = box.bent(h)
+        half[part] = (arc + bent) * (1 + 1e-9)
+        if not (half[part] < h).all():
+            return None
+        # The one solution near the next sample, as a share of this box.
+        both = np.repeat((off[part] + off[after])[:, None, None], 2, 2)
+        next_error = box.moved(both, level_off[part] + level_off[after])
+        share = np.max(next_error / h, axis=1) / (1 - np.max(bent / h, axis=1))
+        if not (np.abs(Q[after] - Q[part]) + share[:, None] * h < h).all():
+            return None
+        narrow[part], shifts[part] = h, share[:, None] * h
+        if first == 0:
+            begin = (error[0] / h[0]).max() / (1 - (bent[0] / h[0]).max()) * h[0]
+    # What the end of an arc may be off its sample must fit into the next box; so must the start,
+    # in the last box, where start and end have one pose and one level.
+    if not (np.roll(shifts, 1, axis=0) < narrow).all():
+        return None
+    if not (np.abs(Q[0] - Q[K - 1]) + begin < narrow[K - 1]).all():
+        return None
+    return np.concatenate([half, half[:1]])
+
+
+class _Boxes:
+    """Bounds of A and of the change of J_V on boxes around K samples Q (K, n).
+
+    A is an inverse of J_V at a sample, the task Jacobian stacked on the potentials' gradients.
+    """
+
+    def __init__(self, inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array) -> None:
+        task = inverse.task
+        V = inverse.potentials.gradients(Q)
+        J_V = np.concatenate([task.jacobians(Q), np.swapaxes(V, 1, 2)], axis=1)
+        A = np.nan_to_num(inverses(J_V), nan=np.inf, posinf=np.inf, neginf=np.inf)
+        self.Q, self.problem = Q, problem
+        self.linear, self.angular, row = [], [], 0
+        self.chains = [joint_chain(part) for part in frames_of(task)]
+        for part in frames_of(task):
+            own = A[:, :, row : row + part.m]
+            row += part.m
+            self.linear.append(np.linalg.norm(own[:, :, part.kind.linear], axis=2))
+            self.angular.append(np.linalg.norm(own[:, :, ~part.kind.linear], axis=2))
+        self.level = np.abs(A[:, :, row:])
+        # A is an inverse up to rounding
+        wrong, sizes = np.abs(A @ J_V - np.eye(task.n)), np.abs(A) @ np.abs(J_V)
+        self.rounding = wrong + 4 * task.n * 2.0**-53 * sizes
+
+    def moved(self, arcs: Array, levels: Array) -> Array:
+        """Bound ``|A| ℓ``: ℓ has lengths and rotations ``arcs`` (K, F, 2) and ``levels`` (K, r)."""
+        found = np.einsum("kir,kr->ki", self.level, levels)
+        for f, (linear, angular) in enumerate(zip(self.linear, self.angular, strict=True)):
+            g = min(f, arcs.shape[1] - 1)
+            found = found + linear * arcs[:, g, :1] + angular * arcs[:, g, 1:]
+        return np.asarray(found, float)
+
+    def bent(self, h: Array) -> Array:
+        """Bound ``|A| Δ(h) h``, the part that is not linear, on boxes of half-widths h (K, n)."""
+        rounds = self.problem.round
+        across = h.sum(axis=1)
+        found = np.einsum("kij,kj->ki", self.rounding, h)
+        found = found + np.einsum(
+            "kir,kr->ki",
+            self.level,
+            self._level_change(h) + across[:, None] * rounds[-self.level.shape[2] :],
+        )
+        for chain, linear, angular in zip(self.chains, self.linear, self.angular, strict=True):
+            v, w = _pose_changes(chain, self.Q, h)
+            rounded = across * rounds[: -self.level.shape[2]].max()
+            found = found + linear * (v + rounded)[:, None] + angular * (w + rounded)[:, None]
+        return np.asarray(np.nan_to_num(found, nan=np.inf), float)
+
+    def _level_change(self, h: Array) -> Array:
+        """Bound ``|ΔV|ᵀ h`` for each potential, from second derivatives on the boxes: (K, r)."""
+        parts, Q = self.problem.features, self.Q
+        most = np.abs(Q @ parts.Z.T - parts.z0) + h @ np.abs(parts.Z).T  # of the arguments
+        phi = np.ones((len(Q), len(parts.kind)))
+        for f, (kind, parent, v) in enumerate(
+            zip(parts.kind, parts.parent, parts.variable, strict=True)
+        ):
+            if kind == 1:
+                phi[:, f] = phi[:, parent] * most[:, v]
+        r, n = parts.G.shape[:2]
+        slopes = (np.abs(parts.C).reshape(r * n * n, -1) @ phi.T).T.reshape(len(Q), r, n, n)
+        found = np.einsum("kaij,ki,kj->ka", slopes, h, h) * (1 + 1e-9)
+        arms = self.problem.arm_angles(Q, h)
+        if arms is not None:
+            dV = np.abs(arms[..., n : n + n * n]).reshape(len(Q), r, n, n)
+            rest = arms[..., n + n * n : 2 * n + n * n] + 2 * arms[..., -1:]
+            found = found + np.einsum("kaij,ki,kj->ka", dV, h, h) + np.einsum("kai,ki->ka", rest, h)
+        return np.asarray(found, float)
+
+
+def _pose_changes(chain: JointChain, Q: Array, h: Array) -> tuple[Array, Array]:
+    """Bound the changes of a frame's Jacobian times h on boxes Q ± h, (K, n) each: (K,), (K,).
+
+    With L_l a bound of the distance from joint l to the frame, and η the half-widths of the joints,
+    a column of a revolute joint changes by ``Σ_j η_j min(L_j, L_l)``, and by η_j for a prismatic
+    joint j; that of a prismatic joint by the η_j of the revolute ones. The angular part of a column
+    changes by α = Σ η_j at most, and its chart, the rotation vector from the sample, by α again.
+    """
+    S = np.abs(chain.S)
+    turns: NDArray[np.bool_] = chain.revolute
+    eta = h @ S.T
+    theta = np.abs(Q @ chain.S.T + chain.offset) + eta
+    lengths = np.linalg.norm(chain.p, axis=1)
+    slides = np.where(turns, 0.0, theta)
+    # from joint l to the frame: the offsets after it, and the prismatic joints after it
+    after = np.cumsum(lengths[::-1])[::-1][1:]
+    L = after + np.cumsum(slides[:, ::-1], axis=1)[:, ::-1] - slides
+    revolute, prismatic = eta * turns, eta * ~turns
+    alpha = revolute.sum(axis=1)
+    least = np.minimum(L[:, :, None], L[:, None, :])
+    column = np.einsum("kj,klj->kl", revolute, least) + prismatic.sum(axis=1)[:, None]
+    v = (revolute * column).sum(axis=1) + prismatic.sum(axis=1) * alpha
+    w = np.where(alpha < _TURN, 2 * alpha**2, np.inf)
+    return v, w
