@@ -28,6 +28,7 @@
 #define OUTSIDE ARM_OUTSIDE
 #define SLOWED ARM_SLOWED
 #define LIMIT ARM_LIMIT
+#define RECOVERING ARM_RECOVERING
 typedef arm_pose Pose;
 typedef arm_options Options;
 typedef arm_report Report;

@@ -17,7 +17,8 @@ typedef enum {
     ARM_BAD_NUMBER = 2, /* an argument is not finite or out of range, or R is not a rotation to 1e-6 */
     ARM_OUTSIDE = 3,    /* q is outside the design region, or the next q outside the joint limits */
     ARM_SLOWED = 4,     /* of a governor: on the way, as fast as the limits allow */
-    ARM_LIMIT = 5       /* of a governor: a joint limit is ahead */
+    ARM_LIMIT = 5,      /* of a governor: a joint limit is ahead */
+    ARM_RECOVERING = 7  /* of a governor: on the way back from beyond a joint limit */
 } arm_status;
 
 /* Placement of a frame in the base frame: p in m, R row by row. */
@@ -56,7 +57,7 @@ arm_status arm_jacobian(const double q[ARM_N], double J[ARM_M * ARM_N]);
 /* Compute G of qdot = G xdot with J G = I and V^T G = 0, row by row. */
 arm_status arm_inverse(const double q[ARM_N], double G[ARM_N * ARM_M]);
 
-/* Compute c = h(q), the level of the leaf that contains q and every motion from q. */
+/* Compute c = h(q), the level of the leaf that contains q and every motion from q. ARM_BAD_NUMBER: it overflows. */
 arm_status arm_leaf(const double q[ARM_N], double c[ARM_R]);
 
 /* Compute the joint velocity qdot for a task velocity xdot: J qdot = xdot and V^T qdot = 0. */

@@ -30,7 +30,8 @@ enum class [[nodiscard]] Status {
     bad_number = ARM_BAD_NUMBER,
     outside = ARM_OUTSIDE,
     slowed = ARM_SLOWED,
-    limit = ARM_LIMIT
+    limit = ARM_LIMIT,
+    recovering = ARM_RECOVERING
 };
 
 inline Options defaults() noexcept

@@ -21,9 +21,11 @@ void arm_governor_limits(arm_limits *limits);
 
 /*
  * Begin, or begin again, at rest at q, which the robot was commanded to or where it was measured; its leaf is kept from
- * now on. ARM_BAD_NUMBER: dt or a limit is not above 0 and finite; ARM_LIMIT: q is within the margin of a joint limit;
- * ARM_OUTSIDE: q is outside the region of arm_inside(); ARM_SINGULAR: J_V is singular at q. After any of these the
- * governor holds until a start succeeds.
+ * now on. A tick dt is 0.0001 to 0.1 s. If q is within the margin of a joint limit, or beyond it by at most 0.1 rad (m),
+ * the first target or twist moves these joints inside, at most at a tenth of their speed limits, and the leaf is that of
+ * the configuration inside. ARM_BAD_NUMBER: dt is out of range, a limit is not above 0 and finite, or a frame is 1e6 m
+ * from the base or farther; ARM_LIMIT: q is farther beyond a joint limit; ARM_OUTSIDE: q is outside the region of
+ * arm_inside(); ARM_SINGULAR: J_V is singular at q. After any of these the governor holds until a start succeeds.
  */
 arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], double dt, const arm_limits *limits);
 
@@ -39,7 +41,8 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
  * ARM_SLOWED      on the way, as fast as the limits of speed, acceleration and jerk allow
  * ARM_LIMIT       a joint limit is ahead: it slows down and stops before it
  * ARM_OUTSIDE     the region of arm_inside() ends ahead: it stops before its edge
- * ARM_SINGULAR    J_V is singular ahead, or the target is out of reach: it stops before it
+ * ARM_SINGULAR    J_V is singular ahead, or the target is out of reach: it stops before it; or no motion to it was found
+ * ARM_RECOVERING  it moves back inside from beyond a joint limit; the target is followed after that
  * ARM_BAD_NUMBER  target or twist are not finite, no rotation, beyond 1e6, or both are given: it stops
  */
 arm_status arm_governor_step(arm_governor *governor, const arm_pose *target, const double *twist,
