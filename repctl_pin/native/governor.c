@@ -554,6 +554,7 @@ static void plan_back(const Arm *arm, const Governor *g, const double q[], const
   static const double PEAK[3] = {1.875, 5.7735026918962582, 60.0}; /* of its derivatives by time, for T = 1 */
   Piece *piece = &plan->piece[0];
   double T = 4.0 * g->dt;
+  (void)arm;
   for (int i = 0; i < N; i++) {
     const double way = fabs(inside[i] - q[i]);
     const double by_speed = PEAK[0] * way / (BACK_SPEED * g->limits.velocity[i]);
