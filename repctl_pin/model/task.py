@@ -41,6 +41,10 @@ def unit_of(revolute: Iterable[bool]) -> str:
     return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
 
 
+RECOVERABLE = 0.1
+"""Distance beyond a joint limit from which a motion may begin that leads back inside, rad or m."""
+
+
 class Task:
     """Task of controlling one frame of a robot, with the joints that move it.
 
@@ -428,8 +432,10 @@ class Task:
         names = {"robot": self.robot.name, "frame": self.frame, "task": str(self.kind)}
         return {**names, "n": self.n, "m": self.m, "r": self.r, "joints": list(self.joint_names)}
 
-    def check(self, q: ArrayLike, what: str = "q") -> Array:
+    def check(self, q: ArrayLike, what: str = "q", beyond: float = 1e-9) -> Array:
         """Check a configuration of the user, and return it: (n,) finite numbers within the limits.
+
+        ``beyond`` is the distance, rad (m), by which a joint may be outside its limits.
 
         Raises
         ------
@@ -453,9 +459,11 @@ class Task:
         for name, value, low, high in zip(
             self.robot_joints, self.joints(q), lower, upper, strict=True
         ):
-            if not low - 1e-9 <= value <= high + 1e-9:
+            if not low - beyond <= value <= high + beyond:
+                more = f" by more than {beyond:g}, rad or m" if beyond > 1e-9 else ""
                 raise InputError(
-                    f": {name} = {value:g} is outside its limits [{low:g}, {high:g}]", argument=what
+                    f": {name} = {value:g} is outside its limits [{low:g}, {high:g}]{more}",
+                    argument=what,
                 )
         return q
 

@@ -443,6 +443,7 @@ SHARED int find_leaf(const Arm *arm, const double q[], double c[]) {
   if (!all_finite(q, N)) return BAD_NUMBER;
   place(arm, q, p, R, J);
   potentials(arm, q, p, R, J, h, V);
+  if (!all_finite(h, N - M)) return BAD_NUMBER;
   for (int j = 0; j < N - M; j++) c[j] = h[j];
   return OK;
 }

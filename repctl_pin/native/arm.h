@@ -24,7 +24,7 @@
 #define TERMS (part->count)
 #define WIDTH ((N - M) * (part->k + 1))
 
-enum { OK, SINGULAR, BAD_NUMBER, OUTSIDE, SLOWED, LIMIT }; /* what functions return */
+enum { OK, SINGULAR, BAD_NUMBER, OUTSIDE, SLOWED, LIMIT, BODIES, RECOVERING }; /* what functions return */
 
 typedef struct {
   double p[3], R[9]; /* position, rotation by rows */

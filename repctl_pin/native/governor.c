@@ -7,6 +7,17 @@
 
 #define TINY 1e-300
 #define STRIDE 0.004 /* time between two plans, s */
+#define PART 0.001   /* longest part of a tick, s */
+#define SHORTEST 1e-4 /* tick, s: in shorter ones, rounding has a share of the jerk limit */
+#define LONGEST 0.1   /* tick, s */
+#define WITHIN 1e-12  /* distance kept from the limits beyond the margin, for rounding, rad or m */
+#define FAR 1e6       /* positions and twists beyond are refused, m, m/s and rad/s */
+#define MOST_IDLE 250 /* plans in a row that an arm at rest does not find, before it is said to be stopped */
+
+/* Back from beyond a joint limit: how far beyond it an arm can start, rad or m, and the shares of the limits. */
+#define BEYOND 0.1
+#define BACK_SPEED 0.1
+#define BACK 0.5
 
 /* Shares of the limits that plans aim at; the remainder is for the change of G along the path. */
 #define AIM_SPEED 0.985
@@ -205,7 +216,7 @@ static int shares_used(const Arm *arm, const Governor *g, const Plan *plan, doub
       const double d3 = d2 - (e1 - (H[1][i] - H[0][i]));
       const double v = fabs(d1) * per_speed[i], a = fabs(d2) * per_acceleration[i];
       const double j = fabs(d3) * per_jerk[i];
-      if (!(q[i] >= g->lower[i] - 1e-12 && q[i] <= g->upper[i] + 1e-12)) return 0;
+      if (!(q[i] >= g->lower[i] - WITHIN && q[i] <= g->upper[i] + WITHIN)) return 0;
       if (!(v <= speed)) speed = v;
       if (!(a <= worst)) worst = a;
       if (!(j <= worst)) worst = j;
@@ -382,6 +393,15 @@ static int reached_status(const Arm *arm, const Governor *g, const Now *now, con
   return is_slow(arm, g, x) ? OK : SLOWED;
 }
 
+/* Tell whether the plan has ended, and all differences are 0. */
+static int rests(const Governor *g) { return (double)(g->tick - 3) * g->dt >= g->plan[g->taken].time; }
+
+/* Lower the pace, as no plan was found, for a cause. */
+static void slow_down(Governor *g, int cause) {
+  g->pace = 0.7 * g->pace > 1e-3 ? 0.7 * g->pace : 1e-3;
+  g->cause = cause;
+}
+
 /* Go on in a direction for a stride, as fast as the limits allow. */
 static int drive(const Arm *arm, Governor *g, const Now *now, const double way[], double asked, int lands) {
   double by_speed, by_room, speed, wish[RATES], later[RATES];
@@ -397,11 +417,11 @@ static int drive(const Arm *arm, Governor *g, const Now *now, const double way[]
   if (cause == SLOWED) {
     for (i = 0; i < RATES; i++) later[i] = (now->later[i] + later[i]) / 2.0;
     try_stride(arm, g, now, later);
+    if (g->tick && rests(g)) slow_down(g, SLOWED);
     return cause;
   }
   if (cause != OK) {
-    g->pace = 0.7 * g->pace > 1e-3 ? 0.7 * g->pace : 1e-3;
-    g->cause = cause;
+    slow_down(g, cause);
     return cause;
   }
   g->pace = 1.1 * g->pace < 1.0 ? 1.1 * g->pace : 1.0;
@@ -450,7 +470,7 @@ static int other_way(const Arm *arm, Governor *g, const Pose *target, int rests)
 
 /* Count the plans without progress. */
 static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status) {
-  int slow = status != OK && status != SLOWED;
+  int slow = status != OK && (status != SLOWED || g->tick); /* g->tick is 0 if a plan was taken */
   (void)arm;
   for (int i = 0; i < N; i++)
     if (!(fabs(now->qdot[i]) < 0.02 * g->limits.velocity[i])) slow = 0;
@@ -460,18 +480,18 @@ static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status)
 /* Move towards a target for a stride, or come to rest there. */
 static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *target) {
   const Plan *plan = &g->plan[g->taken];
-  const int rests = (double)(g->tick - 3) * g->dt >= plan->time;
+  const int still = rests(g);
   const int lands = plan->lands && equal_poses(arm, target, g->landing);
   double way[RATES], x[N], travel = 0.0, a, jerk, speed, rise, left, by_speed, by_room;
   int status;
   if (lands) look_for(arm, g, target); /* only in ticks without a plan */
-  if (lands && !rests) return SLOWED;
-  if (g->stuck > 25 && other_way(arm, g, target, rests)) return g->status;
+  if (lands && !still) return SLOWED;
+  if (g->stuck > 25 && other_way(arm, g, target, still)) return g->status;
   course_way(arm, &now->course, target, way);
   joint_rates(arm, now->B, way, x);
   for (int i = 0; i < N; i++)
     if (!(fabs(x[i]) <= travel)) travel = fabs(x[i]);
-  if (lands || (rests && travel < 1e-10)) {
+  if (lands || (still && travel < 1e-10)) {
     if (!lands) look_for(arm, g, target);
     if (is_there(arm, g, now->q)) return course_holds(arm, target) ? OK : OUTSIDE;
     if (!g->by_joints) return SLOWED;
@@ -514,7 +534,7 @@ static int follow(const Arm *arm, Governor *g, const Now *now, const double *twi
 
 static int is_small(const double *x, int count) {
   for (int i = 0; i < count; i++)
-    if (!(fabs(x[i]) < 1e6)) return 0;
+    if (!(fabs(x[i]) < FAR)) return 0;
   return 1;
 }
 
@@ -527,33 +547,67 @@ static int is_heeded(const Arm *arm, const Governor *g, const Pose *target, cons
   return 1;
 }
 
-/* Begin at rest at q, if the arguments are right. */
+/* Make the plan that brings the joints from q, beyond a limit, to those inside: each one on a quintic from rest to rest,
+   so never farther out. */
+static void plan_back(const Arm *arm, const Governor *g, const double q[], const double inside[], Plan *plan) {
+  static const double QUINTIC[6] = {0.5, 0.9375, 0.0, -0.625, 0.0, 0.1875}; /* from 0 to 1, by u */
+  static const double PEAK[3] = {1.875, 5.7735026918962582, 60.0}; /* of its derivatives by time, for T = 1 */
+  Piece *piece = &plan->piece[0];
+  double T = 4.0 * g->dt;
+  (void)arm;
+  for (int i = 0; i < N; i++) {
+    const double way = fabs(inside[i] - q[i]);
+    const double by_speed = PEAK[0] * way / (BACK_SPEED * g->limits.velocity[i]);
+    const double by_acceleration = sqrt(PEAK[1] * way / (BACK * g->limits.acceleration[i]));
+    const double by_jerk = cbrt(PEAK[2] * way / (BACK * g->limits.jerk[i]));
+    if (by_speed > T) T = by_speed;
+    if (by_acceleration > T) T = by_acceleration;
+    if (by_jerk > T) T = by_jerk;
+  }
+  piece->begin = 0.0;
+  piece->end = plan->time = T;
+  piece->degree = 5;
+  for (int k = 0; k <= 5; k++)
+    for (int i = 0; i < N; i++) piece->C[k][i] = (k ? 0.0 : q[i]) + QUINTIC[k] * (inside[i] - q[i]);
+  plan->pieces = 1;
+}
+
+/* Begin at rest at q, if the arguments are right. Beyond a joint limit, the leaf is that of the configuration inside. */
 static int start_at_rest(const Arm *arm, Governor *g, const double q[], double dt, const Limits *limits) {
-  double G[N * M], still[N];
-  if (!all_finite(q, N) || !(dt > 0.0 && dt < HUGE_VAL)) return BAD_NUMBER;
+  double G[N * M], still[N], inside[N];
+  g->recovers = 0;
+  if (!all_finite(q, N) || !(dt >= SHORTEST && dt <= LONGEST)) return BAD_NUMBER;
   if (!(limits->margin >= 0.0 && limits->margin < HUGE_VAL)) return BAD_NUMBER;
   for (int i = 0; i < N; i++) {
     if (!(limits->velocity[i] > 0.0 && limits->velocity[i] < HUGE_VAL)) return BAD_NUMBER;
     if (!(limits->acceleration[i] > 0.0 && limits->acceleration[i] < HUGE_VAL)) return BAD_NUMBER;
     if (!(limits->jerk[i] > 0.0)) return BAD_NUMBER;
-    if (!(q[i] >= arm->lower[i] + limits->margin && q[i] <= arm->upper[i] - limits->margin)) return LIMIT;
+    if (!(q[i] >= arm->lower[i] - BEYOND && q[i] <= arm->upper[i] + BEYOND)) return LIMIT;
+    g->lower[i] = arm->lower[i] + limits->margin + WITHIN * 1.01;
+    g->upper[i] = arm->upper[i] - limits->margin - WITHIN * 1.01;
+    if (!(g->lower[i] <= g->upper[i])) return LIMIT;
+    inside[i] = q[i] < g->lower[i] ? g->lower[i] : q[i] > g->upper[i] ? g->upper[i] : q[i];
+    if (inside[i] != q[i]) g->recovers = 1;
   }
-  if (find_inside(arm, q) != OK) return OUTSIDE;
-  if (find_inverse(arm, q, G) != OK || find_leaf(arm, q, g->leaf) != OK) return SINGULAR;
+  if (find_inside(arm, inside) != OK) return OUTSIDE;
+  if (find_inverse(arm, inside, G) != OK || find_leaf(arm, inside, g->leaf) != OK) return SINGULAR;
   g->limits = *limits;
-  g->dt = dt;
-  g->ticks = STRIDE / dt >= 1.5 ? (long long)(STRIDE / dt + 0.5) : 1;
-  g->stride = (double)g->ticks * dt;
+  g->parts = dt > PART ? (int)ceil(dt / PART * (1.0 - 1e-9)) : 1;
+  g->dt = dt / g->parts;
+  g->ticks = (long long)(STRIDE / g->dt + 0.5);
+  g->stride = (double)g->ticks * g->dt;
   for (int i = 0; i < N; i++) {
-    g->lower[i] = arm->lower[i] + limits->margin;
-    g->upper[i] = arm->upper[i] - limits->margin;
-    g->line.start[i] = q[i];
+    g->line.start[i] = inside[i];
     still[i] = 0.0;
     for (int k = 0; k < 3; k++) g->history[k][i] = q[i];
   }
-  course_begin(arm, q, &g->line.course);
+  course_begin(arm, inside, &g->line.course);
+  for (int f = 0; f < FRAMES; f++)
+    if (!is_small(g->line.course.place[f].p, 3)) return BAD_NUMBER;
   plan_begin(arm, &g->plan[0], &g->line.course, q, still);
-  g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
+  plan_begin(arm, &g->plan[1], &g->line.course, inside, still);
+  if (g->recovers) plan_back(arm, g, q, inside, &g->plan[1]);
+  g->idle = g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
   for (int i = 0; i < RATES; i++) g->heard_twist[i] = 0.0;
   g->tick = 3; /* all differences are 0 */
   g->next = 0;
@@ -572,18 +626,22 @@ SHARED int govern_from(const Arm *arm, Governor *g, const double q[], double dt,
   return g->status;
 }
 
-/* Compute the next joints to command, towards a target or by a twist; without both it stops. */
-SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, double q_next[]) {
-  int accepted = !(target && twist);
-  if (!g->started) return g->status == OK ? BAD_NUMBER : g->status;
-  if (target && !usable(arm, target)) accepted = 0;
-  for (int f = 0; f < FRAMES && target; f++) accepted &= is_small(target[f].p, 3);
-  if (twist && !is_small(twist, RATES)) accepted = 0;
-  if (accepted && g->tick >= g->next) {
+/* Plan, if it is time to, and move on by one part of a tick. */
+static void advance(const Arm *arm, Governor *g, const Pose *target, const double *twist, int accepted) {
+  if (g->recovers) {
+    if (accepted && (target || twist)) {
+      g->recovers = 0;
+      g->taken = 1;
+      g->tick = 0;
+      g->next = (long long)ceil(g->plan[1].time / g->dt) + 3; /* at rest inside: all differences are 0 */
+      g->status = RECOVERING;
+    }
+  } else if (accepted && g->tick >= g->next) {
     double G[N * M], B[2 * N * RATES];
     Now now;
     now.G = G, now.B = B, now.B_ahead = B + N * RATES;
     g->left = MOST_EVALUATIONS;
+    g->asked = 0;
     if (!target || !g->heeds_target || !equal_poses(arm, target, g->heard)) g->stuck = g->by_joints = 0;
     if (!state_now(arm, g, &now))
       g->status = SINGULAR;
@@ -591,6 +649,8 @@ SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double 
       g->status = to_target(arm, g, &now, target);
     else
       g->status = follow(arm, g, &now, twist);
+    g->idle = g->status == SLOWED && g->tick && rests(g) ? g->idle + 1 : 0;
+    if (g->idle > MOST_IDLE) g->status = SINGULAR;
     g->next = g->tick + g->ticks;
     g->heeds_target = target != NULL;
     if (target) copy_poses(arm, target, g->heard);
@@ -602,6 +662,18 @@ SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double 
     g->history[1][i] = g->history[2][i];
   }
   plan_at(arm, &g->plan[g->taken], (double)g->tick * g->dt, g->history[2]);
+}
+
+/* Compute the next joints to command, towards a target or by a twist; without both it stops. A tick is divided into
+   equal parts: limits that are kept by the differences of the parts are kept by those of the ticks, which are their
+   weighted means. */
+SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, double q_next[]) {
+  int accepted = !(target && twist);
+  if (!g->started) return g->status == OK ? BAD_NUMBER : g->status;
+  if (target && !usable(arm, target)) accepted = 0;
+  for (int f = 0; f < FRAMES && target; f++) accepted &= is_small(target[f].p, 3);
+  if (twist && !is_small(twist, RATES)) accepted = 0;
+  for (g->part = 0; g->part < g->parts; g->part++) advance(arm, g, target, twist, accepted);
   for (int i = 0; i < N; i++) q_next[i] = g->history[2][i];
   if (!accepted) return BAD_NUMBER;
   if (g->status == OK && !is_heeded(arm, g, target, twist)) return SLOWED;

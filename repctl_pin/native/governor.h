@@ -63,11 +63,11 @@ typedef struct {
   Limits limits;
   Plan plan[2];
   Pose landing[MOST_FRAMES], heard[MOST_FRAMES];
-  double heard_twist[6 * MOST_FRAMES], dt, stride, leaf[MOST_N], lower[MOST_N], upper[MOST_N], history[3][MOST_N];
+  double heard_twist[6 * MOST_FRAMES], dt /* of a part of a tick */, stride, leaf[MOST_N], lower[MOST_N], upper[MOST_N], history[3][MOST_N];
   double pace, longer, reach;
   Line line;
   long long tick, next, ticks;
-  int taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
+  int parts, part, asked, idle, recovers, taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
   int status, cause;
   int started;
   int (*allows)(void *guard, const Plan *plan); /* a status: OK takes a plan */

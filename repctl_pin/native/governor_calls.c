@@ -6,8 +6,6 @@
 #include "governor.h"
 #include "torque.h"
 
-enum { BODIES = LIMIT + 1 }; /* status: the bodies do not allow a plan */
-
 typedef struct {
   int room; /* samples of a plan, at most */
   double dt;
@@ -18,7 +16,7 @@ typedef struct {
   const double *twist, *q; /* 6 FRAMES, N: where it begins */
   double *result;          /* N */
   double *samples, *ways;  /* room N: of a plan, and the ways of the joints up to them */
-  int (*allows)(int count);
+  int (*allows)(int count, int first); /* first: of the questions about the next motion */
 } GovernorCall;
 
 EXPORT long governor_bytes(void) { return (long)sizeof(Governor); }
@@ -44,32 +42,40 @@ EXPORT int call_governor_start(const GovernorCall *call) {
   return govern_from(arm, call->state, call->q, call->dt, &limits);
 }
 
-/* Sample a plan, from the present joints to rest, and ask whether it is allowed. */
+/* Sample a plan, from the last command to rest, and ask whether it is allowed. From tick to tick the joints move on a
+   straight line. Ticks of many parts are longer, so their lines are divided: there are about as many samples. */
 static int ask(void *guard, const Plan *plan) {
   const GovernorCall *call = (const GovernorCall *)guard;
   const Arm *arm = call->arm;
-  const long ticks = (long)ceil(plan->time / call->dt), stride = (ticks - 1) / (call->room - 1) + 1;
-  double q[MOST_N], way[MOST_N];
-  int count = 0;
+  Governor *g = call->state;
+  const double first = (double)(g->parts - g->part); /* the parts up to the next tick */
+  const long ticks = (long)ceil((plan->time / g->dt - first) / g->parts) + 1, most = call->room - 1;
+  const long stride = ticks > most ? (ticks - 1) / most + 1 : 1;
+  const long pieces = g->parts > 1 && ticks < most ? most / ticks : 1;
+  double q[N], way[N];
+  int count = 1;
   for (int i = 0; i < N; i++) {
-    q[i] = call->state->history[2][i];
-    way[i] = 0.0;
+    call->samples[i] = q[i] = call->result[i];
+    call->ways[i] = way[i] = 0.0;
   }
-  for (long k = 0; k <= ticks; k++) {
-    double next[MOST_N];
-    plan_at(arm, plan, (double)k * call->dt, next);
-    for (int i = 0; i < N && k > 0; i++) {
+  for (long k = 1; k <= ticks; k++) {
+    double next[N];
+    plan_at(arm, plan, (first + (double)(k - 1) * g->parts) * g->dt, next);
+    for (long s = 1; s <= pieces; s++) {
+      const double share = (double)s / (double)pieces;
+      if (k % stride != 0 && k != ticks) continue;
+      for (int i = 0; i < N; i++) {
+        call->samples[count * N + i] = s == pieces ? next[i] : q[i] + share * (next[i] - q[i]);
+        call->ways[count * N + i] = way[i] + share * fabs(next[i] - q[i]);
+      }
+      count++;
+    }
+    for (int i = 0; i < N; i++) {
       way[i] += fabs(next[i] - q[i]);
       q[i] = next[i];
     }
-    if (k % stride != 0 && k != ticks) continue;
-    for (int i = 0; i < N; i++) {
-      call->samples[count * N + i] = q[i];
-      call->ways[count * N + i] = way[i];
-    }
-    count++;
   }
-  return call->allows(count) == 1 ? OK : BODIES;
+  return call->allows(count, g->asked++ == 0) == 1 ? OK : BODIES;
 }
 
 /* bits of given: 1 target, 2 twist */

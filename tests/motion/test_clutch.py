@@ -124,3 +124,25 @@ def test_what_it_refuses() -> None:
             rp.Clutch(**arguments)
     with pytest.raises(rp.InputError, match="hand must be a placement"):
         rp.Clutch().target(3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.3, 1.7])
+@pytest.mark.parametrize("wobble", [0.0, 0.01, 0.1])
+def test_many_turns_of_the_hand_move_the_target_without_a_jump(scale: float, wobble: float) -> None:
+    """Item 26.3: beyond a full turn, the target jumped by 82 degrees."""
+    for sign in (1, -1):
+        clutch, at = rp.Clutch(rotation_scale=scale), pin.SE3.Identity()
+        clutch.engage(at, at)
+        last, step = at.rotation, 0.02
+        for k in range(1, round(10 * 2 * np.pi / step)):
+            tilt = pin.exp3(wobble * np.array([np.sin(0.013 * k), np.sin(0.017 * k), 0.0]))
+            hand = pin.SE3(tilt @ pin.exp3(sign * step * k * np.array([0, 0, 1.0])), np.zeros(3))
+            target = clutch.target(hand)
+            if target is None:
+                assert wobble and not clutch.engaged
+                break
+            assert np.linalg.norm(pin.log3(target.rotation @ last.T)) < 6 * scale * step
+            last = target.rotation
+        else:
+            assert k > 3000
+        assert k > 200  # no release within the first half turn

@@ -272,9 +272,8 @@ def test_bad_arguments_are_named() -> None:
         governor.step()
     with pytest.raises(rp.InputError, match="outside its limits"):
         governor.start([0.0, 9.0, 0.0])
-    near = np.array([0.3, inverse.task.upper[1] - 0.2, 0.8])
-    with pytest.raises(rp.InputError, match=r"too near to the limit of 'theta2'|too near"):
-        governor.start(near)
+    with pytest.raises(rp.InputError, match="10,000 to 10 per second"):
+        rp.Governor(inverse, 0.2, rp.Limits(acceleration=5.0))
     governor.start(Q0)
     with pytest.raises(rp.InputError, match="mutually exclusive"):
         governor.step(moved(), [0.0] * 6)
@@ -285,3 +284,43 @@ def test_bad_arguments_are_named() -> None:
     bent = inverse.task.in_coordinates(np.tril(np.ones((3, 3))))
     with pytest.raises(rp.InputError, match="original task"):
         rp.Governor(control(bent, Q0, rp.Polynomial(Q0, 1, 0.5)), DT, rp.Limits(acceleration=5.0))
+
+
+@pytest.mark.parametrize("ticks", [4, 20, 100])
+def test_a_slow_loop_makes_the_motion_of_a_fast_one(ticks: int) -> None:
+    """Item 26.1: at slow rates the governor stood still; the commands are those of 1 ms."""
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "position")
+    q0 = np.array([0.1645, 1.0344, -1.1132, -0.6831, -0.5389, 2.8319, 0.7733])
+    inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
+    limits = rp.Limits(acceleration="panda", jerk="panda")
+    target = pin.SE3(task.placement(q0).rotation, np.array([0.644, -0.31, 0.107]))
+    fast, slow = (rp.Governor(inverse, dt, limits) for dt in (DT, ticks * DT))
+    fast.start(q0)
+    slow.start(q0)
+    Q, _ = run(fast, 4000, target)
+    Q_slow, said = run(slow, 4000 // ticks, target)
+    assert said[-1] is rp.Status.OK
+    assert len(said) == -(-(len(Q) - 1) // ticks)
+    np.testing.assert_allclose(Q_slow[:-1], Q[: (len(Q_slow) - 1) * ticks : ticks], atol=1e-9)
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.02])
+def test_it_moves_back_from_beyond_a_limit(dt: float) -> None:
+    """Item 26.4: a measured joint beyond its limit returns slowly, never farther out."""
+    inverse = planar()
+    upper = inverse.task.upper
+    limits = rp.Limits(velocity=2.0, acceleration=A, jerk=J)
+    governor = rp.Governor(inverse, dt, limits, margin=0.02)
+    q = np.array([0.3, 0.8, upper[2] + 0.05])
+    governor.start(q)
+    assert governor.recovering and (governor.step()[0] == q).all()  # it does not move by itself
+    target = inverse.task.placement(np.clip(q, -upper + 0.02, upper - 0.02))
+    Q, said = run(governor, int(5 / dt), target)
+    assert said[0] is rp.Status.RECOVERING and said[-1] is rp.Status.OK
+    assert np.diff(Q[:, 2]).max() <= 1e-12 and Q[-1, 2] <= upper[2] - 0.02
+    assert not governor.recovering and (Q[:, :2] == q[:2]).all()
+    Q = np.vstack([[q] * 3, Q])
+    assert np.abs(np.diff(Q, axis=0)).max() / dt <= 0.2
+    assert np.abs(np.diff(Q, 3, axis=0)).max() / dt**3 <= J
+    with pytest.raises(rp.InputError, match="by more than 0.1"):
+        governor.start(upper + 0.2)

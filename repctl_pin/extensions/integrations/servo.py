@@ -41,6 +41,7 @@ _AHEAD = {
     Status.OUTSIDE: "the region Ω, or the cell, ends ahead",
     Status.LIMIT: "a joint limit is ahead",
     Status.BODIES: "two bodies are near each other ahead",
+    Status.RECOVERING: "a joint is beyond its limit",
 }
 """Description of what stops the arm, by the governor's status."""
 
@@ -314,6 +315,8 @@ class Servo:
         if self.stopped_early and not reason:
             does = "stopped" if self.at_rest else "slowing down"
             reason = f"{does} before the target: {self._ahead()}"
+            if self.status is Status.RECOVERING:
+                reason = "a joint is beyond its limit or margin: it moves back inside first"
         said = f"{self.state.value}: {reason}" if reason else self.state.value
         return f"{said}, {_BEYOND}" if self.beyond_closing_radius else said
 
@@ -353,14 +356,15 @@ class Servo:
         A change of the level c comes first: the arm stops, moves its elbow in parts, and then
         follows the target.
         """
-        if not self._piece and self._leaf is not None and self._moving_asked():
+        recovers = self._governor.recovering
+        if not self._piece and self._leaf is not None and self._moving_asked() and not recovers:
             self._to_leaf(self._leaf)
         if self._piece:
             q = self._piece.pop(0)
             if not self._piece:
                 self._governor.start(q)
         else:
-            waits = self._leaf is not None
+            waits = self._leaf is not None and not recovers
             goal, twist = (None, None) if waits else (self._target, self._twist)
             if twist is not None and self.tool is not None:
                 arm = self._placement().rotation @ self.tool.translation

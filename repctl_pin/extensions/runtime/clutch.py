@@ -17,6 +17,10 @@ from ...model.chain_formulas import Placement, as_placement, is_rotation, requir
 _TURN = 2 * np.pi
 
 
+_MOST = 5.0
+"""Rotation of the target per scaled rotation of the hand, beyond which the clutch is released."""
+
+
 class Clutch:
     r"""Moves the target of an arm as a hand moves, while engaged; without a jump at any time.
 
@@ -27,7 +31,9 @@ class Clutch:
               R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
 
     with the rotation B from the tracker's axes to those of the base. So the first target is the
-    arm's own pose. The logarithm is continued beyond half a turn.
+    arm's own pose. The logarithm is continued beyond half a turn. Near full turns it is not
+    continuous unless the hand turns about one axis: if ρ is no integer, the clutch is released
+    where the target would turn by more than five times ρ times the hand's step.
 
     Parameters
     ----------
@@ -82,6 +88,7 @@ class Clutch:
         hand, at = as_placement(hand, "hand"), as_placement(at, "at")
         self._start = (hand, at) if _usable(hand) and _usable(at) else None
         self._angle = np.zeros(3)
+        self._last = hand, np.eye(3)
 
     def release(self) -> None:
         """Release the clutch: there is no target until it is engaged again."""
@@ -100,7 +107,20 @@ class Clutch:
         hand_0, at = self._start
         way = self._axes @ (hand.translation - hand_0.translation)
         turn = pin.exp3(self._turned * (self._axes @ self._rotation(hand, hand_0)))
+        if self._jumps(hand, turn):
+            self.release()
+            return None
         return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
+
+    def _jumps(self, hand: pin.SE3, turn: Array) -> bool:
+        """Test whether the target turns much more than the hand since the last pose; store both."""
+        last_hand, last_turn = self._last
+        self._last = hand, turn
+        if self._turned == round(self._turned):
+            return False  # full turns change nothing
+        step = float(np.linalg.norm(pin.log3(hand.rotation @ last_hand.rotation.T)))
+        change = float(np.linalg.norm(pin.log3(turn @ last_turn.T)))
+        return change > _MOST * self._turned * step + 1e-6
 
     def _rotation(self, hand: pin.SE3, hand_0: pin.SE3) -> Array:
         """Compute the hand's rotation since it was engaged, as a rotation vector (3,), rad.

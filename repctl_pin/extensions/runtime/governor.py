@@ -27,15 +27,18 @@ from ...base.errors import InputError
 from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement
 from ...model.several_frames import one_frame
-from ...model.task import Task
+from ...model.task import RECOVERABLE, Task
 from ...motion.limits import JointLimits, Limits, joint_limits
 from ...native import GOVERNOR_CALL, filled_struct, required_library
 from ...strategies.native_arm import native_arm
 from ...strategies.repeatable import RepeatableInverse
 from .body_guard import ROOM, BodyGuard
 
-_ASK = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int)
+_ASK = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)
 """Function of Python that C calls for every plan within the limits."""
+
+_SHORTEST, _LONGEST = 1e-4, 0.1
+"""Time steps between which a governor works, s."""
 
 _TARGET, _TWIST = 1, 2
 """Bits that tell C which of its two inputs is given."""
@@ -49,7 +52,8 @@ class Status(IntEnum):
     OK
         The target is reached, or the frame has the requested twist.
     SINGULAR
-        J_V is singular ahead, or the target is out of reach: the arm stops before it.
+        J_V is singular ahead, or the target is out of reach: the arm stops before it. Or the arm
+        rests, and no motion to the target was found.
     BAD_NUMBER
         A number of the input is not finite or too large, or its matrix is not a rotation: the arm
         stops.
@@ -59,6 +63,8 @@ class Status(IntEnum):
         On the way, as fast as the limits of speed, acceleration and jerk allow.
     LIMIT
         A joint limit is ahead: the arm slows down and stops before it.
+    RECOVERING
+        A joint is on its way back from beyond its limit; the target is followed after that.
     BODIES
         Two bodies are near each other ahead, :attr:`Governor.nearest_bodies`: the arm slows down
         and stops before their distance is below the one to keep.
@@ -79,6 +85,7 @@ class Status(IntEnum):
     SLOWED = 4
     LIMIT = 5
     BODIES = 6
+    RECOVERING = 7
 
 
 _STATUS = {int(status): status for status in Status}
@@ -101,7 +108,8 @@ class Governor:
         Repeatable inverse, such as ``design.inverse`` or ``found.function.inverse``. If it has a
         region Ω, the arm stops before its edge.
     dt
-        Time step of the loop, s.
+        Time step of the loop, 0.0001 to 0.1 s. Steps of more than 1 ms are divided, so the motion
+        does not depend on it.
     limits
         Limits of acceleration and, if given, of speed and jerk, as for :func:`timed`; a governor
         takes none of torque or the tool's speed.
@@ -160,6 +168,12 @@ class Governor:
                 "the governor's limits are of the robot's own joints; use the original task"
             )
         self._dt = positive(dt, "dt", "s")
+        if not _SHORTEST <= self._dt <= _LONGEST:
+            raise InputError(
+                f"dt = {self._dt:g} s, {1 / self._dt:g} ticks per second: a governor takes 0.0001 "
+                "to 0.1 s, 10,000 to 10 per second",
+                remedy="choose a rate between them",
+            )
         self._kept = _kept_limits(task, limits)
         self._margin = positive(margin, "margin", "rad (m)", zero=True)
         self._lower, self._upper = task.lower + self._margin, task.upper - self._margin
@@ -243,6 +257,12 @@ class Governor:
         return self._leaf.copy()
 
     @property
+    def recovering(self) -> bool:
+        """True from a start beyond a joint limit, or within its margin, until the arm is inside."""
+        self._check_started()
+        return bool(((self._q < self._lower) | (self._q > self._upper)).any())
+
+    @property
     def beyond_closing_radius(self) -> bool | None:
         """True if the commanded pose is beyond the proved closing radius; None without one.
 
@@ -273,7 +293,11 @@ class Governor:
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
 
-        The leaf is the set h(q) = c of the inverse's potentials h through this configuration.
+        The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
+        joint can be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad (m).
+        The first target or twist then moves it straight inside, never farther out, at most at a
+        tenth of the speed limits, with the status ``RECOVERING``; once begun, this motion ends
+        inside. The leaf is that of the configuration inside.
 
         Parameters
         ----------
@@ -283,32 +307,38 @@ class Governor:
         Raises
         ------
         InputError
-            If q is within ``margin`` of a joint limit, outside the region Ω, or if two bodies are
-            closer than ``body_distance``.
+            If q is farther beyond a joint limit, outside the region Ω, or if two bodies are closer
+            than ``body_distance``, or the frame is 10⁶ m from the base or farther.
         SingularityError
             If J_V is singular there.
         """
-        q = self._task.check(q, "the start")
-        short = np.minimum(q - self._lower, self._upper - q)
-        if (worst := int(np.argmin(short))) >= 0 and short[worst] < 0:
-            raise InputError(
-                f"the start is too near to the limit of {self._task.joint_names[worst]!r}: "
-                f"{self._margin + short[worst]:.3g} where margin = {self._margin:g} is to be kept",
-                remedy="start farther from the limit, or use a smaller margin",
-            )
+        q = self._task.check(q, "the start", beyond=RECOVERABLE)
+        inside = np.clip(q, self._lower, self._upper)
         region = self._inverse.region
-        if region is not None and not region.ratio(q[None])[0] <= 1 + 1e-9:
+        if region is not None and not region.ratio(inside[None])[0] <= 1 + 1e-9:
             raise InputError(
                 f"the start q = {row(q)} is outside Ω; start inside, "
                 "or use an inverse without a region"
             )
-        self._inverse(q)
+        self._inverse(inside)
         if self._guard is not None:
-            self._guard.start(q)
-        self._leaf = self._inverse.leaf(q)
+            self._guard.start(inside)
+            way = np.linspace(q, inside, ROOM)
+            if (q != inside).any() and not self._guard.keeps(way):
+                raise InputError(
+                    "two bodies are near each other on the way back inside the joint limits",
+                    remedy="move the arm inside by hand",
+                )
+        self._on = False
         self._begin[...] = q
         status = Status(self._native.call_governor_start(self._address))
+        if status is Status.BAD_NUMBER:
+            raise InputError(
+                "the frame is 10⁶ m from the base or farther, where no target is taken",
+                remedy="place the base nearer to the origin of the URDF",
+            )
         assert status is Status.OK, status  # all else was refused above
+        self._leaf = self._inverse.leaf(inside)
         self._q[...] = q
         self._on, self._said = True, Status.OK
 
@@ -364,7 +394,6 @@ class Governor:
         ``given`` tells C whether a target or a twist is given. An error of the guard, which must
         not pass through C, is raised after its tick.
         """
-        guard.begin_tick()
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)
         if self._error is not None:
@@ -372,13 +401,16 @@ class Governor:
         self._said = _STATUS[status]
         return self._q.copy(), self._said
 
-    def _allows(self, count: int) -> int:
+    def _allows(self, count: int, first: int) -> int:
         """Tell C whether the bodies allow the plan whose ``count`` samples it wrote: 1 or 0.
 
-        C calls this in the middle of a tick. An error is kept for :meth:`_guarded_step`.
+        C calls this in the middle of a tick; ``first`` is 1 for the first plan of the next motion.
+        An error is kept for :meth:`_guarded_step`.
         """
         try:
             assert self._guard is not None
+            if first:
+                self._guard.begin_tick()
             return int(self._guard.allows(self._samples[:count], self._ways[:count]))
         except BaseException as error:  # it must not pass through C
             self._error = error

@@ -37,7 +37,7 @@ def leaf_change(
     The frame rests at f(q) while the potentials h move to the level c, so that the elbow goes to
     another place. The motion goes from rest to rest, and the differences of its samples divided by
     dt, dt² and dt³ keep the limits. No joint moves by more than 0.1 rad (m): call it again until
-    the leaf is reached.
+    the leaf is reached. The last sample stands three times, so that the next motion may follow.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def leaf_change(
             break
         ticks = max(ticks + 1, int(ticks * min(share, 2.0)))
     _check(inverse, Q)
-    return Q[1:]
+    return np.vstack([Q[1:], Q[-1], Q[-1]])  # all differences are 0 when the next motion begins
 
 
 def _refined(inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array) -> Array:
@@ -138,7 +138,7 @@ def _check(inverse: RepeatableInverse, Q: Array) -> None:
             f"the motion to the leaf would leave the limits of {joint!r}",
             remedy="choose a level nearer to the present one",
         )
-    if inverse.region is not None and not inverse.region.ratio(Q).max() <= 1 + 1e-6:
+    if inverse.region is not None and not inverse.region.ratio(Q).max() <= 1 + 1e-9:
         raise InputError(
             "the motion to the leaf would leave Ω",
             remedy="choose a level nearer to the present one",

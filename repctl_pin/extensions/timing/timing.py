@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import Array, flag, positive, read_only, require_choice, require_type
 from ...base.errors import InputError
 from ...model.bodies import bodies_of
+from ...model.task import RECOVERABLE
 from ...motion.joint_motion import JointMotion
 from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration
 from ...motion.motion import CLOSED, Motion
@@ -329,8 +330,9 @@ def approach(
 ) -> TimedMotion:
     """Time a straight joint-space path, from rest to rest, from where the arm is to a motion.
 
-    ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. Both end
-    configurations are within the joint limits, so the straight path between them is, too.
+    ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. If both ends are within
+    the joint limits, the straight path between them is, too. A measured joint may be outside its
+    limits by at most 0.1 rad (m): it moves straight back inside, never farther out.
 
     Parameters
     ----------
@@ -356,8 +358,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now or the goal is outside the joint limits, the arm is at the goal already or would
-        collide, or the limits do not fit the robot.
+        If q_now is outside the joint limits by more than 0.1 rad (m), or the goal is, the arm is at
+        the goal already or would collide, or the limits do not fit the robot.
 
     Examples
     --------
@@ -368,7 +370,7 @@ def approach(
     task = require_type(motion, JointMotion, "motion", "a motion, such as rp.follow makes").task
     bodies = flag(bodies, "bodies")
     kept = joint_limits(task, limits)
-    now = task.check(q_now, "q_now")
+    now = task.check(q_now, "q_now", beyond=RECOVERABLE)
     goal = motion.q[0]
     if require_choice(to, ("start", "nearest"), "goal") == "nearest":
         goal = motion.q[
