@@ -1,4 +1,4 @@
-"""Timing of motions from rest to rest within limits: TOPP-RA, jerk, and runs.
+"""Timing of motions from rest to rest within limits: time-optimal, with jerk, and runs.
 
 A motion gives the joint path; its timing says when each point is passed, as quickly as the limits
 of speed, acceleration, jerk and torque allow.

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...motion.limits import JointLimits
-from .profile import Segment, most_used, used_fractions
+from .profile import Segment, most_used, torques_along, used_fractions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -290,7 +290,7 @@ class _Path:
         Largest x within the speed limits, at the stages and halfway between them.
     points : tuple
         For the begin, middle and end of the intervals: fraction of the interval, q′ and q″
-        (K - 1, n), and the torque coefficients of :func:`_torques` or None.
+        (K - 1, n), and the torque coefficients of :func:`torques_along` or None.
     """
 
     s: Array
@@ -308,7 +308,7 @@ class _Path:
         for share in (0.0, 0.5, 1.0):
             u = s[:-1] + share * h
             slope, bend = curve(u, 1), curve(u, 2)
-            points.append((share, slope, bend, _torques(limits, curve(u), slope, bend)))
+            points.append((share, slope, bend, torques_along(limits, curve(u), slope, bend)))
         middle = s[:-1] + h / 2
         most, most_between = (limits.most_rate(curve(u), curve(u, 1)) ** 2 for u in (s, middle))
         return cls(s, curve(middle, 3), most, most_between, tuple(points), curve)
@@ -325,23 +325,6 @@ class _Path:
             j = np.min(limits.jerk / np.maximum(np.abs(self.curve(end, 1)), 1e-12))
             both.append((4.5 * j) ** (2 / 3) * way ** (4 / 3))
         return np.minimum(*both)
-
-
-def _torques(
-    limits: JointLimits, Q: Array, slope: Array, bend: Array
-) -> tuple[Array, Array, Array] | None:
-    """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited.
-
-    With x = ṡ², torques are linear in the unknowns of the program. Q, slope and bend (K, n) are q,
-    q′ and q″ at K points.
-    """
-    if limits.torque is None or limits.dynamics is None:
-        return None
-    rnea, still = limits.dynamics, np.zeros(Q.shape[1])
-    g = np.array([rnea(q, still, still) for q in Q])
-    a = np.array([rnea(q, still, v) for q, v in zip(Q, slope, strict=True)]) - g
-    b = np.array([rnea(q, v, w) for q, v, w in zip(Q, slope, bend, strict=True)]) - g
-    return a, b, g
 
 
 def _times(s: Array, x: Array, slope: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Time-optimal profile ṡ(s) of a joint path, from rest to rest, by TOPP-RA.
+"""Time-optimal profile ṡ(s) of a joint path, from rest to rest, by one linear program.
 
 s is the length of the joint path. A profile gives the speed along it at its stages, grid points of
 s; a segment is the part between two stops, with its profile.
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import MOST_STEPS, Array, read_only
-from ...base.errors import InputError, needed
+from ...base.errors import InputError
 from ...motion.limits import JointLimits
 
 BEND = 0.05
@@ -36,6 +36,17 @@ MOST_SAMPLES = MOST_STEPS // 5
 
 _BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
 """Points at which limits are checked between two stages, as fractions of the time."""
+
+_RESTING = 1e-4
+"""Value of ṡ² at a stage, as a fraction of what its limits allow, below which the arm nearly rests
+there."""
+
+_MOST_PROGRAMS = 20
+_ENOUGH = 1e-3
+"""Relative saving of time by a linear program below which it is the last."""
+
+_TOUCHING = 1e-9
+"""Tolerance with which the bound of a limit counts as touched by what the others allow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,7 +353,11 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
 
 
 def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
-    """Compute the time-optimal profile of a curve q(s), from rest to rest, by TOPP-RA.
+    """Compute the time-optimal profile of a curve q(s), from rest to rest, by a linear program.
+
+    The unknowns are ``x = ṡ²`` at the stages, and ``s̈ = x′/2`` is constant between two of them. The
+    limits of speed bound x; those of acceleration and torque are linear in x at both ends of an
+    interval. The profile has the largest sum of x.
 
     The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages, the values of s
     at which the limits are kept.
@@ -352,64 +367,123 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
     InputError
         As :func:`fastest` does.
     """
-    needed("toppra", by="a motion from rest to rest")
-    from toppra.algorithm import TOPPRA
-    from toppra.constraint import (
-        JointAccelerationConstraint,
-        JointTorqueConstraint,
-        JointVelocityConstraint,
-        JointVelocityConstraintVarying,
-    )
+    from scipy.optimize import Bounds, LinearConstraint, milp  # slow to import
+    from scipy.sparse import csr_array
 
-    velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
-    if limits.tool is not None:
-        velocity = JointVelocityConstraintVarying(lambda s: _speeds_at(limits, curve, s))
-    constraints = [velocity, JointAccelerationConstraint(limits.acceleration)]
+    # Scale x by what the limits of speed, and the acceleration from rest at the nearer end, allow.
+    Q, slope, bend = curve(grid), curve(grid, 1), curve(grid, 2)
+    most = limits.most_rate(Q, slope) ** 2
+    push = np.min(limits.acceleration / np.maximum(np.abs(slope), 1e-9), axis=1).max()
+    way = np.minimum(grid - grid[0], grid[-1] - grid)
+    scale = np.minimum(most, 2 * push * np.maximum(way, np.diff(grid).min()))
+    # Each strip low ≤ along s̈ + across x ≤ high limits one joint at one stage.
+    ones = np.ones_like(slope)
+    strips = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]
+    effort = torques_along(limits, Q, slope, bend)
+    if effort is not None:
+        turning, moving, still = (part / limits.torque for part in effort)
+        strips.append((turning, moving, -1 - still, 1 - still))
+    along, across, low, high = (np.hstack(parts) for parts in zip(*strips, strict=True))
+    unit = np.minimum(most, 2 * push * (grid[-1] - grid[0]))
+    used = _sides_that_bound(along * push, across * unit[:, None], low, high, most / unit)
+    if not used.any(axis=(1, 2)).all():
+        raise _no_speed(limits)
+    low, high = np.where(used[..., 0], low, -np.inf), np.where(used[..., 1], high, np.inf)
+    # Each row is a strip at one end of an interval, where s̈ = (x₁ − x₀) / 2h.
+    rows = []
+    for end in (0, 1):
+        i, joint = np.nonzero(used[end : len(grid) - 1 + end].any(axis=2))
+        at = (i + end, joint)
+        per_x = along[at] / (2 * (grid[i + 1] - grid[i]))
+        pair = np.stack([-per_x, per_x], axis=1)
+        pair[:, end] += across[at]
+        rows.append((pair, np.stack([i, i + 1], axis=1), low[at], high[at]))
+    values, columns, low, high = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    values *= scale[columns]
+    ends = np.arange(0, values.size + 1, 2)
+    A = csr_array((values.ravel(), columns.ravel(), ends), shape=(len(values), len(grid)))
+    # Solve for x / scale; it is 0 at both ends.
+    top = most / scale
+    top[[0, -1]] = 0.0
+    rows, bounds = LinearConstraint(A, low, high), Bounds(0.0, top)
+
+    def best(weights: Array) -> Array:
+        x = milp(-weights, bounds=bounds, constraints=rows, options={"presolve": False}).x
+        if x is None:
+            raise _no_speed(limits)
+        return np.asarray(np.maximum(x, 0.0))
+
+    def times(x: Array) -> Array:
+        speed = np.sqrt(x * scale)
+        return 2 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-300)
+
+    found = best(np.ones(len(grid)))
+    # Along a rough path the largest sum of x can rest at a stage: weigh x by the time it saves.
+    if not (found[1:-1] > _RESTING).all():
+        reach = np.gradient(grid)
+        for _ in range(_MOST_PROGRAMS):
+            new = best(reach / np.sqrt(scale) / np.maximum(found, _RESTING) ** 1.5)
+            mixed = [found + share * (new - found) for share in np.linspace(0, 1, 21)]
+            took = times(found).sum()
+            found = min(mixed, key=lambda x: times(x).sum())
+            if times(found).sum() > (1 - _ENOUGH) * took:
+                break
+        if not (found[1:-1] > 0).all():
+            raise _no_speed(limits)
+    t = np.concatenate([[0.0], np.cumsum(times(found))])
+    return Segment(curve, grid, np.sqrt(found * scale), t, t)
+
+
+def _no_speed(limits: JointLimits) -> InputError:
+    """Describe why no speed along a joint path is within the limits."""
+    why = "the path is too rough"
     if limits.torque is not None:
-        torque = np.stack([-limits.torque, limits.torque], axis=1)
-        constraints.append(JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque))))
-        constraints[-1].set_discretization_type(1)
-    solver = TOPPRA(
-        constraints,
-        _path_of(curve),
-        grid,
-        solver_wrapper="seidel",
-        parametrizer="ParametrizeConstAccel",
-    )
-    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
-    if speed is None or not np.isfinite(speed).all() or not (speed[1:-1] > 0).all():
-        torque_bound = limits.torque is not None
-        why = (
-            "the torque limits do not hold the arm somewhere"
-            if torque_bound
-            else "the path is too rough"
-        )
-        raise InputError(f"no speed along this joint path is within the limits: {why}")
-    t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[1:] + speed[:-1]))])
-    return Segment(curve, grid, speed, t, t)
+        why = "the torque limits do not hold the arm somewhere"
+    return InputError(f"no speed along this joint path is within the limits: {why}")
 
 
-def _path_of(curve: Any) -> Any:
-    """Make the path object of toppra from a curve q(s), a spline or piecewise polynomial."""
-    from toppra.interpolator import AbstractGeometricPath
+def _sides_that_bound(
+    along: Array, across: Array, low: Array, high: Array, most: Array
+) -> NDArray[np.bool_]:
+    """Find the sides of strips ``low ≤ along u + across x ≤ high`` that touch their intersection.
 
-    class Path(AbstractGeometricPath):
-        dof = curve.c.shape[2]
-        path_interval = curve.x[[0, -1]]
-
-        def __call__(self, s: Any, order: int = 0) -> Any:
-            return curve(s, order)
-
-    return Path()
-
-
-def _speeds_at(limits: JointLimits, curve: Any, s: float) -> Array:
-    """Compute the joint speed bounds (n, 2) at s that keep the tool's speed limit, too.
-
-    TOPP-RA takes bounds per joint: each is what the joint has at the highest allowed speed along
-    the curve.
+    The first four are (K, n). The strips of each of the K stages intersect for x from 0 to ``most``
+    (K,). Returns (K, n, 2), low and high: all other sides can be left out. No side of a stage
+    touches if its intersection is empty.
     """
-    slope = curve(np.array([s]), 1)
-    rate = limits.most_rate(curve(np.array([s])), slope)
-    speeds = np.minimum(np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12)
-    return np.stack([-speeds, speeds], axis=1)
+    zero, one, top = np.zeros((len(low), 1)), np.ones((len(low), 1)), most[:, None]
+    a, b, low, high = map(np.hstack, ((along, zero), (across, one), (low, zero), (high, top)))
+    size = np.maximum(np.hypot(a, b), 1e-300)
+    touches = np.zeros((*along.shape, 2), bool)
+    for side, bound in enumerate((low, high)):
+        for j in range(along.shape[1]):
+            # A point of the side at τ is foot + τ way; each strip cuts an interval from it.
+            n_u, n_x = a[:, [j]] / size[:, [j]], b[:, [j]] / size[:, [j]]
+            foot = (a * n_u + b * n_x) * bound[:, [j]] / size[:, [j]]
+            way = b * n_u - a * n_x
+            parallel = np.abs(way) < 1e-12 * size
+            inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)
+            everywhere = np.where(parallel & inside, np.inf, -np.inf)
+            safe = np.where(parallel, 1.0, way)
+            ends = np.stack([(low - foot) / safe, (high - foot) / safe])
+            first = np.where(parallel, -everywhere, ends.min(axis=0)).max(axis=1)
+            last = np.where(parallel, everywhere, ends.max(axis=0)).min(axis=1)
+            touches[:, j, side] = first - last <= _TOUCHING * (1 + np.minimum(np.abs(last), 1e300))
+    return touches & (size[:, :-1, None] > 1e-300)
+
+
+def torques_along(
+    limits: JointLimits, Q: Array, slope: Array, bend: Array
+) -> tuple[Array, Array, Array] | None:
+    """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited.
+
+    With x = ṡ², torques are linear in the unknowns of the program. Q, slope and bend (K, n) are q,
+    q′ and q″ at K points.
+    """
+    if limits.torque is None or limits.dynamics is None:
+        return None
+    rnea, still = limits.dynamics, np.zeros(Q.shape[1])
+    g = np.array([rnea(q, still, still) for q in Q])
+    a = np.array([rnea(q, still, v) for q, v in zip(Q, slope, strict=True)]) - g
+    b = np.array([rnea(q, v, w) for q, v, w in zip(Q, slope, bend, strict=True)]) - g
+    return a, b, g

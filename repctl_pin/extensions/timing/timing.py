@@ -45,7 +45,7 @@ def timed(
     """Time a motion's joint path from rest to rest, as quickly as the limits allow.
 
     ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|q⃛| ≤ jerk`` and
-    ``|τ(q, q̇, q̈)| ≤ τ_max``: by TOPP-RA, with jerk by a sequence of linear programs. The first
+    ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, with jerk by several. The first
     cycle speeds up, the last slows down, and the cycles between them are identical, if the motion
     closes. The arm stops at sharp corners; round them with ``blend=``.
 
