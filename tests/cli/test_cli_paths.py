@@ -226,10 +226,7 @@ MISWRITTEN = {
         [line.replace(",", ";").replace(".", ",") for line in GOOD],
         "use decimal points",
     ),
-    "spaces": (
-        [line.replace(",", " ") for line in GOOD],
-        "line 1: separate the columns by commas",
-    ),
+    "spaces": ([line.replace(",", " ") for line in GOOD], "line 1: separate the columns by commas"),
     "a letter in the first line": (["O.45,0,0.25", *GOOD[1:]], "line 1: x = 'O.45' is not a"),
     "powers of ten": (["4.5e-1;0;2.5e-1", *GOOD[1:]], "line 1: "),
 }

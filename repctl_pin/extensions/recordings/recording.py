@@ -15,12 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array, as_configurations, as_numbers, file_name, freeze, read_only, shown
-from ...errors import InputError
+from ...base.arguments import (
+    Array,
+    as_configurations,
+    as_numbers,
+    file_name,
+    freeze,
+    read_only,
+    shown,
+)
+from ...base.errors import InputError
+from ...base.tables import Column, Table, read_table
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
-from ...tables import Column, Table, read_table
-from ..cells.kinematics import placed
+from ..cells.geometry.kinematics import placed
 from ..cells.targets import homogeneous
 from .checks import (
     require_agreement,
@@ -406,15 +414,19 @@ def _arguments(
     table: Table, columns: dict[str, list[str]], places: tuple[int, ...] | None
 ) -> dict[str, Any]:
     """Read the arguments of :class:`Recording` from the columns of a table, in one pass."""
-    names = [n for key in ("joints", "poses", "times") for n in columns.get(key, [])]
-    values = table.numbers(names)
     made: dict[str, Any] = {}
-    for key in ("joints", "poses", "times"):
-        if key in columns:
-            size = sum(table.widths[name] or 1 for name in columns[key])
-            made[key], values = values[:, :size], values[:, size:]
-    if places is not None:
-        made["joints"] = made["joints"][:, places]
+    if places is not None:  # further numbers, such as a gripper's, may be missing
+        name = columns["joints"][0]
+        made["joints"] = Q = table.numbers([name], finite=False)[:, places]
+        if not np.isfinite(Q).all():
+            row = int(np.argmin(np.isfinite(Q).all(axis=1)))
+            raise InputError(f"{table.where(row)}: {name} is not a finite number", at=row)
+    keys = [key for key in ("joints", "poses", "times") if key in columns and key not in made]
+    names = [name for key in keys for name in columns[key]]
+    values = table.numbers(names) if names else np.empty((0, 0))
+    for key in keys:
+        size = sum(table.widths[name] or 1 for name in columns[key])
+        made[key], values = values[:, :size], values[:, size:]
     if made.get("poses") is not None and made["poses"].shape[1] == 16:
         made["poses"] = made["poses"].reshape(-1, 4, 4)
     if "times" in made:

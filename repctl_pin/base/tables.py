@@ -15,7 +15,6 @@ import zipfile
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -229,8 +228,8 @@ class CsvTable(Table):
             names = list(next((own for own in unnamed if len(own) == len(first)), ()))
             if first and not names:
                 forms = ", or ".join(", ".join(own) for own in unnamed)
-                fields = f"{len(first)} field{'s' * (len(first) > 1)} without a header"
-                raise InputError(f"{file}, line {line}: {fields}", remedy=f"write {forms}")
+                count = f"{len(first)} field{'s' * (len(first) > 1)} without a header"
+                raise InputError(f"{file}, line {line}: {count}", remedy=f"write {forms}")
         elif any(_is_number(name) or not name for name in names) or not names:
             raise InputError(
                 f"{file}: the first line must name the columns, such as time and the joints"
@@ -515,7 +514,7 @@ class _Parquet(Table):
         """Return a column as an array; a missing number is NaN."""
         column, width = self._table[name], self.widths[name]
         if not width:
-            return np.array(column.to_pylist(), dtype=object)
+            return np.asarray(column.to_numpy())
         flat = np.asarray(_flat(column).to_numpy(zero_copy_only=False))
         return flat if _item(column.type) is None else flat.reshape(len(column), width)
 
