@@ -1,84 +1,162 @@
 """Reading and writing of tables: CSV files, NumPy's .npz, and Parquet if pyarrow is installed.
 
-Every file of numbers is read here: waypoints and motions line by line (:func:`csv_rows`), because
-their messages name the value that is wrong; recordings, which can be large, as whole columns
-(:func:`read_table`).
+Every file of numbers is read here. :func:`read_table` and :func:`read_csv` open a file and check
+its header; a reader then takes the columns that it needs by name, and an error names the line. A
+table that is written again keeps all other cells as they are.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import read_only
+from .arguments import Array
 from .errors import InputError, needed
 from .files import read_bytes, write_whole
 
-_FORMATS = (".csv", ".npz", ".parquet")
 _LARGEST = 4_000_000_000
 _BLOCK = 2**14
-_WHOLE = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
+_BOM = "\ufeff".encode()
+_COMMAS = "separate the columns by commas, and use decimal points"
+
+_CELL = re.compile(r'(?:^|,)("(?:[^"]|"")*(?:"[^,]*|$)|[^,]*)')
+"""A cell of a CSV file as it is written, with its quotes."""
 
 Column = NDArray[Any]
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class Table:
+class NewCells(NamedTuple):
+    """Numbers that replace cells of a column.
+
+    Attributes
+    ----------
+    values : (K, w) array
+        New numbers, one row per row of the table.
+    at : sequence of int
+        Their w places in a row of the column; 0 for a column of one number per row.
+    rows : (K,) array of bool
+        Rows that are replaced; the others keep their cells.
+    """
+
+    values: Array
+    at: Sequence[int]
+    rows: NDArray[np.bool_]
+
+
+class Table(ABC):
     """Columns of a file, by name, of equal length: one row per frame of a recording.
 
     Attributes
     ----------
     file : Path
         The file.
-    columns : dict of str to (K, …) array
-        Numbers, or text as objects.
+    widths : dict of str to int
+        Number of numbers per row of each column, by its name; 0 for text and the like.
     """
 
     file: Path
-    columns: Mapping[str, Column]
+    widths: Mapping[str, int]
 
-    def line(self, frame: int) -> str:
-        """Write the line of a frame in a CSV file, or its number in another file, for a message.
+    @abstractmethod
+    def column(self, name: str) -> Column:
+        """Return a column as (K, …) array of numbers, or of text as objects."""
 
-        Frames are counted from 0.
+    @abstractmethod
+    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
+        """Write the file again, with new cells and without the columns ``removed``.
+
+        Columns of ``new`` that the file lacks are appended. All other cells stay as they are.
         """
-        if self.file.suffix.lower() == ".csv":
-            lines = (line for line, _ in csv_rows(self.file))
-            return f"{self.file}, line {next(islice(lines, frame + 1, None), 0)}"
-        return f"{self.file}, frame {frame}"
+
+    def numbers(self, names: Sequence[str], *, finite: bool = True) -> Array:
+        """Return the numbers of several columns side by side: (K, sum of their widths).
+
+        Raises
+        ------
+        InputError
+            If a cell is not a number or, with ``finite``, not a finite one.
+        """
+        for name in names:
+            if not self.widths[name]:
+                raise InputError(f"{self.file}: column {name!r} must be numbers")
+        wide = [np.asarray(self.column(name), float) for name in names]
+        values = np.concatenate([part.reshape(len(part), -1) for part in wide], axis=1)
+        wrong = ~np.isfinite(values).all(axis=1)
+        if finite and wrong.any():
+            row = int(np.argmax(wrong))
+            sizes = np.repeat(names, [self.widths[name] for name in names])
+            name = sizes[np.argmin(np.isfinite(values[row]))]
+            raise InputError(f"{self.where(row)}: {name} is not a finite number", at=row)
+        return values
+
+    def where(self, row: int) -> str:
+        """Name a row for a message, counted from 0: the line of a CSV file, else the frame."""
+        return f"{self.file}, frame {row}"
 
 
-def csv_rows(file: str | Path, largest: int = _LARGEST) -> Iterator[tuple[int, list[str]]]:
-    """Yield the lines of a CSV file that are not empty, the header too, as (line number, fields).
+def read_table(file: Path, known: Collection[str] = ()) -> Table:
+    """Open a table in the format of the file's suffix: .csv, .npz or .parquet.
 
-    The number is that in the file, so that a message can name the line at fault.
+    Parameters
+    ----------
+    file
+        The file.
+    known
+        Names that may stand in the header of a CSV file; others are stripped of ``#`` and quotes.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is larger than ``largest`` bytes, or is not CSV.
+        If the file cannot be read, or its columns do not have equal lengths; the message names the
+        line.
     """
-    data = io.BytesIO(read_bytes(file, largest))
-    lines = csv.reader(io.TextIOWrapper(data, "utf-8-sig", newline=""))
-    try:
-        for row in lines:
-            if row:
-                yield lines.line_num, row
-    except UnicodeDecodeError:
-        raise InputError(f"cannot read {file}: the file is not UTF-8 text") from None
-    except csv.Error as error:
-        raise InputError(f"{file}, line {lines.line_num}: {error}") from None
+    suffix = _format(file)
+    if suffix == ".csv":
+        return read_csv(file, known)
+    if suffix == ".npz":
+        return _Arrays(file)
+    needed("pyarrow", by="a Parquet file")
+    return _Parquet(file)
+
+
+def read_csv(
+    file: str | Path,
+    known: Collection[str] = (),
+    *,
+    largest: int = _LARGEST,
+    unnamed: Sequence[tuple[str, ...]] = (),
+    rows: str = "frames",
+) -> CsvTable:
+    """Open a CSV file, whatever its suffix, and check its header.
+
+    Parameters
+    ----------
+    file, known
+        See :func:`read_table`.
+    largest
+        Maximum size, bytes.
+    unnamed
+        Names of the columns of a file without a header, one tuple for each number of columns.
+    rows
+        What a line is, for the message.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has no lines, or the header does not name each column once.
+    """
+    return CsvTable(Path(file), known, largest, unnamed, rows)
 
 
 def number(text: str) -> float:
@@ -96,32 +174,6 @@ def refuse_twice(names: Sequence[str], where: str | Path) -> None:
         raise InputError(f"{where}: two columns are named {twice[0]!r}; rename one of them")
 
 
-def read_table(file: Path) -> Table:
-    """Read a table in the format of the file's suffix.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or its columns are not numbers of equal length; the message
-        names the line.
-    """
-    suffix = _format(file)
-    if suffix == ".parquet":
-        needed("pyarrow", by="a Parquet file")
-    data = read_bytes(file, _LARGEST)
-    columns = {".csv": _of_csv, ".npz": _of_npz, ".parquet": _of_parquet}[suffix](file, data)
-    lengths = {len(values) for values in columns.values()}
-    if not columns or lengths == {0}:
-        raise InputError(f"{file} contains no frames", remedy="write one row per frame")
-    if len(lengths) > 1:
-        each = ", ".join(f"{name}: {len(values)}" for name, values in columns.items())
-        raise InputError(
-            f"{file}: the arrays have different lengths ({each})",
-            remedy="write one row per frame in each",
-        )
-    return Table(file, columns)
-
-
 def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
     """Write columns in the format of the file's suffix, atomically: .csv, .npz or .parquet.
 
@@ -131,105 +183,202 @@ def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
     suffix = _format(file)
     if suffix == ".csv":
         return write_whole(file, _csv_text(columns))
-    out = io.BytesIO()
     if suffix == ".npz":
-        plain = {
-            name: values.astype(str) if values.dtype == object else values
-            for name, values in columns.items()
-        }
-        np.savez_compressed(out, allow_pickle=False, **plain)
-    else:
-        needed("pyarrow", by="a Parquet file")
-        import pyarrow
-        import pyarrow.parquet
+        return write_whole(file, _npz_bytes(columns))
+    needed("pyarrow", by="a Parquet file")
+    import pyarrow
 
-        made = {name: _arrow(values) for name, values in columns.items()}
-        pyarrow.parquet.write_table(pyarrow.table(made), out)
-    return write_whole(file, out.getvalue())
+    return write_whole(file, _parquet_bytes(pyarrow.table(_arrow_columns(columns))))
 
 
 def _format(file: Path) -> str:
     suffix = file.suffix.lower()
-    if suffix not in _FORMATS:
+    if suffix not in (".csv", ".npz", ".parquet"):
         raise InputError(f"{file} is not a .csv, .npz or .parquet file")
     return suffix
 
 
-def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
-    """Read a CSV file, given as bytes, into columns by name; whole numbers become integers.
+# ---- CSV
 
-    The kinds of the columns are those of the first row: numbers, or text. InputError names the line
-    that does not fit.
+
+class CsvTable(Table):
+    """A CSV file: a header, and lines of cells; empty lines, or of empty cells, are no rows.
+
+    The file is kept as it is. Columns are read when they are asked for.
     """
-    text = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline="")
-    try:
-        names = [name.strip("#\"' \t") for name in next(csv.reader([text.readline()]), [])]
-        filled = (line for line in iter(text.readline, "") if line.strip())
-        first = next(csv.reader([next(filled, "")]), [])
-        _check_header(file, names, first)
-        kinds = [float if _is_number(cell) else object for cell in first]
-        text.seek(0)
-        text.readline()
-        one = len(set(kinds)) == 1 and kinds[0] is float
-        rows = np.loadtxt(
-            text,
-            dtype=float if one else [(f"c{i}", kind) for i, kind in enumerate(kinds)],
-            delimiter=",",
-            comments=None,
-            quotechar='"',
-            ndmin=2 if one else 1,
-        )
-    except InputError:
-        raise
-    except UnicodeDecodeError:
-        raise InputError(f"cannot read {file}: the file is not UTF-8 text") from None
-    except (ValueError, csv.Error) as error:
-        raise _wrong_line(file, len(names), first, error) from None
-    found = {n: rows[:, i] if one else rows[f"c{i}"] for i, n in enumerate(names)}
-    for name, cell in zip(names, first, strict=True):  # counters stay whole numbers
-        values = found[name]
-        counts = _WHOLE.fullmatch(cell) and values.dtype == float
-        if counts and np.isfinite(values).all() and (values == np.rint(values)).all():
-            found[name] = values.astype(np.int64)
-    return found
 
+    def __init__(
+        self,
+        file: Path,
+        known: Collection[str],
+        largest: int,
+        unnamed: Sequence[tuple[str, ...]],
+        rows: str,
+    ) -> None:
+        self.file = file
+        self._data = read_bytes(file, largest)
+        self._known = known
+        self._header: int | None = None
+        filled = ((line, row) for line, row, _ in self._records() if any(map(str.strip, row)))
+        line, first = next(filled, (0, []))
+        names = [self._name(cell) for cell in first]
+        if any(";" in name for name in names) or _is_blank_separated(first):
+            raise InputError(f"{file}, line {line}: {_COMMAS}")
+        if unnamed and (not first or any(_is_number(name) or not name for name in names)):
+            names = list(next((own for own in unnamed if len(own) == len(first)), ()))
+            if first and not names:
+                forms = ", or ".join(", ".join(own) for own in unnamed)
+                count = f"{len(first)} field{'s' * (len(first) > 1)} without a header"
+                raise InputError(f"{file}, line {line}: {count}", remedy=f"write {forms}")
+        elif any(_is_number(name) or not name for name in names) or not names:
+            raise InputError(
+                f"{file}: the first line must name the columns, such as time and the joints"
+            )
+        else:
+            self._header = line
+            line, first = next(filled, (0, []))
+        self.widths = dict.fromkeys(names, 0)
+        self.names = tuple(names)
+        if not first:
+            one = rows.removesuffix("s")
+            raise InputError(f"{file} contains no {rows}", remedy=f"write one line per {one}")
+        refuse_twice(names, file)
+        pairs = zip(names, first, strict=False)
+        self.widths = dict.fromkeys(names, 0) | {n: int(_is_number(cell)) for n, cell in pairs}
 
-def _check_header(file: Path, names: list[str], first: list[str]) -> None:
-    """Check that the header names each column once, and that the first row has as many fields.
+    def column(self, name: str) -> Column:
+        """Read a column: whole numbers as integers, else numbers, else text as objects."""
+        at = self.names.index(name)
+        cells = [row[at] for _, row in self.rows()]
+        for kind in (np.int64, float):
+            try:
+                return np.array([*map(int if kind is np.int64 else float, cells)], kind)
+            except (ValueError, OverflowError):
+                continue
+        return np.array(cells, object)
 
-    ``names`` is the header and ``first`` the first row; InputError if not.
-    """
-    if any(";" in name for name in names):
-        raise InputError(f"{file}: separate the columns by commas, and use decimal points")
-    if not names or any(_is_number(name) or not name for name in names):
-        raise InputError(
-            f"{file}: the first line must name the columns, such as time and the joints"
-        )
-    refuse_twice(names, file)
-    if not first:
-        raise InputError(f"{file} contains no frames", remedy="write one row per frame")
-    if len(first) != len(names):
-        raise InputError(f"{file}, line 2: {len(first)} fields, but the header has {len(names)}")
+    def numbers(self, names: Sequence[str], *, finite: bool = True) -> Array:
+        """Read columns of numbers, see :meth:`Table.numbers`; the message names line and cell."""
+        places = [self.names.index(name) for name in names]
+        values = self._loaded(places)
+        if values is None:
+            values = np.array([self._parsed(line, row, places) for line, row in self.rows()])
+        wrong = ~np.isfinite(values).all(axis=1)
+        if finite and wrong.any():
+            at = int(np.argmax(wrong))
+            line, row = next(islice(self.rows(), at, None))
+            k = places[int(np.argmin(np.isfinite(values[at])))]
+            raise InputError(self._no_number(line, k, row[k]), at=at)
+        return values
 
+    def where(self, row: int) -> str:
+        """Name the line of a row, counted from 0, for a message."""
+        return f"{self.file}, line {next(islice(self.rows(), row, None))[0]}"
 
-def _wrong_line(file: Path, size: int, first: list[str], error: Exception) -> InputError:
-    """Make the error for the first line of a CSV file that cannot be read.
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Yield the line number and the cells of each row.
 
-    ``size`` is the number of columns, ``first`` the fields of the first row, whose numbers must be
-    numbers in all rows, and ``error`` NumPy's own, which names no line of the file.
-    """
-    try:
-        for line, row in islice(csv_rows(file), 1, None):
+        InputError is raised if a line has not as many cells as the header.
+        """
+        size = len(self.names)
+        for line, row, _ in self._records():
+            if line == self._header or not any(map(str.strip, row)):
+                continue
             if len(row) != size:
-                return InputError(
-                    f"{file}, line {line}: {len(row)} fields, but the header has {size}"
+                like = "the first line" if self._header is None else "the header"
+                raise InputError(
+                    f"{self.file}, line {line}: {len(row)} fields, but {like} has {size}"
                 )
-            for cell, like in zip(row, first, strict=True):
-                if _is_number(like) and not _is_number(cell):
-                    return InputError(f"{file}, line {line}: {cell!r} is not a number")
-    except InputError as other:
-        return other
-    return InputError(f"cannot read {file}: {error}")
+            yield line, row
+
+    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
+        """Write the file again, see :meth:`Table.rewritten`; lines, quotes and line ends stay."""
+        names = [*self.names, *(name for name in new if name not in self.names)]
+        cells = [
+            (names.index(name), cells.rows, _texts(cells.values)) for name, cells in new.items()
+        ]
+        kept = [i for i, name in enumerate(names) if name not in removed]
+        more = names[len(self.names) :]
+        out = io.StringIO()
+        k = 0
+        for line, row, raw in self._records():
+            body = raw.rstrip("\r\n")
+            if any(map(str.strip, row)):
+                written = _raw_cells(body)
+                if line == self._header:
+                    written += more
+                else:
+                    written += [""] * len(more)
+                    for place, rows, texts in cells:
+                        text = next(texts)
+                        if rows[k]:
+                            written[place] = text
+                    k += 1
+                out.write(",".join([written[i] for i in kept]))
+                raw = raw[len(body) :]
+            out.write(raw)
+        start = _BOM if self._data.startswith(_BOM) else b""
+        return start + out.getvalue().encode()
+
+    def _records(self) -> Iterator[tuple[int, list[str], str]]:
+        """Yield number, cells and text of each line; a quoted cell may go over several lines."""
+        text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
+        raw: list[str] = []
+
+        def lines() -> Iterator[str]:
+            for line in text:
+                raw.append(line)
+                yield line
+
+        reader = csv.reader(lines())
+        try:
+            for row in reader:
+                yield reader.line_num, row, "".join(raw)
+                raw.clear()
+        except UnicodeDecodeError:
+            raise InputError(f"cannot read {self.file}: the file is not UTF-8 text") from None
+        except csv.Error as error:
+            raise InputError(f"{self.file}, line {reader.line_num}: {error}") from None
+
+    def _name(self, cell: str) -> str:
+        return cell if cell in self._known else cell.strip("#\"' \t")
+
+    def _loaded(self, places: Sequence[int]) -> Array | None:
+        """Read numbers by NumPy, in a third of the time; None if the file needs a closer look."""
+        text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
+        kinds = [(f"c{i}", float if i in places else "U1") for i in range(len(self.names))]
+        one = len(set(places)) == len(self.names)
+        for _ in range(self._header or 0):
+            text.readline()
+        try:
+            rows = np.loadtxt(
+                text,
+                dtype=float if one else kinds,
+                delimiter=",",
+                comments=None,
+                quotechar='"',
+                ndmin=2 if one else 1,
+            )
+        except ValueError:
+            return None
+        if one:
+            return rows[:, places] if rows.shape[1] == len(self.names) else None
+        return np.stack([rows[f"c{i}"] for i in places], axis=1)
+
+    def _parsed(self, line: int, row: list[str], places: Sequence[int]) -> list[float]:
+        for k in places:
+            if not _is_number(row[k]):
+                raise InputError(self._no_number(line, k, row[k]))
+        return [float(row[k]) for k in places]
+
+    def _no_number(self, line: int, place: int, cell: str) -> str:
+        name = self.names[place]
+        return f"{self.file}, line {line}: {name} = {cell!r} is not a finite number"
+
+
+def _is_blank_separated(row: list[str]) -> bool:
+    words = row[0].split() if len(row) == 1 else []
+    return len(words) > 1 and all(map(_is_number, words))
 
 
 def _is_number(text: str) -> bool:
@@ -238,6 +387,17 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _raw_cells(body: str) -> list[str]:
+    """Split a line of a CSV file at its commas, and leave the cells as they are written."""
+    return body.split(",") if '"' not in body else _CELL.findall(body)
+
+
+def _texts(values: Array) -> Iterator[str]:
+    """Write numbers (K, 1) as text, block by block, with as many digits as identify them."""
+    for k in range(0, len(values), _BLOCK):
+        yield from map(repr, values[k : k + _BLOCK].ravel().tolist())
 
 
 def _csv_text(columns: Mapping[str, Column]) -> bytes:
@@ -264,46 +424,199 @@ def _lines_of(rows: Iterable[tuple[object, ...]]) -> bytes:
     return out.getvalue().encode("utf-8", "replace")
 
 
-def _of_npz(file: Path, data: bytes) -> dict[str, Column]:
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in arrays.files}
-    except (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"cannot read {file}: {error}") from None
-    return {name: values for name, values in found.items() if values.ndim}
+# ---- arrays
 
 
-def _of_parquet(file: Path, data: bytes) -> dict[str, Column]:
+class _Arrays(Table):
+    """Arrays of a .npz file; arrays without rows are kept, but are no columns."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        try:
+            with np.load(io.BytesIO(read_bytes(file, _LARGEST)), allow_pickle=False) as arrays:
+                self._arrays = {name: arrays[name] for name in arrays.files}
+        except _NO_NPZ as error:
+            raise InputError(f"cannot read {file}: {error}") from None
+        columns = {name: values for name, values in self._arrays.items() if values.ndim}
+        self.widths = {
+            name: int(np.prod(values.shape[1:])) if values.dtype.kind in "biuf" else 0
+            for name, values in columns.items()
+        }
+        lengths = {len(values) for values in columns.values()}
+        if lengths in (set(), {0}):
+            raise InputError(f"{file} contains no frames", remedy="write one row per frame")
+        if len(lengths) > 1:
+            each = ", ".join(f"{name}: {len(values)}" for name, values in columns.items())
+            raise InputError(
+                f"{file}: the arrays have different lengths ({each})",
+                remedy="write one row per frame in each",
+            )
+
+    def column(self, name: str) -> Column:
+        """Return an array of the file."""
+        return np.asarray(self._arrays[name])
+
+    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
+        """Write the file again, see :meth:`Table.rewritten`; other arrays keep their type."""
+        made = {name: array for name, array in self._arrays.items() if name not in removed}
+        for name, cells in new.items():
+            made[name] = replaced(made.get(name), cells)
+        return _npz_bytes(made)
+
+
+_NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZipFile)
+
+
+def replaced(old: Column | None, cells: NewCells) -> Column:
+    """Put new numbers into a column (K, …), which keeps its shape and, unless integer, its type.
+
+    A column that the file lacks (None) has one number per row.
+    """
+    if old is None:
+        return cells.values[:, 0]
+    wide = old.reshape(len(old), -1).astype(old.dtype if old.dtype.kind == "f" else float)
+    wide[np.ix_(cells.rows, cells.at)] = cells.values[cells.rows]
+    return wide.reshape(old.shape)
+
+
+def _npz_bytes(arrays: Mapping[str, Column]) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, values in arrays.items():
+            plain = values.astype(str) if values.dtype == object else values
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as one:
+                np.lib.format.write_array(one, plain, allow_pickle=False)
+    return out.getvalue()
+
+
+# ---- Parquet
+
+
+class _Parquet(Table):
+    """A Parquet file; lists of equal length are rows of numbers."""
+
+    def __init__(self, file: Path) -> None:
+        import pyarrow
+        import pyarrow.parquet
+
+        self.file = file
+        data = pyarrow.BufferReader(read_bytes(file, _LARGEST))
+        try:
+            self._table = pyarrow.parquet.read_table(data)
+        except (pyarrow.ArrowException, OSError) as error:
+            raise InputError(f"cannot read {file}: {error}") from None
+        if not len(self._table):
+            raise InputError(f"{file} contains no frames", remedy="write one row per frame")
+        refuse_twice(self._table.column_names, file)
+        self.widths = {name: _width(self._table[name]) for name in self._table.column_names}
+
+    def column(self, name: str) -> Column:
+        """Return a column as an array; a missing number is NaN."""
+        column, width = self._table[name], self.widths[name]
+        if not width:
+            return np.asarray(column.to_numpy())
+        flat = np.asarray(_flat(column).to_numpy(zero_copy_only=False))
+        return flat if _item(column.type) is None else flat.reshape(len(column), width)
+
+    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
+        """Write the file again, see :meth:`Table.rewritten`; types and metadata stay."""
+        table = self._table
+        for name, cells in new.items():
+            if name in self.widths:
+                at = table.schema.get_field_index(name)
+                values = self._changed(table[name], replaced(self.column(name), cells), cells)
+                field = table.schema.field(at).with_type(values.type)
+                table = table.set_column(at, field, values)
+            else:
+                table = table.append_column(name, _arrow_columns({name: cells.values[:, 0]})[name])
+        table = table.drop_columns(list(removed))
+        return _parquet_bytes(table.replace_schema_metadata(_metadata(table, self._table)))
+
+    def _changed(self, column: Any, values: Column, cells: NewCells) -> Any:
+        """Make an Arrow array of the type of a column from new numbers (K, …).
+
+        Missing numbers stay missing. A column of integers, which cannot hold joints, becomes one of
+        double precision.
+        """
+        import pyarrow
+
+        missing = _flat(column).is_null().to_numpy(zero_copy_only=False).reshape(len(column), -1)
+        missing[np.ix_(cells.rows, cells.at)] = False
+        flat = pyarrow.array(values.ravel(), mask=missing.ravel())
+        item = _item(column.type)
+        if item is None:
+            return flat
+        wide = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+        same = item == flat.type
+        return wide.cast(column.type if same else pyarrow.list_(flat.type))
+
+
+def _item(kind: Any) -> Any:
+    """Return the type of the items of an Arrow list; None for another type."""
+    from pyarrow import types
+
+    lists = (types.is_list, types.is_large_list, types.is_fixed_size_list)
+    return kind.value_type if any(test(kind) for test in lists) else None
+
+
+def _width(column: Any) -> int:
+    """Count the numbers per row of a Parquet column; 0 for text, and lists of several lengths."""
     import pyarrow
+    import pyarrow.compute
+
+    item = _item(column.type)
+    kind = column.type if item is None else item
+    types = pyarrow.types
+    if not (types.is_floating(kind) or types.is_integer(kind) or types.is_boolean(kind)):
+        return 0
+    if item is None:
+        return 1
+    lengths = pyarrow.compute.min_max(pyarrow.compute.list_value_length(column)).as_py()
+    even = lengths["min"] == lengths["max"] and not column.null_count
+    return int(lengths["min"]) if even else 0
+
+
+def _flat(column: Any) -> Any:
+    """Join the chunks of a Parquet column to one Arrow array, of the items if they are lists."""
+    whole = column.combine_chunks()
+    if _item(column.type) is None:
+        return whole
+    return whole.flatten()
+
+
+def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
+    """Keep the metadata of a Parquet file, without the features of columns that it lacks now.
+
+    The library ``datasets`` refuses a file whose features are not its columns.
+    """
+    metadata = old.schema.metadata
+    if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:
+        return metadata
+    said = json.loads(metadata[b"huggingface"])
+    features = said.get("info", {}).get("features", {})
+    for name in set(features) - set(table.column_names):
+        del features[name]
+    for name in set(table.column_names) - set(old.column_names):
+        features[name] = {"dtype": "float64", "_type": "Value"}
+    return metadata | {b"huggingface": json.dumps(said).encode()}
+
+
+def _parquet_bytes(table: Any) -> bytes:
     import pyarrow.parquet
 
-    try:
-        table = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
-    except (pyarrow.ArrowException, OSError) as error:
-        raise InputError(f"cannot read {file}: {error}") from None
-    return {name: _plain(table[name]) for name in table.column_names}
+    out = io.BytesIO()
+    pyarrow.parquet.write_table(table, out)
+    return out.getvalue()
 
 
-def _plain(column: Any) -> Column:
-    """Convert a Parquet column to an array; lists of equal length become its rows.
-
-    Lists of different lengths give an array of Python lists.
-    """
+def _arrow_columns(columns: Mapping[str, Column]) -> dict[str, Any]:
+    """Convert columns to Arrow arrays; several numbers per row become lists of equal length."""
     import pyarrow
 
-    if not (pyarrow.types.is_list(column.type) or pyarrow.types.is_fixed_size_list(column.type)):
-        return np.asarray(column.to_numpy())
-    flat = np.concatenate([np.asarray(chunk.flatten()) for chunk in column.chunks])
-    size = len(flat) // max(len(column), 1)
-    if size * len(column) == len(flat) and size:
-        return flat.reshape(len(column), size)
-    return np.array(column.to_pylist(), dtype=object)
-
-
-def _arrow(values: Column) -> Any:
-    import pyarrow
-
-    if values.ndim == 1:
-        return pyarrow.array(values)
-    wide = values.reshape(len(values), -1)
-    return pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(wide.ravel()), wide.shape[1])
+    made = {}
+    for name, values in columns.items():
+        wide = values.reshape(len(values), -1)
+        made[name] = pyarrow.array(values if values.ndim == 1 else wide.ravel())
+        if values.ndim > 1:
+            made[name] = pyarrow.FixedSizeListArray.from_arrays(made[name], wide.shape[1])
+    return made

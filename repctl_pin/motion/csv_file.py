@@ -16,7 +16,7 @@ import numpy as np
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError
-from ..base.tables import csv_rows, number, refuse_twice
+from ..base.tables import CsvTable, read_csv, refuse_twice
 from .joint_motion import rows_of
 from .motion import Motion
 from .timed_motion import TimedMotion
@@ -149,68 +149,53 @@ def read_motions(
         has times that do not increase, or does not contain full cycles of equal steps; the message
         names the line.
     """
-    where = str(file)
-    rows = csv_rows(file, _LARGEST)
-    _, header = next(rows, (1, []))
-    names = [name if name in known else name.strip() for name in header]
-    joints = _joints(names, known, where)
-    clocks = [name for name in _CLOCKS if name in names and name not in known]
-    columns = [names.index(name) for name in (*joints, *clocks[:1])]
-    groups: dict[str, list[tuple[int, float | None, list[float]]]] = {}
-    for at, row in rows:
-        line = f"{where}, line {at}"
-        if len(row) != len(names):
-            raise InputError(f"{line}: {len(row)} fields, but the header has {len(names)}")
-        key, turn = "", None
-        if "strategy" in names:
-            key = row[names.index("strategy")]
-        if "cycle" in names:
-            turn = _number(row[names.index("cycle")], "cycle", line)
-        values = [_number(row[k], names[k], line) for k in columns]
-        groups.setdefault(key or Path(file).stem, []).append((at, turn, values))
-    if not groups:
-        raise InputError(f"{where} contains no rows", remedy="write one row per sample")
-    return [_recorded(key, rows, joints, where, cycles) for key, rows in groups.items()]
+    table = read_csv(file, known, largest=_LARGEST, rows="rows")
+    joints = _joints(table.names, known, str(file))
+    clocks = [name for name in _CLOCKS if name in table.names and name not in known][:1]
+    turn = ["cycle"] if "cycle" in table.names and "cycle" not in known else []
+    values = table.numbers([*joints, *clocks, *turn])
+    keys = [Path(file).stem] * len(values)
+    if "strategy" in table.names:
+        at = table.names.index("strategy")
+        keys = [row[at] or Path(file).stem for _, row in table.rows()]
+    rows_by_key: dict[str, list[int]] = {}
+    for row, key in enumerate(keys):
+        rows_by_key.setdefault(key, []).append(row)
+    n = len(joints)
+    made = []
+    for key, rows in rows_by_key.items():
+        end = float(values[rows[-1], -1]) if turn else None
+        count = _count(end, cycles, table, rows[-1])
+        steps, rest = divmod(len(rows) - 1, count)
+        if rest or not steps:
+            raise InputError(
+                f"{file}: {len(rows)} rows of {key!r} are not a start "
+                f"and {count} cycles of equal numbers of steps; correct the number of cycles"
+            )
+        times = values[rows, n] if clocks else None
+        if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
+            where = table.where(rows[late[0] + 1])
+            raise InputError(f"{where}: time must increase from row to row")
+        made.append(_Recorded(key, joints, values[rows, :n], count, times))
+    return made
 
 
-def _recorded(
-    key: str,
-    rows: list[tuple[int, float | None, list[float]]],
-    joints: tuple[str, ...],
-    where: str,
-    asked: int | None,
-) -> _Recorded:
-    """Create the motion of one strategy from its rows: (line number, cycle, values) each.
+def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> int:
+    """Return the number of cycles: ``asked``, else the last value of ``cycle``, else 1.
 
-    The cycle is None if the file has no such column. The values are the joint positions, and the
-    time if the file has it. The number of cycles is ``asked``, else the last row's value of
-    ``cycle``, else 1. ``key`` is the strategy's name, and ``where`` the file's, for the message.
-    InputError is raised if the rows do not divide into whole cycles of equal length, or if time
-    does not increase.
+    ``end`` is that value, in the row ``row`` of the table, None without such a column. InputError
+    is raised if the motion ends within a cycle.
     """
-    line, end, _ = rows[-1]
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
         raise InputError(
-            f"{where}, line {line}: the motion ends within a cycle, at {end:g} cycles",
+            f"{table.where(row)}: the motion ends within a cycle, at {end:g} cycles",
             remedy="give the number of cycles",
         )
-    steps, rest = divmod(len(rows) - 1, count)
-    if rest or not steps:
-        raise InputError(
-            f"{where}: {len(rows)} rows of {key!r} are not a start "
-            f"and {count} cycles of equal numbers of steps; correct the number of cycles"
-        )
-    values = np.array([numbers for _, _, numbers in rows])
-    times = values[:, len(joints)] if values.shape[1] > len(joints) else None
-    if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
-        raise InputError(
-            f"{where}, line {rows[late[0] + 1][0]}: time must increase from row to row"
-        )
-    return _Recorded(key, joints, values[:, : len(joints)], count, times)
+    return count
 
 
-def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ...]:
+def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str, ...]:
     """Select the joint columns of a header, in its order, and refuse columns of unknown meaning.
 
     ``known`` are the names of the robot's joints. A column that is not read could be a misspelt
@@ -219,9 +204,8 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
     Raises
     ------
     InputError
-        If a column is unknown or occurs twice, or there is no joint column.
+        If a column is unknown, or there is no joint column.
     """
-    refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}
     strange = [
@@ -231,10 +215,3 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
         what = f"the robot has no joint {strange[0]!r}" if strange else "there is no joint column"
         raise InputError(f"{where}: {what}; its joints are {', '.join(known)}")
     return joints
-
-
-def _number(text: str, name: str, line: str) -> float:
-    value = number(text)
-    if not np.isfinite(value):
-        raise InputError(f"{line}: {name} = {text!r} is not a finite number")
-    return value

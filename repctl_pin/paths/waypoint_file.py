@@ -1,11 +1,9 @@
-"""Reading of waypoints from a CSV file, and the closed path through them.
-
-A line of the file (:data:`_Line`) is its number and its cells, so that errors can name it.
-"""
+"""Reading of waypoints from a CSV file, and the closed path through them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import file_name
 from ..base.errors import InputError
-from ..base.tables import csv_rows, number
+from ..base.tables import CsvTable, read_csv
 from ..model.task import Task
 from .polyline import MOST_POINTS, Waypoints, waypoints
 from .several_paths import several_paths
@@ -24,9 +22,6 @@ _POINT, _TURN, _TIME = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("time",)
 _TIMES = {"t": "time"}
 _LAYOUTS = (_POINT, _POINT + _TURN, _POINT + _TIME, _POINT + _TURN + _TIME)
 _LARGEST = 4_000_000
-
-_Line = tuple[int, list[str]]
-"""Number of a line of a file, and its cells."""
 
 
 def read_waypoints(file: str | Path) -> Waypoints:
@@ -53,52 +48,46 @@ def read_waypoints(file: str | Path) -> Waypoints:
     >>> rp.read_waypoints("loop.csv").points.shape
     (4, 3)
     """
-    file = file_name(file)
-    return _waypoints(file, _lines(file))
+    table = _table(file_name(file))
+    return _waypoints(table, {name: name for name in table.names})
 
 
-def _lines(file: Path) -> list[_Line]:
-    """Read the lines of a CSV file that are not empty: their numbers and cells."""
-    lines = csv_rows(file, _LARGEST)
-    return [(line, row) for line, row in lines if any(map(str.strip, row))]
+def _table(file: str | Path) -> CsvTable:
+    """Open a file of waypoints; without a header it has three or seven columns."""
+    return read_csv(file, largest=_LARGEST, unnamed=_LAYOUTS[:2], rows="waypoints")
 
 
-def _waypoints(file: Path, rows: list[_Line]) -> Waypoints:
-    """Read the waypoints of one frame from its columns, and check them.
+def _waypoints(table: CsvTable, columns: Mapping[str, str]) -> Waypoints:
+    """Read the waypoints of one frame, and check them.
 
-    ``rows`` are the lines of the file, a header first if there is one. InputError names the line
-    with a wrong number, a quaternion that is not of length 1, or a time that does not increase.
+    ``columns`` are its columns of the table, by their names without that of a frame. InputError
+    names the line with a wrong number, a quaternion that is not of length 1, or a time that does
+    not increase.
     """
-    names: tuple[str, ...] = _POINT + _TURN if rows and len(rows[0][1]) == 7 else _POINT
-    if rows and _is_header(rows[0][1]):
-        names = _columns(rows.pop(0)[1], file)
-    if not rows:
-        raise InputError(f"{file} contains no waypoints; write x, y, z in m, one point per line")
-    if len(rows) - 1 > MOST_POINTS:
+    file = table.file
+    named = _known(columns, file)
+    values = dict(zip(named, table.numbers([*named.values()]).T, strict=True))
+    points = np.stack([values[name] for name in _POINT], axis=1)
+    if len(points) - 1 > MOST_POINTS:
         raise InputError(
-            f"{file} contains {len(rows)} waypoints; reduce them to at most {MOST_POINTS}"
+            f"{file} contains {len(points)} waypoints; reduce them to at most {MOST_POINTS}"
         )
-    numbers = tuple(line for line, _ in rows)
-    values = np.array([_numbers(row, names, f"{file}, line {line}") for line, row in rows])
-    column = {name: values[:, i] for i, name in enumerate(names)}
     rotations = None
-    if "qw" in column:
-        quaternions = np.stack([column[name] for name in _TURN], axis=1)
+    if "qw" in values:
+        quaternions = np.stack([values[name] for name in _TURN], axis=1)
         sizes = np.linalg.norm(quaternions, axis=1)
         if (off := np.abs(sizes - 1) > 1e-2).any():
             at = int(np.argmax(off))
             raise InputError(
-                f"{file}, line {numbers[at]}: the quaternion has length {sizes[at]:.3g}; "
+                f"{table.where(at)}: the quaternion has length {sizes[at]:.3g}; "
                 "normalise it, in the order qx, qy, qz, qw"
             )
         rotations = np.array([pin.Quaternion(q).normalized().matrix() for q in quaternions])
-    times = column.get("time")
+    times = values.get("time")
     if times is not None and (late := np.diff(times) <= 0).any():
-        raise InputError(
-            f"{file}, line {numbers[int(np.argmax(late)) + 1]}: "
-            "the time must increase from line to line"
-        )
-    return Waypoints(np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers)
+        where = table.where(int(np.argmax(late)) + 1)
+        raise InputError(f"{where}: the time must increase from line to line")
+    return Waypoints(points, rotations, times, tuple(line for line, _ in table.rows()))
 
 
 def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
@@ -117,9 +106,10 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     where = file_name(file)
     spec = file + (f":blend={blend:.15g}" if blend else "")
     # report errors before a robot is loaded
+    table = _table(where)
     made = {
-        frame: _through(_waypoints(where, rows), where.name, spec, blend)
-        for frame, rows in _by_frame(where, _lines(where)).items()
+        frame: _through(_waypoints(table, columns), where.name, spec, blend)
+        for frame, columns in _by_frame(table).items()
     }
 
     def path_of(task: Task, q0: ArrayLike) -> TaskPath:
@@ -156,34 +146,25 @@ def _through(
     return lambda task, q0: through(task.placement(q0).rotation)
 
 
-def _by_frame(file: Path, rows: list[_Line]) -> dict[str, list[_Line]]:
-    """Split the lines of a file into those of each frame, by the text before a column's dot.
+def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
+    """Split the columns of a file into those of each frame, by the text before their dot.
 
-    ``left.x`` is a column of the frame ``left``; a column of times is of all frames. Without dots,
-    all lines stand under an empty text, which is the first frame. InputError is raised if only some
-    columns name a frame.
+    ``left.x`` is the column x of the frame ``left``; a column of times is of all frames. Without
+    dots, all columns are those of an empty text, which is the first frame. InputError is raised if
+    only some columns name a frame.
     """
-    header = rows[0][1] if rows else []
-    cells = [_cell(cell).rpartition(".")[::2] for cell in header]
-    frames = tuple(dict.fromkeys(frame for frame, _ in cells if frame))
-    if not frames or not _is_header(header):
-        return {"": rows}
-    common = [name for frame, name in cells if not frame]
-    if not {_TIMES.get(name.lower(), name.lower()) for name in common} <= {*_TIME}:
+    cells = {name: name.rpartition(".")[::2] for name in table.names}
+    frames = dict.fromkeys(frame for frame, _ in cells.values() if frame)
+    common = [own for frame, own in cells.values() if not frame]
+    if frames and not {_TIMES.get(name.lower(), name.lower()) for name in common} <= {*_TIME}:
         raise InputError(
-            f"{file}: column {common[0]!r} names no frame, but others do",
-            remedy=f"write it as {frames[0]}.{common[0]}",
+            f"{table.file}: column {common[0]!r} names no frame, but others do",
+            remedy=f"write it as {next(iter(frames))}.{common[0]}",
         )
-    for line, row in rows:
-        if len(row) != len(header):
-            raise InputError(f"{file}, line {line}: {len(row)} cells for {len(header)} columns")
-    found: dict[str, list[_Line]] = {}
-    for frame in frames:
-        own = [i for i, (of, _) in enumerate(cells) if of in ("", frame)]
-        names = [cells[i][1] for i in own]
-        later = [(line, [row[i] for i in own]) for line, row in rows[1:]]
-        found[frame] = [(rows[0][0], names), *later]
-    return found
+    return {
+        frame: {own: name for name, (of, own) in cells.items() if of in ("", frame)}
+        for frame in frames or ("",)
+    }
 
 
 def _frame_of(text: str, task: Task, file: Path) -> str:
@@ -205,40 +186,15 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
     return meant[0]
 
 
-def _cell(text: str) -> str:
-    """Strip a cell of a CSV file's header of blanks, quotes and the ``#`` of a comment."""
-    return text.strip("#\"' \t")
-
-
-def _is_header(row: list[str]) -> bool:
-    """Test whether a line of the file is a header: words instead of numbers."""
-    return all(_cell(cell)[:1].isalpha() and not np.isfinite(number(cell)) for cell in row)
-
-
-def _columns(row: list[str], file: Path) -> tuple[str, ...]:
-    """Read the column names, in the order of the header, and check that the set is known.
+def _known(columns: Mapping[str, str], file: Path) -> dict[str, str]:
+    """Return the columns by the names x, y, z …, and check that these are known.
 
     Known are x, y, z, with or without qx, qy, qz, qw, and with or without time, in any order.
     """
-    names = tuple(_TIMES.get(name, name) for name in (_cell(cell).lower() for cell in row))
-    if not any(sorted(names) == sorted(layout) for layout in _LAYOUTS):
-        if any(";" in name for name in row):
-            raise InputError(f"{file}: separate the columns by commas, and use decimal points")
-        called = f"the columns are named {', '.join(map(str.strip, row))}"
-        meant = "x, y, z (m), and optionally qx, qy, qz, qw and time (s)"
-        raise InputError(f"{file}: {called}; name them {meant}")
-    return names
-
-
-def _numbers(row: list[str], names: tuple[str, ...], where: str) -> list[float]:
-    text = ",".join(row)
-    values = [number(cell) for cell in row]
-    if len(values) == len(names) and np.isfinite(values).all():
-        return values
-    wrong = f"{where}: {text!r} is not {_COUNT[len(names)]}"
-    if ";" in text or len(text.split()) == len(names) > len(row):
-        raise InputError(f"{wrong} numbers; separate them by commas, and use decimal points")
-    raise InputError(f"{wrong} finite numbers {', '.join(names)}")
-
-
-_COUNT = {3: "three", 4: "four", 7: "seven", 8: "eight"}
+    named = {_TIMES.get(name.lower(), name.lower()): column for name, column in columns.items()}
+    if len(named) < len(columns) or not any(set(named) == set(layout) for layout in _LAYOUTS):
+        raise InputError(
+            f"{file}: the columns are named {', '.join(columns)}; "
+            "name them x, y, z (m), and optionally qx, qy, qz, qw and time (s)"
+        )
+    return named

@@ -153,7 +153,7 @@ def test_a_files_times_say_how_fast_its_joints_are(
 BAD = {
     "no such file": (None, "cannot read .*No such file"),
     "not text": (b"\xff\xfe\x00\x01", "not UTF-8 text"),
-    "empty": (b"", "there is no joint column"),
+    "empty": (b"", "the first line must name the columns"),
     "header only": (b"d1,d2,theta3\n", "contains no rows"),
     "strange column": (b"d1,elbow\n0,0\n", "no joint 'elbow'"),
     "no number": (b"d1,d2\n0,0\n0,x\n", r"line 3: d2 = 'x' is not a finite number"),

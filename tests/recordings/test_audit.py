@@ -228,7 +228,10 @@ def test_logs_of_many_forms_are_the_same_log(
         ("time,theta1,theta2\n1,2,3\n", "no column is named theta3"),
         ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,1\n1,1,1,1\n", "line 4: time runs backwards"),
         ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,nan\n", "1 rows with numbers, too few"),
-        ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,x\n", "line 3: 'x' is not a number"),
+        (
+            "time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,x\n",
+            "line 3: theta3 = 'x' is not a finite number",
+        ),
     ],
 )
 def test_bad_files_are_refused_in_one_line(

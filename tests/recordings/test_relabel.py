@@ -209,9 +209,11 @@ def test_arrays_with_a_gripper_and_other_columns_are_kept(
     names, poses = np.full(len(Q), "home"), relabeled.recording.homogeneous
     columns = {"observation.state": state, "extra": np.arange(len(Q))}
     np.savez(tmp_path / "a.npz", **columns, poses=poses, pose=names)
-    done = rp.relabel(
-        rp.Recording.read(tmp_path / "a.npz", relabeled.recording.task), design=relabeled.design
-    )
+    task = relabeled.recording.task
+    with pytest.raises(rp.InputError, match="has 4 numbers per row, but the task has 3 joints"):
+        rp.Recording.read(tmp_path / "a.npz", task)
+    recording = rp.Recording.read(tmp_path / "a.npz", task, joints=[*task.joint_names, "gripper"])
+    done = rp.relabel(recording, design=relabeled.design)
     with np.load(done.save(tmp_path / "b.npz")) as made:
         assert np.array_equal(made["extra"], np.arange(len(Q)))
         assert np.array_equal(made["pose"], names)

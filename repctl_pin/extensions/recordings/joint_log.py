@@ -7,7 +7,7 @@ joints are worked out, or refused if several readings are possible.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from ...base.arguments import Array, as_numbers, file_name, read_only
 from ...base.errors import InputError
-from ...base.tables import Column, Table, read_table
+from ...base.tables import Table, read_table
 from ...model.task import Task
 
 _CLOCKS = ("time", "t", "times", "timestamp", "stamp", "sec", "secs", "seconds", "%time", "__time")
@@ -124,35 +124,33 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
         line.
     """
     joints = task.robot_joints
-    table = read_table(file_name(file, "log"))
-    columns, where = table.columns, str(table.file)
-    clock = _clock(list(columns))
+    table = read_table(file_name(file, "log"), joints)
+    where = str(table.file)
+    clock = _clock(list(table.widths))
     if clock is None:
         raise InputError(
-            f"{where}: there is no column of times among {', '.join(columns)}",
+            f"{where}: there is no column of times among {', '.join(table.widths)}",
             remedy="name one time, in s",
         )
-    single = {name: c for name, c in columns.items() if c.ndim == 1 and c.dtype.kind in "fiu"}
+    single = [name for name, width in table.widths.items() if width == 1]
     if clock not in single:
         raise InputError(f"{where}: the times in {clock!r} are not numbers, one per row")
     header = [name for name in single if name != clock]
     try:
         names, by_name = _columns(header, joints)
-        whole = None if names else _whole(columns, len(joints))
+        whole = None if names else _whole(table, len(joints))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     if names:
-        q = np.stack([single[name] for name in names], axis=1)
         taken = f"{names[0]} to {names[-1]}"
         if words_of(names[0], joints) & _NOT_MEASURED:
             taken += ", which are not measured"
     elif whole is not None:
-        taken, by_name = whole, False
-        q = columns[whole][:, : len(joints)]
+        names, taken, by_name = [whole], whole, False
     else:
         raise _no_joints(where, header, joints)
-    t = single[clock].astype(float)
-    log = _checked(where, t, units * q.astype(float), by_name, table)
+    values = table.numbers([clock, *names], finite=False)
+    log = _checked(where, values[:, 0], units * values[:, 1:], by_name, table)
     unit, epoch = _unit(log, clock, task.joint_limits[2])
     said = f"{unit} since 1970" if epoch else unit
     read = f"read {clock} in {said}, and joints from {taken}"
@@ -330,25 +328,26 @@ def _holds(name: str, joint: str) -> bool:
     return re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name) is not None
 
 
-def _whole(columns: Mapping[str, Column], n: int) -> str | None:
-    """Find the name of an array (T, ≥ n) with the positions of all n joints; None without one.
+def _whole(table: Table, n: int) -> str | None:
+    """Find the name of an array (T, n) with the positions of all n joints; None without one.
 
-    Its columns after the first n may be those of a gripper. InputError is raised if several arrays
-    that differ could be it.
+    A wider array may begin with another arm's joints. InputError is raised if there are only such
+    ones, or several arrays that differ.
     """
-    found = [
-        name
-        for name in _TABLES
-        if name in columns
-        and columns[name].ndim == 2
-        and columns[name].shape[1] >= n
-        and columns[name].dtype.kind in "fiu"
-    ]
-    if any(not np.array_equal(columns[found[0]], columns[name]) for name in found[1:]):
+    known = [name for name in _TABLES if table.widths.get(name, 0) > 1]
+    found = [name for name in known if table.widths[name] == n]
+    if known and not found:
         raise InputError(
-            f"several arrays may be the joint positions: {', '.join(found)}",
-            remedy="leave one of them",
+            f"{known[0]!r} has {table.widths[known[0]]} columns, but the arm has {n} joints",
+            remedy="leave the columns of these joints, or give rp.audit times and joints as arrays",
         )
+    if len(found) > 1:
+        first, *others = (table.numbers([name], finite=False) for name in found)
+        if not all(np.array_equal(first, other) for other in others):
+            raise InputError(
+                f"several arrays may be the joint positions: {', '.join(found)}",
+                remedy="leave one of them",
+            )
     return found[0] if found else None
 
 
@@ -362,7 +361,7 @@ def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) 
     steps = np.diff(t[rows])
     if (steps < 0).any():
         at = int(rows[int(np.argmax(steps < 0)) + 1])
-        place = f"{name}, row {at}" if table is None else table.line(at)
+        place = f"{name}, row {at}" if table is None else table.where(at)
         raise InputError(
             f"{place}: time runs backwards", remedy="sort the rows, or split the file", at=at
         )

@@ -113,6 +113,7 @@ class Recording:
     session: Column
     names: tuple[str, ...]
     source: Table | None
+    places: tuple[int, ...] | None
 
     def __init__(
         self,
@@ -163,16 +164,19 @@ class Recording:
             session=session,
             names=names,
             source=None,
+            places=None,
         )
 
     @classmethod
-    def read(cls, file: str | Path, task: Task) -> Recording:
+    def read(
+        cls, file: str | Path, task: Task, *, joints: Sequence[str] | None = None
+    ) -> Recording:
         """Read a recording from a .csv, .npz or .parquet file.
 
         Columns are found by name:
 
         - joints: one column per joint of the task, or an array ``joints``, ``q``, ``qpos`` or
-          ``observation.state``, whose first n numbers are taken
+          ``observation.state`` with one number per joint, in the order of the task
         - poses: ``x, y, z, qx, qy, qz, qw``, or an array ``poses``
         - time: ``time``, ``t`` or ``timestamp``
         - session: ``session`` or ``episode``
@@ -185,6 +189,9 @@ class Recording:
             The file.
         task
             Task; the poses are those of its frame.
+        joints : sequence of str, optional
+            Names of the numbers of that array, in its order, if it has other joints or a gripper,
+            too. Those of the task's joints are taken.
 
         Raises
         ------
@@ -194,13 +201,18 @@ class Recording:
         """
         task = one_frame(require_task(task), "a recording")
         path = file_name(file)
-        table = read_table(path)
+        table = read_table(path, task.joint_names)
         try:
-            made = cls(task, **_arguments(table, task))
+            columns, places = _find(table, task, joints)
         except InputError as error:
-            where = table.line(error.at) if isinstance(error.at, int) else str(path)
+            raise InputError(f"{path}: {error}") from None
+        arguments = _arguments(table, columns, places)
+        try:
+            made = cls(task, **arguments)
+        except InputError as error:
+            where = table.where(error.at) if isinstance(error.at, int) else str(path)
             raise InputError(f"{where}: {error}", at=error.at) from None
-        freeze(made, source=table)
+        freeze(made, source=table, places=places)
         return made
 
     def __len__(self) -> int:
@@ -328,49 +340,97 @@ def _times(given: ArrayLike, size: int) -> Array:
     return t
 
 
-def _arguments(table: Table, task: Task) -> dict[str, Any]:
-    """Find the arguments of :class:`Recording` among the columns of a table, by their names.
+def _find(
+    table: Table, task: Task, given: Sequence[str] | None
+) -> tuple[dict[str, list[str]], tuple[int, ...] | None]:
+    """Find the columns of the arguments of :class:`Recording` in a table, by their names.
 
-    Returns joints, poses, times and sessions by these names, each None if the file has none.
-    InputError is raised if there are neither joints nor poses, or only some of the joints.
+    Returns the names of the columns of joints, poses, times and sessions, as far as there are any,
+    and the places of the joints in a row of their array; None if each joint has a column.
+    ``given`` names the numbers of the array. InputError is raised if there are neither joints nor
+    poses, or only some of the joints.
     """
-    columns = table.columns
-    found: dict[str, Any] = {
-        argument: next((columns[name] for name in names if name in columns), None)
+    widths = table.widths
+    found = {
+        argument: [next(name for name in names if name in widths)]
         for argument, names in _NAMES.items()
+        if any(name in widths for name in names)
     }
-    joints, poses = found["joints"], found["poses"]
-    missing = [name for name in task.joint_names if name not in columns]
+    places = None
+    missing = [name for name in task.joint_names if name not in widths]
     if not missing:
-        found["joints"] = _stacked(columns, task.joint_names)
+        found["joints"] = list(task.joint_names)
+        if given is not None:
+            raise InputError("each joint has a column of its own", argument="joints")
     elif len(missing) < task.n:
         raise InputError(f"there is no column {missing[0]!r}", remedy="add it")
-    elif joints is not None:  # further columns may be those of a gripper
-        if joints.ndim != 2 or joints.shape[1] < task.n:
-            what = f"must be rows of {task.n} joints or more"
-            raise InputError(what, argument="joints")
-        found["joints"] = joints[:, : task.n]
+    elif "joints" in found:
+        name = found["joints"][0]
+        places = _places(name, widths[name], task, given)
+    elif given is not None:
+        arrays = ", ".join(JOINTS)
+        raise InputError(f"requires an array of joints: {arrays}", argument="joints")
     pose: tuple[str, ...] = POSITION + QUATERNION
-    if not task.kind.turns and not set(QUATERNION) <= set(columns):
+    if not task.kind.turns and not set(QUATERNION) <= set(widths):
         pose = POSITION
-    if set(pose) <= set(columns):
-        found["poses"] = _stacked(columns, pose)
-    elif poses is not None and poses.shape[1:] == (16,):
-        found["poses"] = poses.reshape(-1, 4, 4)
-    if found["joints"] is None and found["poses"] is None:
+    if set(pose) <= set(widths):
+        found["poses"] = list(pose)
+    elif "poses" in found and not widths[found["poses"][0]]:
+        del found["poses"]
+    if not {"joints", "poses"} & set(found):
         raise InputError(
-            f"there are columns {', '.join(columns)}",
+            f"there are columns {', '.join(widths)}",
             remedy=f"name joints {', '.join(task.joint_names)}, or poses x, y, z, qx, qy, qz, qw",
         )
-    return found
+    return found, places
 
 
-def _stacked(columns: Any, names: Sequence[str]) -> Array:
-    for name in names:
-        values = columns[name]
-        if values.ndim != 1 or values.dtype.kind not in "biuf":
-            raise InputError(f"column {name!r} must be numbers")
-        if not np.isfinite(values).all():
-            at = int(np.argmin(np.isfinite(values)))
-            raise InputError(f"{name} is not a finite number", at=at)
-    return np.stack([columns[name] for name in names], axis=1).astype(float)
+def _places(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
+    """Find the places of the task's joints in a row of an array, which has ``width`` numbers.
+
+    ``given`` are the names of the numbers. Without names, the array must have one per joint.
+    """
+    own = task.joint_names
+    if given is None and width == task.n:
+        return tuple(range(width))
+    if given is None:
+        raise InputError(
+            f"{name!r} has {width} numbers per row, but the task has {task.n} joints",
+            remedy=f"name all {width} in order by joints=, among them {', '.join(own)}",
+        )
+    names = [text.strip() for text in given]
+    if len(names) != width:
+        what = f"must be {width} names, one per number of {name!r}; got {len(names)}"
+        raise InputError(what, argument="joints")
+    stems = [text if text in own else text.removesuffix(".pos") for text in names]
+    for joint in own:
+        if stems.count(joint) != 1:
+            times = "twice" if joint in stems else "not"
+            raise InputError(f"{joint} is {times} among {', '.join(names)}", argument="joints")
+    return tuple(map(stems.index, own))
+
+
+def _arguments(
+    table: Table, columns: dict[str, list[str]], places: tuple[int, ...] | None
+) -> dict[str, Any]:
+    """Read the arguments of :class:`Recording` from the columns of a table, in one pass."""
+    made: dict[str, Any] = {}
+    if places is not None:  # further numbers, such as a gripper's, may be missing
+        name = columns["joints"][0]
+        made["joints"] = Q = table.numbers([name], finite=False)[:, places]
+        if not np.isfinite(Q).all():
+            row = int(np.argmin(np.isfinite(Q).all(axis=1)))
+            raise InputError(f"{table.where(row)}: {name} is not a finite number", at=row)
+    keys = [key for key in ("joints", "poses", "times") if key in columns and key not in made]
+    names = [name for key in keys for name in columns[key]]
+    values = table.numbers(names) if names else np.empty((0, 0))
+    for key in keys:
+        size = sum(table.widths[name] or 1 for name in columns[key])
+        made[key], values = values[:, :size], values[:, size:]
+    if made.get("poses") is not None and made["poses"].shape[1] == 16:
+        made["poses"] = made["poses"].reshape(-1, 4, 4)
+    if "times" in made:
+        made["times"] = made["times"][:, 0]
+    if "sessions" in columns:
+        made["sessions"] = table.column(columns["sessions"][0])
+    return made

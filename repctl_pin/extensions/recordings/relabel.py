@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...base import progress as reporting
 from ...base.arguments import Array, file_name, flag_or_function, read_only, require_type, vector
 from ...base.errors import InputError
+from ...base.files import write_whole
 from ...base.fit_options import FitOptions, fit_options
 from ...base.tables import write_table
 from ..cells.cell_design import CellDesign
@@ -25,7 +27,7 @@ from ..cells.targets import homogeneous
 from .ambiguity import Ambiguity, ambiguity
 from .choose_cell import design_for
 from .recording import Recording, in_blocks, thinned
-from .relabeled_columns import Columns, relabeled_columns
+from .relabeled_columns import Columns, plain_columns, relabeled_columns
 
 _HELD_OUT = 1024
 _FRAMES = 2**13
@@ -161,6 +163,7 @@ class Relabeled:
             "middle": self.design.cell.where(np.zeros(self.design.cell.k)),
             "leaf": self._leaf(),
             **({"not relabelled": self._missing()} if self.gaps else {}),
+            **({"written": ", ".join(self.written)} if self.written else {}),
             **({"removed": ", ".join(self.removed)} if self.removed else {}),
             **({"recomputed": ", ".join(self.recomputed)} if self.recomputed else {}),
         }
@@ -178,15 +181,25 @@ class Relabeled:
     def save(self, file: str | Path) -> Path:
         """Write the recording with the new configurations, as .csv, .npz or .parquet.
 
-        Other columns of a file that was read are kept, except ``removed`` and ``recomputed``.
-        Frames that could not be relabelled have NaN as their configuration.
+        Other columns of a file that was read are kept, except ``removed`` and ``recomputed``; in a
+        file of the same format every cell, type and metadata as it was. New joints are rounded to
+        the type of their column. Frames that could not be relabelled have NaN as their
+        configuration.
 
         Raises
         ------
         InputError
             If the file has another suffix, or cannot be written.
         """
-        return write_table(file_name(file), self._columns.made)
+        path, source = file_name(file), self.recording.source
+        if source is None or source.file.suffix.lower() != path.suffix.lower():
+            return write_table(path, plain_columns(self.recording, self.joints))
+        return write_whole(path, source.rewritten(self._columns.new, self.removed))
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        """Names of the file's columns that have the new joints; of an array also the places."""
+        return self._columns.written
 
     @property
     def removed(self) -> tuple[str, ...]:
@@ -201,8 +214,10 @@ class Relabeled:
         """
         return self._columns.recomputed
 
-    @property
+    @cached_property
     def _columns(self) -> Columns:
+        if self.recording.source is None:
+            return Columns({})
         return relabeled_columns(self.recording, self.joints)
 
     def _moved(self) -> str:

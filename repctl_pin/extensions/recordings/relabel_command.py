@@ -36,6 +36,12 @@ def add_options(parser: Parser) -> None:
     )
     add("--frame", help="link that the poses are of (default: the end of the arm)")
     add("--task", metavar="KIND", help=KINDS.replace("pose", "pose (default)"))
+    add(
+        "--joints",
+        metavar="NAMES",
+        help="names of the numbers of the file's array of joints, separated by commas, if it has "
+        "those of another arm or a gripper, too",
+    )
     parser.set_defaults(start=None)
     add(
         "--leaf",
@@ -74,7 +80,7 @@ def run(options: Options) -> int:
         leaf = numbers_of(options.leaf, "--leaf", what)
     say("reading")
     relabeled = rp.relabel(
-        rp.Recording.read(file, task),
+        rp.Recording.read(file, task, joints=options.joints and options.joints.split(",")),
         design=design,
         leaf=leaf,
         options=rp.FitOptions(**options.of("held_out", "seed")),
@@ -119,6 +125,7 @@ def _as_dict(relabeled: rp.Relabeled) -> dict[str, Any]:
         "moved": np.sqrt(np.mean(moved**2)),
         "cell": relabeled.design.cell.size(),
         "leaf": relabeled.leaf,
+        "written": relabeled.written,
         "removed": relabeled.removed,
         "recomputed": relabeled.recomputed,
         "not_relabelled": [asdict(gap) for gap in relabeled.gaps],

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...base.arguments import Array
-from ...base.tables import Column
+from ...base.tables import Column, NewCells, Table, replaced
 from ..cells.targets import homogeneous
 from .joint_log import words_of
 from .recording import JOINTS, POSES, POSITION, QUATERNION, Recording, forward
@@ -39,64 +39,104 @@ class Columns(NamedTuple):
 
     Attributes
     ----------
-    made : dict of str to (K, …) array
-        The columns, by name.
+    new : dict of str to NewCells
+        New numbers, by the names of their columns; other columns of the file are kept.
     removed : tuple of str
         Names of columns of the file that are left out, because they belong to the old joints.
     recomputed : tuple of str
         Names of columns of the pose that are computed from the new joints.
     """
 
-    made: dict[str, Column]
+    new: dict[str, NewCells]
     removed: tuple[str, ...] = ()
     recomputed: tuple[str, ...] = ()
 
+    @property
+    def written(self) -> tuple[str, ...]:
+        """Names of the columns with new joints; of an array also the places, counted from 0."""
+        return tuple(
+            name if len(cells.at) == 1 else f"{name} [{_ranges(cells.at)}]"
+            for name, cells in self.new.items()
+            if name not in self.recomputed
+        )
+
 
 def relabeled_columns(recording: Recording, Q: Array) -> Columns:
-    """Make the columns of a recording with new configurations Q (K, n).
+    """Find the columns of a recording's file that change with new configurations Q (K, n).
 
-    Other columns of its file are kept, unless they depend on the recorded joints. Rows of Q that
-    are NaN, where the cell's function has no value, keep their recorded pose.
+    Other columns are kept, unless they depend on the recorded joints. Rows of Q that are NaN, where
+    the cell's function has no value, keep their recorded pose.
     """
-    task, old = recording.task, recording.joints
-    joints = dict(zip(task.joint_names, Q.T, strict=True))
+    task, old, source = recording.task, recording.joints, recording.source
+    assert source is not None
+    found = np.isfinite(Q[:, 0])
+    every = np.ones_like(found)
+    joints = {
+        name: NewCells(q[:, None], (0,), every)
+        for name, q in zip(task.joint_names, Q.T, strict=True)
+    }
     p, R = _poses(recording, Q)
     X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
-    poses = dict(zip(POSITION + QUATERNION, X.T, strict=True))
-    if recording.source is None:
-        return Columns(_beside(recording) | poses | joints)
-    source, lost = recording.source.columns, np.isnan(Q[:, 0])
-    arrays = {3: p, 7: X, 16: homogeneous(p, R)}
-    for name in POSES:
-        size = np.size(source[name][0]) if name in source else 0
-        if size in arrays:
-            poses[name] = arrays[size]
-    made = dict[str, Column]()
+    poses = dict(zip(POSITION + QUATERNION, np.split(X, 7, axis=1), strict=True))
+    arrays = {3: p, 7: X, 16: homogeneous(p, R).reshape(-1, 16)}
+    poses |= {name: arrays[w] for name in POSES if (w := source.widths.get(name, 0)) in arrays}
+    new = dict[str, NewCells]()
     removed, recomputed = list[str](), list[str]()
-    for name, values in source.items():
+    for name in source.widths:
         if name in joints:
-            made[name] = joints[name]
-        elif old is not None and _begins_with(values, old):
-            made[name] = np.concatenate([Q, values[:, task.n :]], axis=1)
+            new[name] = joints[name]
+        elif (at := _copy(source, name, recording)) is not None:
+            new[name] = NewCells(Q, at, every)
         elif name in poses and task.m < 6:
-            made[name] = poses[name].reshape(values.shape).copy()
-            made[name][lost] = values[lost]
+            values = poses[name]
+            new[name] = NewCells(values, range(values.shape[1]), found)
             recomputed.append(name)
         elif old is not None and _of_old_joints(name, task.joint_names):
             removed.append(name)
-        else:
-            made[name] = values
-    if not (set(joints) <= set(made) or any(name in made for name in JOINTS)):
-        made |= joints
-    return Columns(made, tuple(removed), tuple(recomputed))
+    if not (set(joints) <= set(new) or any(name in new for name in JOINTS)):
+        new |= joints
+    return Columns(new, tuple(removed), tuple(recomputed))
 
 
-def _begins_with(values: Column, old: Array) -> bool:
-    """Test whether the first columns of an array of a file are the recorded configurations (K, n).
+def plain_columns(recording: Recording, Q: Array) -> dict[str, Column]:
+    """Make the columns of a recording with new configurations Q (K, n), whatever its file.
 
-    Further columns, such as a gripper's, are then kept beside the new ones.
+    They are those of its file or, without one, times, sessions and poses, beside the new joints.
     """
-    return values.ndim == 2 and np.array_equal(values[:, : old.shape[1]], old)
+    source = recording.source
+    if source is None:
+        p, R = _poses(recording, Q)
+        X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
+        poses = dict(zip(POSITION + QUATERNION, X.T, strict=True))
+        return _beside(recording) | poses | dict(zip(recording.task.joint_names, Q.T, strict=True))
+    new, removed, _ = relabeled_columns(recording, Q)
+    made = {name: source.column(name) for name in source.widths if name not in removed}
+    return made | {name: replaced(made.get(name), cells) for name, cells in new.items()}
+
+
+def _ranges(at: Sequence[int]) -> str:
+    """Write places as ranges: ``7–13``, or ``0, 2–4``."""
+    cuts = np.flatnonzero(np.diff(at) != 1) + 1
+    parts = np.split(np.asarray(at), cuts)
+    return ", ".join(f"{one[0]}–{one[-1]}" if len(one) > 1 else str(one[0]) for one in parts)
+
+
+def _copy(source: Table, name: str, recording: Recording) -> Sequence[int] | None:
+    """Find the recorded joints in an array of a file: their places in a row, None without them.
+
+    The array may have further numbers, such as a gripper's, which are then kept.
+    """
+    old, width, n = recording.joints, source.widths[name], recording.task.n
+    if old is None or width < n or n == 1:
+        return None
+    values = source.numbers([name], finite=False)
+    starts: list[Sequence[int]] = [range(k, k + n) for k in range(width - n + 1)]
+    if recording.places is not None:
+        starts.insert(0, recording.places)
+    for at in starts:
+        if max(at) < width and np.array_equal(values[:, at], old):
+            return at
+    return None
 
 
 def _of_old_joints(name: str, joints: Sequence[str]) -> bool:

@@ -1,0 +1,173 @@
+"""A relabelled file has every other cell, type and metadata as it was, and names what it wrote."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import main
+
+import repctl_pin as rp
+
+Q0 = np.array([0.3, 0.8, 0.8])
+NAMES = ("theta1", "theta2", "theta3")
+K = 12
+FILES = 200
+CELLS = (
+    "1764288000148456789",
+    "000001",
+    "2e2",
+    " 7 ",
+    "",
+    "-0.0",
+    "nan",
+    "wörd",
+    '"a,b"',
+    '"q""q"',
+)
+CELLS += ('"two\nlines"', "'x'", "1_000", "0x10", "+5", "9007199254740993")
+
+
+@pytest.fixture(scope="module")
+def design() -> rp.CellDesign:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    few = rp.FitOptions(samples=64, held_out=64)
+    cell = rp.Cell(task, task.placement(Q0), 0.05)
+    control = rp.Pseudoinverse(task)
+    return rp.nearest_inverse_function(control, cell, posture=Q0, degree=1, options=few)
+
+
+def joints(rng: np.random.Generator) -> np.ndarray:
+    return Q0 + 0.008 * rng.uniform(-1, 1, (K, 3))
+
+
+def relabeled(file: Path, design: rp.CellDesign, **how) -> rp.Relabeled:
+    return rp.relabel(rp.Recording.read(file, design.task, **how), design=design, leaf=[0.0])
+
+
+def test_each_other_cell_of_a_csv_file_is_the_same_text(
+    design: rp.CellDesign, tmp_path: Path
+) -> None:
+    """Issue 52, 26.21: 200 random files; put back the old joints, and the file is the old one."""
+    for seed in range(FILES):
+        rng = np.random.default_rng(seed)
+        Q = [[repr(v) for v in row] for row in joints(rng).tolist()]
+        header = [*NAMES, *(f"c{i}" for i in range(rng.integers(1, 5)))]
+        order = rng.permutation(len(header))
+        end = str(rng.choice(["\n", "\r\n"]))
+        rows = [[*q, *map(str, rng.choice(CELLS, len(header) - 3))] for q in Q]
+        lines = [",".join(row[i] for i in order) for row in [header, *rows]]
+        if seed % 3 == 0:
+            lines.insert(4, "")
+        text = "\ufeff" * (seed % 4 == 0) + end.join(lines) + end * (seed % 5 > 0)
+        (tmp_path / "a.csv").write_bytes(text.encode())
+        done = relabeled(tmp_path / "a.csv", design)
+        made = done.save(tmp_path / "b.csv").read_bytes().decode()
+        assert sorted(done.written) == sorted(NAMES) and not done.removed
+        for q, new in zip(Q, done.joints.tolist(), strict=True):
+            for old, value in zip(q, new, strict=True):
+                assert made.count(repr(value)) == 1
+                made = made.replace(repr(value), old)
+        assert made == text, seed
+
+
+def test_each_other_column_of_a_parquet_file_has_its_type_and_metadata(
+    design: rp.CellDesign, tmp_path: Path
+) -> None:
+    """Issue 52, 26.21: 200 random files of twelve types, joints in columns or in one list."""
+    pa = pytest.importorskip("pyarrow")
+    pq = pytest.importorskip("pyarrow.parquet")
+    f32, stamp = pa.float32(), pa.timestamp("ns", "UTC")
+    kinds = [pa.int64(), pa.uint8(), f32, pa.string(), pa.bool_(), stamp, pa.binary()]
+    kinds += [pa.list_(f32), pa.list_(f32, 2), pa.large_list(pa.int16()), pa.decimal128(20, 3)]
+    kinds += [pa.struct([("bytes", pa.binary()), ("path", pa.string())])]
+    some = {7: [1.5, 2.5], 8: [0.1, 0.2], 9: [1, 2], 11: {"bytes": b"\0", "path": None}}
+    plain = [2**63 - 1, 255, 0.1, "000001", True, 1764288000148456789, b"\xff"]
+    for seed in range(FILES):
+        rng = np.random.default_rng(seed)
+        Q, taken = joints(rng), rng.permutation(len(kinds))[: rng.integers(1, 8)]
+        values = [some.get(k, plain[k] if k < 7 else None) for k in range(len(kinds))]
+        columns = {
+            f"c{k}": pa.array(
+                [values[k] if rng.random() < 0.7 else None for _ in range(K)], kinds[k]
+            )
+            for k in taken
+        }
+        kind = [pa.list_(f32), pa.list_(f32, 5), pa.list_(pa.float64()), None][seed % 4]
+        if kind is None:
+            columns |= {name: pa.array(q) for name, q in zip(NAMES, Q.T, strict=True)}
+        else:
+            wide = [[7.25, *q, None] for q in Q.tolist()]
+            columns["observation.state"] = pa.array(wide, kind)
+        schema = pa.schema(
+            [pa.field(n, c.type, metadata={"unit": n}) for n, c in columns.items()],
+            metadata={"huggingface": json.dumps({"info": {"features": {}}}), "own": "x"},
+        )
+        table = pa.table(columns, schema=schema)
+        pq.write_table(table, tmp_path / "a.parquet")
+        how = {} if kind is None else {"joints": ["other", *NAMES, "gripper"]}
+        done = relabeled(tmp_path / "a.parquet", design, **how)
+        old = pq.read_table(tmp_path / "a.parquet")
+        new = pq.read_table(done.save(tmp_path / "b.parquet"))
+        assert new.schema.equals(old.schema, check_metadata=True), seed
+        for name in columns:
+            if name.startswith("c"):
+                assert new[name].equals(old[name])
+        if kind is not None:
+            state = new["observation.state"].to_pylist()
+            assert all(row[0] == 7.25 and row[4] is None for row in state)
+            assert np.abs(np.array([row[1:4] for row in state]) - done.joints).max() < 1e-6
+            assert done.written == ("observation.state [1–3]",)
+
+
+def test_each_other_array_of_an_npz_file_has_its_type(
+    design: rp.CellDesign, tmp_path: Path
+) -> None:
+    """Issue 52, 26.21: 200 random files, single numbers and odd names among the arrays."""
+    for seed in range(FILES):
+        rng = np.random.default_rng(seed)
+        kind = rng.choice(["f4", "f8"])
+        state = np.c_[joints(rng), rng.random((K, 2))].astype(kind)
+        other = rng.integers(0, 255, (K, *rng.integers(1, 4, rng.integers(0, 3)))).astype("u1")
+        arrays = {"joints": state, "own": other, "fps": np.float32(30), "t0": np.full(K, "000001")}
+        np.savez(tmp_path / "a.npz", **arrays)
+        done = relabeled(tmp_path / "a.npz", design, joints=[*NAMES, "a", "b"])
+        with np.load(done.save(tmp_path / "b.npz")) as made:
+            assert set(made) == set(arrays)
+            for name in ("own", "fps", "t0"):
+                assert made[name].dtype == arrays[name].dtype
+                assert made[name].tobytes() == arrays[name].tobytes()
+            assert made["joints"].dtype == state.dtype
+            assert made["joints"][:, 3:].tobytes() == state[:, 3:].tobytes()
+            assert np.array_equal(made["joints"][:, :3], done.joints.astype(kind))
+
+
+def test_the_joints_of_two_arms_are_taken_by_name(
+    design: rp.CellDesign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Issue 52, 26.22: refused without names; with them the other arm's numbers stay."""
+    Q = joints(np.random.default_rng(0))
+    both = np.c_[Q[::-1], Q]
+    file, cell = tmp_path / "a.npz", tmp_path / "cell.json"
+    np.savez(file, q=both)
+    rp.save(design, cell)
+    out = ["--out", str(tmp_path / "o")]
+    assert main(["relabel", str(file), str(cell), *out]) == 2
+    assert "'q' has 6 numbers per row, but the task has 3 joints" in capsys.readouterr().err
+    names = ",".join(["l1", "l2", "l3", *NAMES])
+    assert main(["relabel", str(file), str(cell), *out, "--joints", names]) == 0
+    assert re.search(r"written +q \[3–5\]", capsys.readouterr().out)
+    with np.load(tmp_path / "o" / "a.npz") as made:
+        assert made["q"][:, :3].tobytes() == both[:, :3].tobytes()
+        task = design.task
+        apart = task.positions(made["q"][:, 3:]) - task.positions(Q)
+        assert np.abs(apart[:, :2]).max() < 1e-9
+    for wrong, said in (
+        (names[3:], "must be 6 names"),
+        (names.replace("l1", "theta1"), "is twice"),
+    ):
+        assert main(["relabel", str(file), str(cell), *out, "--joints", wrong]) == 2
+        assert said in capsys.readouterr().err
