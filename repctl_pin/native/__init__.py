@@ -102,7 +102,7 @@ ARM = _struct(
 CLOSING = _struct(ints="count", doubles="square chord", pointers="p R")
 """The struct Closing of closing.h: the poses of a closing radius."""
 
-CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
+CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result inverse")
 """The struct Call of calls.c: the arguments of one thread."""
 
 GOVERNOR_CALL = _struct(
