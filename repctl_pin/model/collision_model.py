@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from threading import Lock, RLock
+from time import thread_time
 
 import coal
 import numpy as np
@@ -146,19 +147,23 @@ class _CollisionModel:
         """
         return np.where(self._only_contact, 0.0, distance)
 
-    def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
+    def some_distances(self, q: Array, pairs: NDArray[np.intp], until: float = np.inf) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
         q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
         of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
-        that of the exact shapes.
+        that of the exact shapes. Only the first ones are measured if the processor time of the
+        thread passes ``until``, s.
         """
+        found: list[float] = []
         with self._lock:
             self._move(q)
-            found = [self._apart(k) for k in pairs.tolist()]
-            for i, k in enumerate(pairs.tolist()):
-                if found[i] <= 0 and self._only_contact[k]:
-                    found[i] = self._exact_distance(k)
+            for k in pairs.tolist():
+                if until < np.inf and thread_time() > until:
+                    break
+                distance = self._apart(k)
+                exact = distance <= 0 and self._only_contact[k]
+                found.append(self._exact_distance(k) if exact else distance)
         return np.array(found)
 
     def names(self, pair: int) -> Pair:
@@ -199,15 +204,14 @@ class _CollisionModel:
 
         ``measure`` returns the distance of a pair by its index. The pair ``guess`` is measured
         first, then the others in order of their lower bounds, until no bound is below the minimum
-        found. So most distances are never computed.
+        found. So most distances are never computed. ``bounds`` of measured pairs become infinite.
         """
         self._move(q)
         best, at = measure(guess), guess
-        near = np.flatnonzero(bounds < best)
-        for k in near[np.argsort(bounds[near])].tolist():
-            if bounds[k] >= best:
-                break
+        bounds[guess] = np.inf
+        while bounds[k := int(bounds.argmin())] < best:
             distance = measure(k)
+            bounds[k] = np.inf
             if distance < best:
                 best, at = distance, k
         return best, at

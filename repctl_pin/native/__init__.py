@@ -158,6 +158,12 @@ CELL = _struct(
 MARGINS = _struct(pointers="leaf sigma limit Q reach V split")
 """The struct Margins of cell_bounds.c."""
 
+BODY_TABLES = _struct(
+    ints="joints bodies pairs",
+    pointers="parent joint first second fixed sine versine origin slide centers radii turns halves",
+)
+"""The struct BodyTables of body_bounds.c."""
+
 ARM_ANGLE = _struct(
     ("space", SPACE),
     ints="P stereographic",
