@@ -11,7 +11,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from threading import Lock, RLock
-from time import thread_time
 
 import coal
 import numpy as np
@@ -147,23 +146,19 @@ class _CollisionModel:
         """
         return np.where(self._only_contact, 0.0, distance)
 
-    def some_distances(self, q: Array, pairs: NDArray[np.intp], until: float = np.inf) -> Array:
+    def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
         q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
         of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
-        that of the exact shapes. Only the first ones are measured if the processor time of the
-        thread passes ``until``, s.
+        that of the exact shapes.
         """
-        found: list[float] = []
         with self._lock:
             self._move(q)
-            for k in pairs.tolist():
-                if until < np.inf and thread_time() > until:
-                    break
-                distance = self._apart(k)
-                exact = distance <= 0 and self._only_contact[k]
-                found.append(self._exact_distance(k) if exact else distance)
+            found = [self._apart(k) for k in pairs.tolist()]
+            for i, k in enumerate(pairs.tolist()):
+                if found[i] <= 0 and self._only_contact[k]:
+                    found[i] = self._exact_distance(k)
         return np.array(found)
 
     def names(self, pair: int) -> Pair:

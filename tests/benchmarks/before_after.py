@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
@@ -51,30 +52,37 @@ def random_joints(task, count: int):
 
 def least() -> Measured:
     """Time J⁺ and the whole G, µs, and a cycle of J⁺, ms; one hand and two."""
+    found = least_of("panda", "panda_hand_tcp")
+    for name, frames in HANDS.items():
+        found |= least_of(name, *frames)
+    return found
+
+
+def least_of(name: str, *frames: str) -> Measured:
+    """Time them for some hands of a robot."""
     import numpy as np
 
     import repctl_pin as rp
 
-    found = {}
-    for name, frames in {"panda": ["panda_hand_tcp"], **HANDS}.items():
-        task = rp.Robot.load(name).task(list(frames) if len(frames) > 1 else frames[0])
-        Q, rng = random_joints(task, 100), np.random.default_rng(2)
-        Xdot, J_plus = rng.normal(size=(100, task.m)), rp.Pseudoinverse(task)
-        basis = rp.Polynomial(task.reference, 1, 1.0)
-        G = rp.RepeatableInverse(task, basis.weighted(rng.normal(size=(basis.size, task.r))))
-        hands = f"{name}, {len(frames)} hand{'s' * (len(frames) > 1)}: "
-        works = {
-            "J⁺ velocity, µs": lambda: [J_plus.velocity(q, x) for q, x in zip(Q, Xdot)],
-            "J⁺ matrix, µs": lambda: [J_plus(q) for q in Q],
-            "G matrix, µs": lambda: [G(q) for q in Q],
-        }
-        found |= {hands + what: 1e4 * seconds(work) for what, work in works.items()}
-        q0 = rp.Problem(name, frame=list(frames) if len(frames) > 1 else frames[0]).q0
-        circles = [rp.circle(part, q0, 0.05) for part in getattr(task, "parts", [task])]
-        path = rp.several_paths(task, circles) if len(circles) > 1 else circles[0]
-        cycle = lambda: rp.follow(J_plus, path, q0, cycles=1, steps=500)
-        found[hands + "a cycle of J⁺, ms"] = 1e3 * seconds(cycle, 3)
-    return found
+    frame = list(frames) if len(frames) > 1 else frames[0]
+    task = rp.Robot.load(name).task(frame)
+    Q, rng = random_joints(task, 100), np.random.default_rng(2)
+    J_plus, rows = rp.Pseudoinverse(task), list(zip(Q, rng.normal(size=(100, task.m)), strict=True))
+    basis = rp.Polynomial(task.reference, 1, 1.0)
+    G = rp.RepeatableInverse(task, basis.weighted(rng.normal(size=(basis.size, task.r))))
+    problem = rp.Problem(name, frame=frame)
+    works = {
+        "J⁺ velocity, µs": lambda: [J_plus.velocity(q, x) for q, x in rows],
+        "J⁺ matrix, µs": lambda: [J_plus(q) for q in Q],
+        "G matrix, µs": lambda: [G(q) for q in Q],
+    }
+    hands = f"{name}, {len(frames)} hand{'s' * (len(frames) > 1)}: "
+    found = {hands + what: 1e4 * seconds(work) for what, work in works.items()}
+
+    def cycle() -> None:
+        rp.follow(J_plus, problem.path, problem.q0, cycles=1, steps=500)
+
+    return found | {hands + "a cycle of J⁺, ms": 1e3 * seconds(cycle, 3)}
 
 
 def declined() -> Measured:
@@ -83,6 +91,7 @@ def declined() -> Measured:
     Tasks whose Jacobian has full rank nowhere are left out.
     """
     import numpy as np
+    import tomllib
 
     import repctl_pin as rp
     from repctl_pin.strategies.native_law import holding_library
@@ -97,15 +106,16 @@ def declined() -> Measured:
         return done
 
     library.call_least_speed = counted
-    found, every = {}, []
-    for robot in rp.robots():
-        loaded = rp.Robot.load(robot.name if hasattr(robot, "name") else robot)
-        frames = loaded.entry.frames
-        tasks = [lambda kind=kind: loaded.task(frames[0], kind) for kind in ("pose", "position")]
-        tasks += [lambda: loaded.task(list(frames[:2]))] if len(frames) > 1 else []
-        for make in tasks:
+    found: Measured = {}
+    every = []
+    entries = tomllib.loads((ROOT / "repctl_pin/model/arms.toml").read_text(encoding="utf-8"))
+    for name, entry in entries.items():
+        loaded, frames = rp.Robot.load(name), entry["frames"]
+        wanted = [(frames[0], "pose"), (frames[0], "position")]
+        wanted += [(list(frames[:2]), "pose")] if len(frames) > 1 else []
+        for frame, kind in wanted:
             try:
-                task = make()
+                task = loaded.task(frame, kind)
                 G, Q = rp.Pseudoinverse(task), random_joints(task, 400)
                 full = [np.linalg.matrix_rank(J, 1e-5) == task.m for J in task.jacobians(Q)]
             except rp.InputError:
@@ -116,7 +126,7 @@ def declined() -> Measured:
             for q in Q[full]:
                 G.velocity(q, np.ones(task.m))
             every.append((100 * counts[1] / counts[0], repr(task)))
-    worst, task = max(every)
+    worst, _ = max(every)
     found[f"J⁺, {len(every)} tasks of the catalogue: worst share left to NumPy, %"] = worst
     found["J⁺: tasks with more than 1 %"] = sum(share > 1 for share, _ in every)
     task = rp.Robot.load("panda").task()
@@ -144,7 +154,8 @@ def bodies() -> Measured:
         way = np.random.default_rng(3).uniform(-1, 1, task.n)
         along = task.reference + np.linspace(0, 0.5, 64)[:, None] * way
         for what, P in (("at random", Q), ("along a motion", along)):
-            found[f"body distance of {name}, {what}, µs"] = 1e6 * seconds(lambda: measure(P)) / 64
+            spent = seconds(partial(measure, P)) / 64
+            found[f"body distance of {name}, {what}, µs"] = 1e6 * spent
     return found
 
 
@@ -162,14 +173,14 @@ def ticks() -> Measured:
         measure, rng = rp.Bodies(task), np.random.default_rng(4)
         Q = np.vstack([task.reference, random_joints(task, 128)])
         apart = measure.distances(Q)
-        Q = Q[apart >= np.quantile(apart, 0.9)]
+        Q = Q[(apart >= np.quantile(apart, 0.7)) & (task.limit_margin(Q).min(axis=1) > 0.05)]
         q0 = Q[int(np.argmax(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1]))]
         basis, N = rp.Polynomial(q0, 1, 1.0), np.linalg.svd(task.jacobian(q0))[2][task.m :]
         A = np.linalg.lstsq(basis.gradients(q0[None])[0], N.T, rcond=None)[0]
         limits = rp.Limits(acceleration=8.0, jerk=2000.0)
         governor = rp.Governor(
             rp.RepeatableInverse(task, basis.weighted(A)), 1e-3, limits,
-            margin=0.02, bodies=measure, body_distance=0.02,
+            margin=0.02, bodies=measure, body_distance=min(0.02, measure.nearest(q0).distance / 2),
         )  # fmt: skip
         governor.start(q0)
         home = task.placement(q0)

@@ -12,7 +12,6 @@ at the samples where these bounds do not decide.
 
 from __future__ import annotations
 
-from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -43,9 +42,8 @@ _ANCHORS = 12
 _AT_ONCE = 3
 """Maximum number of them that a plan replaces."""
 
-_TICK = 5e-4
-"""Processor time from the beginning of a tick after which no more distances are measured, s. A plan
-that needs more is not allowed, so the arm follows the plan before, which ends at rest."""
+_MOST = 100
+"""Maximum number of distances measured in a tick; a plan that needs more is not allowed."""
 
 
 class BodyGuard:
@@ -84,11 +82,11 @@ class BodyGuard:
         self._drive = self._bodies.task.bodies_model()[1]
         self._reach = self._model.reach()
         self._kept = self._model.kept(self._distance)
-        self._until = np.inf
+        self._left = _MOST
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs; the collision model, which cannot be copied, is found again."""
-        own = ("_model", "_drive", "_reach", "_kept", "_until")
+        own = ("_model", "_drive", "_reach", "_kept")
         return {name: value for name, value in vars(self).items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -122,7 +120,7 @@ class BodyGuard:
         """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
         for k in range(0, max(len(Q) - 1, 1), ROOM - 1):
-            self._until = np.inf
+            self._left = ROOM * len(self._reach)
             if not self.allows(Q[k : k + ROOM], S[k : k + ROOM]):
                 return False
         return True
@@ -140,14 +138,14 @@ class BodyGuard:
         )
 
     def begin_tick(self) -> None:
-        """Begin a tick of the control loop, in which distances are measured for at most 0.5 ms."""
-        self._until = thread_time() + _TICK
+        """Begin a tick of the control loop: allow 100 more distances to be measured."""
+        self._left = _MOST
 
     def allows(self, Q: Array, S: Array) -> bool:
         """Tell whether a plan, the motion of the next ticks to rest, keeps all body distances.
 
-        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if the time for
-        measuring distances in this tick is spent.
+        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if too many
+        distances would have to be measured in this tick.
 
         Parameters
         ----------
@@ -181,15 +179,13 @@ class BodyGuard:
             if not unsure[k].any():
                 k = int(np.argmin(np.where(unsure, lower - kept, np.inf)) // len(pairs))
             which = np.flatnonzero(unsure[k])
-            which = which[np.argsort((lower[k] - kept)[which])]
-            found = self._model.some_distances(Q[k], pairs[which], self._until)
-            spent = len(found) < len(which)
-            which = which[: len(found)]
+            self._left -= len(which)
+            if self._left < 0:
+                break
+            found = self._model.some_distances(Q[k], pairs[which])
             exact[k, which] = True
             moved = np.abs(Q - Q[k]) @ reach[which].T
             lower[:, which] = np.maximum(lower[:, which], found - moved)
-            if spent:
-                break
         self._remember(Q, pairs, lower, np.flatnonzero(exact.any(axis=1))[::-1])
         if not failed.any():
             return True
