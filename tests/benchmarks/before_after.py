@@ -23,7 +23,7 @@ from pathlib import Path
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
 
 ROOT = Path(__file__).parents[2]
-TURNS = 3
+TURNS = 2
 HANDS = {
     "baxter": ("left_gripper", "right_gripper"),
     "talos": ("wrist_left_ft_tool_link", "wrist_right_ft_tool_link"),
@@ -70,7 +70,8 @@ def least_of(name: str, *frames: str) -> Measured:
     J_plus, rows = rp.Pseudoinverse(task), list(zip(Q, rng.normal(size=(100, task.m)), strict=True))
     basis = rp.Polynomial(task.reference, 1, 1.0)
     G = rp.RepeatableInverse(task, basis.weighted(rng.normal(size=(basis.size, task.r))))
-    problem = rp.Problem(name, frame=frame)
+    paths = ["circle:0.05"] * len(frames)
+    problem = rp.Problem(name, frame=frame, path=paths if len(frames) > 1 else paths[0])
     works = {
         "J⁺ velocity, µs": lambda: [J_plus.velocity(q, x) for q, x in rows],
         "J⁺ matrix, µs": lambda: [J_plus(q) for q in Q],
@@ -80,7 +81,7 @@ def least_of(name: str, *frames: str) -> Measured:
     found = {hands + what: 1e4 * seconds(work) for what, work in works.items()}
 
     def cycle() -> None:
-        rp.follow(J_plus, problem.path, problem.q0, cycles=1, steps=500)
+        rp.follow(J_plus, problem.path, problem.start, cycles=1, steps=500)
 
     return found | {hands + "a cycle of J⁺, ms": 1e3 * seconds(cycle, 3)}
 
@@ -183,17 +184,16 @@ def ticks() -> Measured:
             margin=0.02, bodies=measure, body_distance=min(0.02, measure.nearest(q0).distance / 2),
         )  # fmt: skip
         governor.start(q0)
-        home = task.placement(q0)
+        home = [task.placement(q0)] if isinstance(frame, str) else list(task.placements(q0))
         times, target = [], None
         for k in range(TICKS):
             if k % 400 == 0:
-                places = [home] if isinstance(home, pin.SE3) else list(home)
                 moved = [
                     pin.SE3(
                         pin.exp3(0.4 * rng.normal(size=3)) @ place.rotation,
                         place.translation + 0.15 * rng.normal(size=3),
                     )
-                    for place in places
+                    for place in home
                 ]
                 target = moved[0] if len(moved) == 1 else moved
             begin = time.thread_time()
