@@ -92,14 +92,21 @@ def index_options(words: list[str]) -> list[str]:
 
 
 class CustomBuildHook(BuildHookInterface):
-    """Add the native library to a wheel; for an editable installation, build it in its folder."""
+    """Add the native library to a wheel.
+
+    It is built in its folder, where the next build finds it; elsewhere for another machine, and if
+    that folder cannot be written to.
+    """
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         if os.environ.get("REPCTL_NATIVE") == "no":
             return
         self.folder = tempfile.TemporaryDirectory()
         editable = version == "editable"
-        library = native.LIBRARY if editable else Path(self.folder.name) / "librepctl.so.1"
+        here = os.access(native.FOLDER, os.W_OK) and "REPCTL_TARGET" not in os.environ
+        library = Path(self.folder.name) / "librepctl.so.1"
+        if editable or here:
+            library = native.LIBRARY
         try:
             native.build(library)
         except native.NoCompilerError as error:

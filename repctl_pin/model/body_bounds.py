@@ -6,7 +6,9 @@ few distances are computed; and they let a proof cover a whole box of configurat
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import coal
 import numpy as np
@@ -14,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..base.arguments import Array
+from ..native import BODY_TABLES, filled_struct, library
 from .urdf import Joint
 
 _Index = NDArray[np.intp]
@@ -39,19 +42,19 @@ class _JointPlacements:
 
     def __init__(self, model: pin.Model) -> None:
         data = model.createData()
-        self._parents = [int(parent) for parent in model.parents]
+        self.parents = [int(parent) for parent in model.parents]
         here = model.jointPlacements
         pin.forwardKinematics(model, data, np.ones(model.nq))
         moved = [
             pin.log6(place.actInv(now)).vector for place, now in zip(here, data.liMi, strict=True)
         ]
         # q u, at q = 1; 0 for revolute joints
-        self._slides = np.array([twist[:3] for twist in moved])
+        self.slides = np.array([twist[:3] for twist in moved])
         crosses = [pin.skew(twist[3:]) for twist in moved]
-        self._fixed = np.array([place.homogeneous for place in here])
-        P = self._fixed[:, :3, :3]
-        self._sin = P @ np.array(crosses)
-        self._cos = self._sin @ np.array(crosses)
+        self.fixed = np.array([place.homogeneous for place in here])
+        P = self.fixed[:, :3, :3]
+        self.sine = P @ np.array(crosses)
+        self.versine = self.sine @ np.array(crosses)
 
     def __call__(self, Q: Array) -> tuple[Array, Array]:
         """Compute the placements of joints at every row of Q (K, N).
@@ -65,11 +68,11 @@ class _JointPlacements:
         sin = np.sin(Q)[:, :, None, None]
         versine = (1 - np.cos(Q))[:, :, None, None]
         for j in range(1, N + 1):
-            parent = self._parents[j]
-            P = self._fixed[j, :3, :3]
-            o = self._fixed[j, :3, 3]
-            turn = P + sin[:, j - 1] * self._sin[j] + versine[:, j - 1] * self._cos[j]
-            step = o + Q[:, j - 1, None] * (P @ self._slides[j])
+            parent = self.parents[j]
+            P = self.fixed[j, :3, :3]
+            o = self.fixed[j, :3, 3]
+            turn = P + sin[:, j - 1] * self.sine[j] + versine[:, j - 1] * self.versine[j]
+            step = o + Q[:, j - 1, None] * (P @ self.slides[j])
             np.matmul(R[:, parent], turn, out=R[:, j])
             p[:, j] = p[:, parent] + (R[:, parent] @ step[:, :, None])[:, :, 0]
         return R, p
@@ -127,6 +130,7 @@ class BodyBounds:
         self._columns, column = np.unique(self._second, return_inverse=True)
         self._flat = row * len(self._columns) + column
         self._reach = self._radii[self._first] + self._radii[self._second]
+        self._tables = self._native_tables()
 
     @property
     def size(self) -> int:
@@ -138,8 +142,16 @@ class BodyBounds:
 
         Q has a value per joint of the model; P is the number of pairs. Bounding boxes, which are
         tighter and slower, are used only where the bound from the spheres is below half the
-        smallest distance between two centres.
+        smallest distance between two centres. In C it is body_bounds.c.
         """
+        native = library()
+        if native is not None:
+            Q = np.ascontiguousarray(Q, float)
+            bounds = np.empty((len(Q), len(self._pairs)))
+            rows = (ctypes.c_void_p(array.ctypes.data) for array in (Q, bounds))
+            count, telling = ctypes.c_long(len(Q)), ctypes.c_double(_TELLING)
+            native.body_bounds(ctypes.byref(self._tables), count, telling, *rows)
+            return bounds
         R, p = self._placements(Q)
         centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
         squares = np.einsum("kbi,kbi->kb", centers, centers)
@@ -155,6 +167,20 @@ class BodyBounds:
         u /= gap[:, None]
         bounds[k, pair] = gap - self._extent(R, k, a, u) - self._extent(R, k, b, u)
         return bounds
+
+    def _native_tables(self) -> Any:
+        """Create the struct :data:`BODY_TABLES` of these bodies and pairs."""
+        joints = self._placements
+        ints = {"parent": joints.parents, "joint": self._joint}
+        ints |= {"first": self._first, "second": self._second}
+        P = joints.fixed[:, :3, :3]
+        reals = {"fixed": P, "sine": joints.sine, "versine": joints.versine}
+        reals |= {"origin": joints.fixed[:, :3, 3]}
+        reals |= {"slide": (P @ joints.slides[:, :, None])[:, :, 0]}
+        reals |= {"centers": self._centers, "radii": self._radii}
+        reals |= {"turns": self._turns, "halves": self._half}
+        sizes = {"joints": len(joints.parents) - 1, "bodies": len(self._joint)}
+        return filled_struct(BODY_TABLES, ints, reals, sizes | {"pairs": len(self._pairs)})[0]
 
     def _extent(self, R: Array, k: _Index, body: _Index, u: Array) -> Array:
         """Bound how far M bodies extend from their centres along unit vectors u (M, 3): (M,), m.

@@ -223,15 +223,14 @@ class _CollisionModel:
 
         ``measure`` returns the distance of a pair by its index. The pair ``guess`` is measured
         first, then the others in order of their lower bounds, until no bound is below the minimum
-        found. So most distances are never computed.
+        found. So most distances are never computed. ``bounds`` of measured pairs become infinite.
         """
         self._move(q)
         best, at = measure(guess), guess
-        near = np.flatnonzero(bounds < best)
-        for k in near[np.argsort(bounds[near])].tolist():
-            if bounds[k] >= best:
-                break
+        bounds[guess] = np.inf
+        while bounds[k := int(bounds.argmin())] < best:
             distance = measure(k)
+            bounds[k] = np.inf
             if distance < best:
                 best, at = distance, k
         return best, at

@@ -102,7 +102,7 @@ ARM = _struct(
 CLOSING = _struct(ints="count", doubles="square chord", pointers="p R")
 """The struct Closing of closing.h: the poses of a closing radius."""
 
-CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
+CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result inverse")
 """The struct Call of calls.c: the arguments of one thread."""
 
 GOVERNOR_CALL = _struct(
@@ -157,6 +157,12 @@ CELL = _struct(
 
 MARGINS = _struct(pointers="leaf sigma limit Q reach V split")
 """The struct Margins of cell_bounds.c."""
+
+BODY_TABLES = _struct(
+    ints="joints bodies pairs",
+    pointers="parent joint first second fixed sine versine origin slide centers radii turns halves",
+)
+"""The struct BodyTables of body_bounds.c."""
 
 ARM_ANGLE = _struct(
     ("space", SPACE),

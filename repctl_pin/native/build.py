@@ -8,6 +8,7 @@ ziglang. ``REPCTL_TARGET`` names a machine for which ziglang builds, such as
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import os
 import platform
@@ -23,8 +24,15 @@ FOLDER = Path(__file__).resolve().parent
 LIBRARY = FOLDER / "librepctl.so.1"
 """The library; Python would take a file that ends with ``.so`` for a module."""
 
-_FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
+_FLAGS = ("-std=c99", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 """Without fused multiply-add, every compiler and processor computes the same numbers."""
+
+_LOOPS = ("arm.c", "governor.c", "least_speed.c")
+"""Files of the control loops, at -O3. The others are no faster for it, and take twice as long to
+compile."""
+
+_DIGEST = b"repctl-sources-"
+"""Mark in the library before the digest of the sources and command lines that it was built from."""
 
 _LEVELS = {"plain": "", "avx2": "-mavx2", "avx512": "-mavx512f -mavx512dq"}
 _LEVELLED = ("cell_bounds.c", "arm_angle.c", "function.c")
@@ -114,11 +122,17 @@ def _run(line: list[str], folder: str) -> None:
         raise NoCompilerError(str(error)) from None
 
 
-def build(library: Path = LIBRARY) -> None:
-    """Compile the C files of this folder, two at a time, and link the library.
+def build(library: Path = LIBRARY) -> bool:
+    """Compile the C files of this folder, in parallel, and link the library.
 
     Files whose loops are worth it are compiled several times on x86-64, for plain, AVX2 and AVX-512
-    processors. The finished file replaces ``library`` in one step.
+    processors. The finished file replaces ``library`` in one step. A library that was built from
+    the same sources by the same command lines stays as it is, or is copied from this folder.
+
+    Returns
+    -------
+    bool
+        False if nothing was compiled.
 
     Raises
     ------
@@ -127,22 +141,47 @@ def build(library: Path = LIBRARY) -> None:
     """
     command = compiler()
     levels = _LEVELS if target().startswith("x86_64") else {"plain": ""}
+    lines, objects = [], []
+    for source in sorted(FOLDER.glob("*.c")):
+        for level in levels if source.name in _LEVELLED else ("plain",):
+            objects.append(f"{source.stem}-{level}.o")
+            flags = ["-O3" if source.name in _LOOPS else "-O2", *_FLAGS, "-w", f"-DLEVEL={level}"]
+            flags += levels[level].split()
+            lines.append([*command, *flags, "-c", str(source), "-o", objects[-1]])
+    digest = _digest(command, lines)
+    for found in (library, LIBRARY):
+        if found.exists() and digest in found.read_bytes():
+            if found != library:
+                shutil.copyfile(found, library)
+            library.touch()  # it is as new as its sources
+            return False
     with tempfile.TemporaryDirectory() as folder:
-        lines, objects = [], []
-        for source in sorted(FOLDER.glob("*.c")):
-            for level in levels if source.name in _LEVELLED else ("plain",):
-                objects.append(f"{source.stem}-{level}.o")
-                flags = [*_FLAGS, "-w", f"-DLEVEL={level}", *levels[level].split()]
-                lines.append([*command, *flags, "-c", str(source), "-o", objects[-1]])
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, lines, [folder] * len(lines)))
-        link = [*command, *_FLAGS, "-shared", *objects, "-o", "librepctl.so.1", "-lm"]
+        kept = '__attribute__((visibility("default")))'
+        mark = f'{kept} const char repctl_sources[] = "{digest.decode()}";\n'
+        (Path(folder) / "sources.c").write_text(mark)
+        link = [*command, *_FLAGS, "-shared", *objects, "sources.c", "-o", "librepctl.so.1", "-lm"]
         _run(link, folder)
         draft = library.with_name(f"{library.name}.{os.getpid()}")
         shutil.copyfile(Path(folder) / "librepctl.so.1", draft)
         draft.replace(library)  # a running process keeps the old file
+    return True
+
+
+def _digest(command: list[str], lines: list[list[str]]) -> bytes:
+    """Compute the mark of a library: a digest of the sources, the compiler and its command lines.
+
+    Command lines name the sources relative to this folder, which may be another copy.
+    """
+    known = hashlib.sha256()
+    version = subprocess.run([*command, "--version"], capture_output=True, check=False).stdout
+    texts = [version, *(" ".join(line).replace(f"{FOLDER}{os.sep}", "").encode() for line in lines)]
+    texts += [file.read_bytes() for file in sorted(FOLDER.glob("*.[ch]"))]
+    for text in texts:
+        known.update(hashlib.sha256(text).digest())
+    return _DIGEST + known.hexdigest().encode()
 
 
 if __name__ == "__main__":
-    build()
-    print(LIBRARY)
+    print(LIBRARY if build() else f"{LIBRARY} is unchanged")

@@ -13,9 +13,14 @@ typedef struct {
   double *target;                          /* 16 FRAMES: [R p; 0 1] by rows */
   double *numbers;                         /* 5: dt, gain, damping; then the report: damping, slowed */
   double *result;                          /* N */
+  double *inverse;                         /* N M */
 } Call;
 
 EXPORT int call_velocity(const Call *call) { return find_velocity(call->arm, call->q, call->xdot, call->result); }
+
+EXPORT int call_inverse(const Call *call) { return find_inverse(call->arm, call->q, call->inverse); }
+
+EXPORT int call_least_inverse(const Call *call) { return least_inverse(call->arm, call->q, call->inverse); }
 
 EXPORT int call_leaf(const Call *call) { return find_leaf(call->arm, call->q, call->result); }
 

@@ -3,9 +3,12 @@
 #ifndef REPCTL_LEAST_SPEED_H
 #define REPCTL_LEAST_SPEED_H
 
-/* qdot = z + J^T (J J^T)^-1 (xdot - J z), z = gain (posture - q) or 0 without a posture; return 0, with qdot as it was,
-   if J J^T, which squares the condition number of J, is not accurate enough. */
+/* qdot = z + J^+ (xdot - J z), z = gain (posture - q) or 0 without a posture; return 0, with qdot as it was, if J loses
+   rank, by the test of pseudoinverse() in Python, or a number is not finite. */
 int least_speed(const Arm *arm, const double q[], const double xdot[], const double *posture, double gain,
                 double qdot[]);
+
+/* J^+ (N, M); return 0 as above, and then G is not to be used. */
+int least_inverse(const Arm *arm, const double q[], double G[]);
 
 #endif

@@ -36,6 +36,13 @@ class NumPyLaw:
         """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q."""
         return self.potentials.value(q)
 
+    def inverse(self, q: Array) -> Array:
+        """Evaluate G_r (n, m), the repeatable inverse, at q (n,)."""
+        if not np.isfinite(q).all():
+            raise failure(self.task, q, q)
+        J, V = self.task.jacobian(q), self.potentials.gradient(q)
+        return augmented_inverse(J, V)[:, : self.task.m]
+
     def inverses(self, Q: Array) -> Array:
         """Evaluate G_r (K, n, m), the repeatable inverse, at the rows of Q (K, n).
 

@@ -45,7 +45,7 @@ def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], 
     """
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "twist": task.twist_size, "leaf": r, "limit": n}
-    sizes |= {"target": 16 * len(task.frames), "numbers": 5, "result": n}
+    sizes |= {"target": 16 * len(task.frames), "numbers": 5, "result": n, "inverse": n * m}
     parts = {name: np.zeros(size) for name, size in sizes.items()} | more
     call, _ = filled_struct(CALL, {}, parts, {"arm": ctypes.addressof(arm)})
     call.held["arm"] = arm
@@ -79,7 +79,9 @@ class NativeLaw:
         self._target = parts["target"].reshape(-1, 4)
         self._numbers = parts["numbers"]
         self._result = parts["result"]
+        self._inverse = parts["inverse"].reshape(task.n, task.m)
         held = holding_library()
+        self._run_inverse = held.call_inverse
         self._run_velocity = held.call_velocity
         self._run_step = held.call_step
         self._run_leaf = held.call_leaf
@@ -97,6 +99,14 @@ class NativeLaw:
         if status:
             raise self._refused(status, q)
         return self._result.copy()
+
+    def inverse(self, q: Array) -> Array:
+        """Evaluate G_r (n, m), with the errors of :meth:`velocity`."""
+        self._q[...] = q
+        status = self._run_inverse(self._call)
+        if status:
+            raise self._refused(status, q)
+        return self._inverse.copy()
 
     def leaf(self, q: Array) -> Array:
         """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q.

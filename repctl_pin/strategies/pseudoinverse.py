@@ -24,7 +24,7 @@ from ..model.task import Task, own_task
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from .native_arm import library_arm
 from .native_law import call_memory, holding_library
-from .step_arguments import as_velocity_arguments, failure
+from .step_arguments import as_joints, as_velocity_arguments, failure
 from .strategy import described
 
 
@@ -52,13 +52,14 @@ class Pseudoinverse:
     def __init__(self, task: Task) -> None:
         self.task = redundant(task)
         self._quick = PerThread(partial(_least_speed, self.task))
+        self._inverse = PerThread(partial(_least_inverse, self.task))
 
     def __repr__(self) -> str:
         return described(self, self.task)
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate J⁺ (n, m), the pseudoinverse of the Jacobian, at q (n,)."""
-        return pseudoinverse(self.task.jacobian(q))
+        return self._inverse.own(as_joints(q, self.task.n))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate J⁺ at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
@@ -154,8 +155,8 @@ def _least_speed(
 ) -> Callable[[Array, Array], Array]:
     """Create the function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``z = K (q_p − q)``, per thread.
 
-    In C, it is least_speed.c. J⁺ is computed from J itself where ``J Jᵀ``, which squares the
-    condition number of J, is not accurate enough, and without the native library.
+    In C, it is least_speed.c. NumPy computes it without the native library, and where C finds no
+    result: it then names the cause.
 
     Parameters
     ----------
@@ -192,6 +193,27 @@ def _least_speed(
         return result.copy() if run(call) else plain(q, xdot)
 
     return velocity
+
+
+def _least_inverse(task: Task) -> Callable[[Array], Array]:
+    """Create the function q → J⁺ (n, m) of one thread, in C as :func:`_least_speed`."""
+    arm = library_arm(task)
+
+    def plain(q: Array) -> Array:
+        return pseudoinverse(task.jacobian(q))
+
+    if arm is None:
+        return plain
+    parts, call = call_memory(task, arm)
+    q_in = parts["q"]
+    result = parts["inverse"].reshape(task.n, task.m)
+    run = holding_library().call_least_inverse
+
+    def inverse(q: Array) -> Array:
+        q_in[:] = q
+        return result.copy() if run(call) else plain(q)
+
+    return inverse
 
 
 def _positive(weight: ArrayLike, n: int) -> Array:

@@ -33,7 +33,7 @@ from ..redundancy.augmented import augmented_inverse
 from .native_arm import library_arm
 from .native_law import NativeLaw
 from .pseudoinverse import at_rows, redundant
-from .step_arguments import as_step_arguments, as_velocity_arguments, step_limits
+from .step_arguments import as_joints, as_step_arguments, as_velocity_arguments, step_limits
 from .strategy import Step, described
 
 if TYPE_CHECKING:
@@ -125,10 +125,7 @@ class RepeatableInverse:
 
     def __call__(self, q: ArrayLike) -> Array:
         """Evaluate G_r (n, m), the matrix of ``q̇ = G_r ẋ``, at q (n,)."""
-        q = vector(q, self.task.n, "q")
-        return augmented_inverse(self.task.jacobian(q), self.potentials.gradient(q))[
-            :, : self.task.m
-        ]
+        return self._law.own.inverse(as_joints(q, self.task.n))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate G_r at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""

@@ -43,6 +43,13 @@ def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> Ste
     return StepLimits(per_joint(limit, n, "a speed limit"), damping)
 
 
+def as_joints(q: ArrayLike, n: int) -> Array:
+    """Check q (n,), and return it as an array of doubles; those pass without a test of values."""
+    if type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,):
+        return q
+    return vector(q, n, "q")
+
+
 def as_velocity_arguments(q: ArrayLike, xdot: ArrayLike, n: int, m: int) -> tuple[Array, Array]:
     """Check q (n,) and ẋ (m,) of a velocity, and return them as arrays of doubles.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -160,3 +161,23 @@ def test_the_build_asks_for_ziglang_only_without_a_compiler_and_where_it_can_be_
         check=True,
     )
     assert answer.stdout.strip() == str(asked)
+
+
+@NEEDS_C
+def test_an_unchanged_library_is_not_built_again(tmp_path: Path) -> None:
+    """Issue 56, item 32.4: neither in its folder, nor for a wheel; a changed source builds it."""
+    native = tmp_path / "native"
+    shutil.copytree(NATIVE, native, ignore=shutil.ignore_patterns("*.so.1", "*.py", "__pycache__"))
+    shutil.copy(NATIVE / "build.py", native)
+    for source in native.glob("*.c"):
+        source.write_text(f"static int {source.stem};\n")
+    build = runpy.run_path(str(native / "build.py"))["build"]
+    library, wheel = native / "librepctl.so.1", tmp_path / "librepctl.so.1"
+    assert build(library)
+    first = library.stat().st_ino  # a build makes a new file
+    assert not build(library) and library.stat().st_ino == first
+    assert not build(wheel) and wheel.read_bytes() == library.read_bytes()
+    (native / "arm.c").write_text("int g;\n")
+    assert build(wheel) and wheel.read_bytes() != library.read_bytes()
+    library.write_bytes(library.read_bytes()[:100])
+    assert build(library)
