@@ -21,7 +21,7 @@ const browser = [
 
 export default [
   {
-    files: ["repctl_pin/show/page/assets/scripts/*.js"],
+    files: ["repctl_pin/show/page/assets/scripts/**/*.js"],
     languageOptions: {
       ecmaVersion: 2022,
       sourceType: "module",

@@ -18,7 +18,7 @@ from page_file import read
 
 import repctl_pin as rp
 
-LAW = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "law.js"
+LAW = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm" / "law.js"
 NODE = shutil.which("node")
 
 EVALUATE = """

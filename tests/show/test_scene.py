@@ -279,7 +279,7 @@ def test_no_name_of_the_pages_script_is_declared_twice() -> None:
     (script,) = re.findall(r"(?s)<script>(.*?)</script>", page)
     assert not re.search(r"(?m)^(import|export) ", script)
     folder = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
-    text = "".join(file.read_text("utf-8") for file in folder.glob("*.js"))
+    text = "".join(file.read_text("utf-8") for file in folder.rglob("*.js"))
     declared = r"(?m)^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)"
     names = re.findall(declared, text)
     assert all(name in script for name in names)

@@ -1,22 +1,22 @@
 // The page: what is loaded, and what happens when.
 
-import { keep, wishes } from "./address.js";
-import { fullDrift, GAIN, pointAt, referenceOf } from "./arm.js";
-import { Callouts } from "./callouts.js";
-import { Chart } from "./chart.js";
-import { Clock } from "./clock.js";
-import { openConsole } from "./console.js";
-import { connect, rule } from "./controls.js";
+import { keep, wishes } from "./chrome/address.js";
+import { fullDrift, GAIN, pointAt, referenceOf } from "./arm/arm.js";
+import { Callouts } from "./chrome/callouts.js";
+import { Chart } from "./chrome/chart.js";
+import { Clock } from "./chrome/clock.js";
+import { openConsole } from "./chrome/console.js";
+import { connect, rule } from "./chrome/controls.js";
 import { byId, forgetTones } from "./dom.js";
-import { follow } from "./live.js";
+import { follow } from "./live/live.js";
 import { inMetres } from "./numbers.js";
-import { Own } from "./own.js";
-import { printable, still } from "./paper.js";
-import { drawPlain } from "./plain.js";
-import { savable } from "./save.js";
+import { Own } from "./own/own.js";
+import { printable, still } from "./chrome/paper.js";
+import { drawPlain } from "./chrome/plain.js";
+import { savable } from "./chrome/save.js";
 import { setStage } from "./stage.js";
-import { cleared } from "./traces.js";
-import { openViewer } from "./viewer.js";
+import { cleared } from "./arm/traces.js";
+import { openViewer } from "./arm/viewer.js";
 
 const LIVE_FULL = 0.1; // m off, where a body of a running loop is coloured in full
 

@@ -1,12 +1,12 @@
 // What stands on the stage: the arms, their ways, the light, and a camera that sees them all.
 
-import { ArmView, cornersOf, pointAt } from "./arm.js";
+import { ArmView, cornersOf, pointAt } from "./arm/arm.js";
 import { byId, summed, unpack } from "./dom.js";
-import { clearest, Eye, towards } from "./eye.js";
+import { clearest, Eye, towards } from "./arm/eye.js";
 import { inMetres } from "./numbers.js";
-import { Panes } from "./panes.js";
-import { drawPaths, drawWays } from "./traces.js";
-import { floor, light } from "./viewer.js";
+import { Panes } from "./chrome/panes.js";
+import { drawPaths, drawWays } from "./arm/traces.js";
+import { floor, light } from "./arm/viewer.js";
 
 export async function setStage(viewer, scene) {
   const T = MeshCat.THREE,

@@ -1,7 +1,7 @@
 // For print: the end of the motion on white, in the light colours, each arm under its own name.
 
-import { byId, element, forgetTones } from "./dom.js";
-import { inMetres } from "./numbers.js";
+import { byId, element, forgetTones } from "../dom.js";
+import { inMetres } from "../numbers.js";
 
 const WIDE = 1800; // px
 const SHEET = "position: fixed; left: 0; top: 0; width: 1400px; height: 640px"; // the stage, whatever the window

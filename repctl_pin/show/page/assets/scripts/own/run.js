@@ -1,6 +1,6 @@
 // A visitor's loop, followed by each arm for some cycles, in the form in which the player plays a study.
 
-import { followed } from "./law.js";
+import { followed } from "../arm/law.js";
 
 const SAMPLES = 126; // of a cycle
 const TOO_FAST = 1 + 1e-9;

@@ -1,6 +1,6 @@
 // Hands: buttons, the slider, and keys, which work wherever the focus is.
 
-import { byId, element } from "./dom.js";
+import { byId, element } from "../dom.js";
 
 // Gives a function that makes them say where time is: `done` cycles finished, and the part of the next.
 export function connect(clock, view) {

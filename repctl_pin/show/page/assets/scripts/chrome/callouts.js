@@ -1,8 +1,8 @@
 // What is off, said at the arm: the part that is farthest off, and the hand.
 
 import { tint } from "./chart.js";
-import { byId, element } from "./dom.js";
-import { inMetres } from "./numbers.js";
+import { byId, element } from "../dom.js";
+import { inMetres } from "../numbers.js";
 
 const RIM = 13; // px from the hand to the rim of its ring
 

@@ -1,6 +1,6 @@
 // What is said of a visitor's loop: as show/text/headline.py says it of a study.
 
-import { inMetres, inWords } from "./numbers.js";
+import { inMetres, inWords } from "../numbers.js";
 
 const SMALL = 0.01; // m, below which a part has hardly drifted
 const BACK = 1e-4; // m, below which it is back

@@ -1,13 +1,13 @@
 // The visitor's own loop: take the hand at its ring, draw, let go; both arms follow, and the page says what has happened.
 
-import { pointAt } from "./arm.js";
-import { download } from "./save.js";
-import { byId, element, tone } from "./dom.js";
-import { Chain, Law, pieces, stepped } from "./law.js";
-import { inMetres } from "./numbers.js";
+import { pointAt } from "../arm/arm.js";
+import { download } from "../chrome/save.js";
+import { byId, element, tone } from "../dom.js";
+import { Chain, Law, pieces, stepped } from "../arm/law.js";
+import { inMetres } from "../numbers.js";
 import { computed, drawnAt, resolved } from "./run.js";
 import { answer } from "./sentence.js";
-import { dots, Trail } from "./traces.js";
+import { dots, Trail } from "../arm/traces.js";
 
 const CYCLES = 10;
 const POINTS = 40; // of a loop, as it is kept

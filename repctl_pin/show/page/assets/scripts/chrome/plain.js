@@ -1,8 +1,8 @@
 // Without WebGL: each arm as a line from its first body over the elbow to the hand, at the start and at the end, and the chart.
 
 import { Chart } from "./chart.js";
-import { byId, element, sharp, summed, tone, unpack } from "./dom.js";
-import { inMetres } from "./numbers.js";
+import { byId, element, sharp, summed, tone, unpack } from "../dom.js";
+import { inMetres } from "../numbers.js";
 
 export async function drawPlain(scene) {
   const motion = summed(await unpack("motion"), scene.series, scene.resolution),

@@ -1,6 +1,6 @@
 // For tests, and for anyone at the browser's console: window.repctl.
 
-import { byId } from "./dom.js";
+import { byId } from "../dom.js";
 import { record, seen } from "./save.js";
 
 export function openConsole(api, { viewer, clock, view, arms, panes, still, own }) {

@@ -1,7 +1,7 @@
 // The time line: over the slider, for each cycle how far each arm is off at its end.
 
-import { byId, element, sharp, tone } from "./dom.js";
-import { inMetres, inWords, niceStep } from "./numbers.js";
+import { byId, element, sharp, tone } from "../dom.js";
+import { inMetres, inWords, niceStep } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 const SCALE = 0.1; // m, which bars reach at least up to

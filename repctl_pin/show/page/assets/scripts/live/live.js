@@ -1,9 +1,9 @@
 // A running loop: its poses come over a socket, sixty times a second; keys move its target.
 
-import { tint } from "./chart.js";
-import { byId, element } from "./dom.js";
-import { inMetres, inWords } from "./numbers.js";
-import { cleared, Marker, Trail } from "./traces.js";
+import { tint } from "../chrome/chart.js";
+import { byId, element } from "../dom.js";
+import { inMetres, inWords } from "../numbers.js";
+import { cleared, Marker, Trail } from "../arm/traces.js";
 
 const STEP = 0.01; // m a key press
 const MOST = 0.1; // m a message

@@ -1,7 +1,7 @@
 // One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm stands at the same instant, or
 // else where this arm stood in cycle 1.
 
-import { tone } from "./dom.js";
+import { tone } from "../dom.js";
 
 const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
 export const GAIN = 50; // how many times as large a small drift is drawn

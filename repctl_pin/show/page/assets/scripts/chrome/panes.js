@@ -1,7 +1,7 @@
 // One pane an arm, all drawn by one camera: turning one turns all.
 
-import { PIXEL } from "./arm.js";
-import { byId, element, tone } from "./dom.js";
+import { PIXEL } from "../arm/arm.js";
+import { byId, element, tone } from "../dom.js";
 
 const LOW = 360; // px
 

@@ -1,6 +1,6 @@
 // What is seen, as a file: a PNG, or a film of it.
 
-import { byId, element, tone } from "./dom.js";
+import { byId, element, tone } from "../dom.js";
 
 const LEFT_OUT = "#tools, .track, #play, #notice, #own, .ring, #keys, #paper, .unseen";
 
