@@ -41,9 +41,9 @@ function leaveTheWheel(viewer) {
 
 // Let time pass, a picture at a time; a machine that is late loses pictures, not time.
 function run(clock, viewer, live, resize) {
-  let before = performance.now(),
-    late = 0,
-    plain = false;
+  let before = performance.now();
+  let late = 0;
+  let plain = false;
   document.addEventListener("visibilitychange", () => {
     before = performance.now();
   });
@@ -67,9 +67,9 @@ function run(clock, viewer, live, resize) {
 }
 
 async function main() {
-  const scene = JSON.parse(byId("scene").textContent),
-    api = window.repctl,
-    start = performance.now();
+  const scene = JSON.parse(byId("scene").textContent);
+  const api = window.repctl;
+  const start = performance.now();
   if (typeof DecompressionStream === "undefined") {
     say("This page needs a browser of 2023 or newer.", true);
     return;
@@ -93,10 +93,10 @@ async function main() {
     return;
   }
   const { arms, paths, line, leave, extent, eye, points, near, panes } = await setStage(
-      viewer,
-      scene,
-    ),
-    study = { ...scene, last: scene.arms[0].drift.length };
+    viewer,
+    scene,
+  );
+  const study = { ...scene, last: scene.arms[0].drift.length };
 
   const compare = () => {
     const found = scene.live ? null : referenceOf(arms);
@@ -107,28 +107,28 @@ async function main() {
 
   // ---- what is shown at each time
   const clock = Object.assign(new Clock(scene.cycles.length, scene.seconds, () => show()), {
-      last: study.last,
-    }),
-    box = (name) => byId(`show-${name}`);
+    last: study.last,
+  });
+  const box = (name) => byId(`show-${name}`);
   const chart = scene.live
     ? null
     : new Chart(arms, scene, (time) => {
         clock.play(false);
         clock.seek(time);
       });
-  const callouts = scene.live ? null : new Callouts(panes, scene),
-    wish = wishes();
-  let tell = () => {},
-    ways = scene.live ? [] : leave(),
-    own = null;
+  const callouts = scene.live ? null : new Callouts(panes, scene);
+  const wish = wishes();
+  let tell = () => {};
+  let ways = scene.live ? [] : leave();
+  let own = null;
   function show() {
-    const { cycles } = clock,
-      leading = own && own.lead,
-      full = scene.live ? LIVE_FULL : fullDrift(arms);
+    const { cycles } = clock;
+    const leading = own && own.lead;
+    const full = scene.live ? LIVE_FULL : fullDrift(arms);
     byId("drift-to").textContent = `${inMetres(full)} off${scene.live ? " or more" : ""}`;
-    const cycle = Math.min(Math.floor(clock.time), cycles - 1),
-      part = clock.time - cycle,
-      done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
+    const cycle = Math.min(Math.floor(clock.time), cycles - 1);
+    const part = clock.time - cycle;
+    const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (leading) arm.stand(1, 0);
       else if (!scene.live || !api.received) arm.stand(cycle, part);

@@ -9,10 +9,10 @@ import { drawPaths, drawWays } from "./arm/traces.js";
 import { floor, light } from "./arm/viewer.js";
 
 export async function setStage(viewer, scene) {
-  const T = MeshCat.THREE,
-    motion = summed(await unpack("motion"), scene.series, scene.resolution);
-  const F = scene.perCycle,
-    frames = F * scene.cycles.length;
+  const T = MeshCat.THREE;
+  const motion = summed(await unpack("motion"), scene.series, scene.resolution);
+  const F = scene.perCycle;
+  const frames = F * scene.cycles.length;
   let at = 0;
   const arms = scene.arms.map((data) => {
     const arm = new ArmView(viewer, data, motion, at, frames, F);
@@ -48,15 +48,15 @@ export async function setStage(viewer, scene) {
     scene.planar,
   );
   const { points, near, extent, ground } = inSight(arms, paths.flat(), eye);
-  const shown = new T.Box3().setFromPoints(points),
-    center = shown.getCenter(new T.Vector3());
+  const shown = new T.Box3().setFromPoints(points);
+  const center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
   const line = (ways) => drawPaths(arms, ways, extent);
   line(paths);
   const leave = () => drawWays(arms, scene, extent);
-  const [left, right] = eye.span(points, "right"),
-    [low, high] = eye.span(points, "up");
+  const [left, right] = eye.span(points, "right");
+  const [low, high] = eye.span(points, "up");
   return {
     arms,
     paths,
@@ -73,21 +73,21 @@ export async function setStage(viewer, scene) {
 // The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is
 // not a hall, and what is near the arm.
 function inSight(arms, path, eye) {
-  const T = MeshCat.THREE,
-    reach = arms.map((arm) => arm.reach()),
-    moving = reach.flatMap((c) => c.moving),
-    still = reach[0].still;
-  const near = new T.Box3().setFromPoints([...moving, ...path]),
-    whole = new T.Box3().setFromPoints([...moving, ...still]);
+  const T = MeshCat.THREE;
+  const reach = arms.map((arm) => arm.reach());
+  const moving = reach.flatMap((c) => c.moving);
+  const still = reach[0].still;
+  const near = new T.Box3().setFromPoints([...moving, ...path]);
+  const whole = new T.Box3().setFromPoints([...moving, ...still]);
   if (near.isEmpty()) near.setFromPoints([...still, new T.Vector3()]);
   const extent = near.getSize(new T.Vector3()).length() || 1;
   const across = (box, axis) => {
     const [a, b] = eye.span(cornersOf(box), axis);
     return b - a;
   };
-  const room = near.clone().expandByScalar(0.2 * extent),
-    [low, high] = eye.span(cornersOf(room), "up"),
-    wide = across(whole, "right") < 3 * extent;
+  const room = near.clone().expandByScalar(0.2 * extent);
+  const [low, high] = eye.span(cornersOf(room), "up");
+  const wide = across(whole, "right") < 3 * extent;
   const all =
     across(whole, "up") <
     Math.max(

@@ -31,9 +31,9 @@ export class Chain {
   // Put the chain's joints, or these, and the frame where they are at q.
   place(q, which = this.chain) {
     for (const j of which) {
-      const { parent, R, p, axis, turns, S, offset } = this.joints[j],
-        here = this.places[j],
-        before = parent < 0 ? BASE : this.places[parent];
+      const { parent, R, p, axis, turns, S, offset } = this.joints[j];
+      const here = this.places[j];
+      const before = parent < 0 ? BASE : this.places[parent];
       let theta = offset;
       for (let i = 0; i < S.length; i++) theta += S[i] * q[i];
       placedIn(before, p, here.p);
@@ -54,11 +54,11 @@ export class Chain {
     const { n, m, rows, kind, R, p, twist: t } = this;
     A.fill(0, 0, m * n);
     for (const j of this.chain) {
-      const { z, p: o } = this.places[j],
-        { turns, S } = this.joints[j],
-        x = p[0] - o[0],
-        y = p[1] - o[1],
-        w = p[2] - o[2];
+      const { z, p: o } = this.places[j];
+      const { turns, S } = this.joints[j];
+      const x = p[0] - o[0];
+      const y = p[1] - o[1];
+      const w = p[2] - o[2];
       for (let i = 0; i < 3; i++) {
         t[i] = z[i];
         t[3 + i] = turns ? z[i] : 0;
@@ -92,8 +92,8 @@ export class Chain {
     const D = (a, b) =>
       held[3 * a] * R[3 * b] + held[3 * a + 1] * R[3 * b + 1] + held[3 * a + 2] * R[3 * b + 2]; // of held Rᵀ
     if (kind === "pose") {
-      const v = [D(2, 1) - D(1, 2), D(0, 2) - D(2, 0), D(1, 0) - D(0, 1)].map((x) => x / 2),
-        sine = Math.hypot(...v);
+      const v = [D(2, 1) - D(1, 2), D(0, 2) - D(2, 0), D(1, 0) - D(0, 1)].map((x) => x / 2);
+      const sine = Math.hypot(...v);
       const ratio =
         sine > 1e-9 ? Math.atan2(sine, (D(0, 0) + D(1, 1) + D(2, 2) - 1) / 2) / sine : 1;
       v.forEach((x, i) => {
@@ -101,9 +101,9 @@ export class Chain {
       });
     } else {
       const [x, y, z] = [0, 1, 2].map(
-          (c) => R[c] * held[2] + R[3 + c] * held[5] + R[6 + c] * held[8],
-        ),
-        sine = Math.hypot(x, y);
+        (c) => R[c] * held[2] + R[3 + c] * held[5] + R[6 + c] * held[8],
+      );
+      const sine = Math.hypot(x, y);
       const ratio = sine > 1e-12 ? Math.atan2(sine, z) / sine : 0;
       e[3] = -y * ratio;
       e[4] = x * ratio;
@@ -129,8 +129,8 @@ export class Chain {
 
   // The joint whose rate is the largest share of its limit, and that share.
   hurried(qdot) {
-    const shares = this.own(qdot).map((v, i) => Math.abs(v) / (this.fastest[i] ?? Infinity)),
-      joint = shares.reduce((best, v, i) => (v > shares[best] ? i : best), 0);
+    const shares = this.own(qdot).map((v, i) => Math.abs(v) / (this.fastest[i] ?? Infinity));
+    const joint = shares.reduce((best, v, i) => (v > shares[best] ? i : best), 0);
     return { joint, share: shares[joint] };
   }
 }
@@ -138,8 +138,8 @@ export class Chain {
 // One control on a chain: J⁺, or with potentials the inverse that keeps them.
 export class Law {
   constructor(chain, parts) {
-    const { n, m } = chain,
-      r = parts.length ? n - m : 0;
+    const { n, m } = chain;
+    const r = parts.length ? n - m : 0;
     Object.assign(this, {
       chain,
       parts: parts.map(prepared),
@@ -174,8 +174,8 @@ export class Law {
 
   // Solve A x = b at q, with b's task part as given and `gap` times c − h below it; false where A is singular.
   solve(q, xdot, gap = 0) {
-    const { chain, rows, r, A, L, b, x } = this,
-      { n, m } = chain;
+    const { chain, rows, r, A, L, b, x } = this;
+    const { n, m } = chain;
     chain.place(q);
     chain.jacobian(A);
     if (r) this.levels(q);
@@ -230,8 +230,8 @@ function leastSolution(A, rows, n, b, L, x) {
   let least = 1;
   for (let i = 0; i < rows; i++) {
     const row = i * n;
-    let size = 0,
-      left = 0;
+    let size = 0;
+    let left = 0;
     for (let k = 0; k < n; k++) size += A[row + k] * A[row + k];
     for (let j = 0; j < rows; j++) L[i * rows + j] = 0;
     for (let pass = 0; pass < 2; pass++)
@@ -298,8 +298,8 @@ function series({ waves, sines, cosines }, q, A, h, at, n, r) {
   waves.forEach((wave, w) => {
     let phase = 0;
     for (let i = 0; i < n; i++) phase += wave[i] * q[i];
-    const sine = Math.sin(phase),
-      cosine = Math.cos(phase);
+    const sine = Math.sin(phase);
+    const cosine = Math.cos(phase);
     for (let s = 0; s < r; s++) {
       const slope = cosine * sines[w][s] - sine * cosines[w][s];
       h[s] += sine * sines[w][s] + cosine * cosines[w][s];
@@ -316,8 +316,8 @@ export function pieces(points, speed, steps) {
     .filter((edge) => Math.hypot(...edge) > 1e-9);
   const length = edges.reduce((sum, edge) => sum + Math.hypot(...edge), 0);
   return edges.map((edge) => {
-    const size = Math.hypot(...edge),
-      count = Math.max(1, nearestEven((size / length) * steps));
+    const size = Math.hypot(...edge);
+    const count = Math.max(1, nearestEven((size / length) * steps));
     return { count, h: size / speed / count, v: edge.map((x) => (speed * x) / size) };
   });
 }
@@ -325,19 +325,19 @@ export function pieces(points, speed, steps) {
 // Follow a loop for some cycles by Runge and Kutta's method, open loop: configurations, and q̇ at the start of each step;
 // fewer cycles, with `stopped`, where a joint would jump.
 export function followed(law, q0, way, cycles) {
-  const { chain, x } = law,
-    { n, m, kind, rows } = chain,
-    perCycle = way.reduce((sum, { count }) => sum + count, 0),
-    T = cycles * perCycle;
-  const Q = new Float64Array((T + 1) * n),
-    V = new Float64Array((T + 1) * n),
-    q = Float64Array.from(q0),
-    at = new Float64Array(n),
-    sum = new Float64Array(n),
-    xdot = new Float64Array(m);
+  const { chain, x } = law;
+  const { n, m, kind, rows } = chain;
+  const perCycle = way.reduce((sum, { count }) => sum + count, 0);
+  const T = cycles * perCycle;
+  const Q = new Float64Array((T + 1) * n);
+  const V = new Float64Array((T + 1) * n);
+  const q = Float64Array.from(q0);
+  const at = new Float64Array(n);
+  const sum = new Float64Array(n);
+  const xdot = new Float64Array(m);
   Q.set(q);
-  let step = 0,
-    margin = 1;
+  let step = 0;
+  let margin = 1;
   for (let cycle = 0; cycle < cycles; cycle++)
     for (const { count, h, v } of way) {
       if (kind === "position")
@@ -352,8 +352,8 @@ export function followed(law, q0, way, cycles) {
           if (!law.solve(at, xdot)) return { Q, V, perCycle, margin, cycles: cycle, stopped: true };
           if (stage === 0) V.set(x, step * n);
           if (stage === 0 && cycle === 0) margin = Math.min(margin, law.margin());
-          const next = h * (stage < 2 ? 0.5 : 1),
-            weight = stage === 1 || stage === 2 ? h / 3 : h / 6;
+          const next = h * (stage < 2 ? 0.5 : 1);
+          const weight = stage === 1 || stage === 2 ? h / 3 : h / 6;
           for (let i = 0; i < n; i++) {
             sum[i] += weight * x[i];
             at[i] = q[i] + next * x[i];
@@ -390,8 +390,8 @@ function numbers(data, names) {
 }
 
 function nearestEven(x) {
-  const f = Math.floor(x),
-    d = x - f;
+  const f = Math.floor(x);
+  const d = x - f;
   return d < 0.5 ? f : d > 0.5 ? f + 1 : f + (f % 2);
 }
 
@@ -407,21 +407,21 @@ function placedIn({ R, p }, x, y) {
 // C = A B; C may be A.
 function product(A, B, C) {
   for (let i = 0; i < 3; i++) {
-    const x = A[3 * i],
-      y = A[3 * i + 1],
-      z = A[3 * i + 2];
+    const x = A[3 * i];
+    const y = A[3 * i + 1];
+    const z = A[3 * i + 2];
     for (let j = 0; j < 3; j++) C[3 * i + j] = x * B[j] + y * B[3 + j] + z * B[6 + j];
   }
 }
 
 // About the unit vector a by an angle: Rodrigues.
 function rotation(a, angle, E) {
-  const x = a[0],
-    y = a[1],
-    z = a[2],
-    s = Math.sin(angle),
-    c = Math.cos(angle),
-    d = 1 - c;
+  const x = a[0];
+  const y = a[1];
+  const z = a[2];
+  const s = Math.sin(angle);
+  const c = Math.cos(angle);
+  const d = 1 - c;
   E[0] = c + d * x * x;
   E[1] = d * x * y - s * z;
   E[2] = d * x * z + s * y;
@@ -435,8 +435,8 @@ function rotation(a, angle, E) {
 
 // S⁻¹ B of a small positive definite S, by elimination.
 function solved(S, B) {
-  const M = S.map((row, i) => [...row, ...B[i]]),
-    r = S.length;
+  const M = S.map((row, i) => [...row, ...B[i]]);
+  const r = S.length;
   for (let j = 0; j < r; j++)
     for (let i = 0; i < r; i++) {
       if (i === j) continue;
@@ -448,11 +448,11 @@ function solved(S, B) {
 
 // The largest eigenvalue of a small matrix with positive ones, by squaring it.
 function largestEigenvalue(M) {
-  let scale = 0,
-    P = M;
+  let scale = 0;
+  let P = M;
   for (let round = 1; round <= 20; round++) {
-    const trace = P.reduce((sum, row, i) => sum + row[i], 0),
-      N = P.map((row) => row.map((v) => v / trace));
+    const trace = P.reduce((sum, row, i) => sum + row[i], 0);
+    const N = P.map((row) => row.map((v) => v / trace));
     scale += Math.log(trace) / 2 ** (round - 1);
     P = N.map((row) => N.map((_, j) => row.reduce((sum, v, k) => sum + v * N[k][j], 0)));
   }

@@ -11,8 +11,8 @@ export class Callouts {
     Object.assign(this, { panes, scene });
     this.sets = panes.arms.map((arm, k) => ({
       arm,
-      part: callout(panes.frames[k], ""),
-      hand: callout(panes.frames[k], " hand"),
+      part: made(panes.frames[k], ""),
+      hand: made(panes.frames[k], " hand"),
       gap: gapLine(panes.frames[k]),
     }));
     for (const { part } of this.sets) {
@@ -27,15 +27,16 @@ export class Callouts {
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far it was off, m, and when.
   say(read = null) {
     for (const { arm, part, hand } of this.sets) {
-      const grey = arm.ghostSpot() ? ", in grey" : "",
-        base = this.scene.leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+      const grey = arm.ghostSpot() ? ", in grey" : "";
+      const base =
+        this.scene.leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
       const from = !arm.repeats
         ? `from ${base}${grey}`
         : this.scene.leading
           ? ""
           : "the same in every cycle";
-      const [off, when] = read ? read(arm) : [arm.partOff(), from],
-        way = arm.handOff();
+      const [off, when] = read ? read(arm) : [arm.partOff(), from];
+      const way = arm.handOff();
       write(part.note, when);
       write(part.value, this.words(off));
       part.value.className = tint(off);
@@ -48,8 +49,8 @@ export class Callouts {
 
   // The part's above the arm, the hand's below it; each with a line to what it speaks of.
   place() {
-    const { panes } = this,
-      rim = this.scene.own ? RIM : 0;
+    const { panes } = this;
+    const rim = this.scene.own ? RIM : 0;
     if (byId("panes").classList.contains("quiet")) return;
     const sizes = this.sets.map(({ part, hand }, k) =>
       [panes.frames[k].firstChild, part.box, hand.box].map(
@@ -57,11 +58,11 @@ export class Callouts {
       ),
     ); // all are read before any is moved
     this.sets.forEach(({ arm, part, hand, gap }, k) => {
-      const { width, height } = panes.place(k),
-        [label, box, below] = sizes[k],
-        { beside } = panes;
-      const at = panes.seen(k, arm.partSpot()),
-        tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
+      const { width, height } = panes.place(k);
+      const [label, box, below] = sizes[k];
+      const { beside } = panes;
+      const at = panes.seen(k, arm.partSpot());
+      const tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
       const ghost = arm.ghostSpot();
       drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
       put(
@@ -87,11 +88,11 @@ export class Callouts {
   }
 }
 
-function callout(pane, kind) {
-  const value = element("b"),
-    note = element("small"),
-    box = element("div", { class: `callout${kind}` }, value, note),
-    leader = element("i", { class: `leader${kind}` });
+function made(pane, kind) {
+  const value = element("b");
+  const note = element("small");
+  const box = element("div", { class: `callout${kind}` }, value, note);
+  const leader = element("i", { class: `leader${kind}` });
   if (kind) note.remove();
   pane.append(leader, box);
   return { box, leader, value, note };
@@ -102,11 +103,12 @@ function write(node, words) {
   if (node.textContent !== words) node.textContent = words;
 }
 
-// `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room for it begins; `free`: a point to leave free, the box
-// stands beside it, on the side that it stood on before
+// `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room for
+// it begins; `free`: a point to leave free, the box stands beside it, on the side that it stood on
+// before
 function put(callout, { w, h }, at, y, width, height, left, free) {
-  const { box, leader } = callout,
-    top = Math.min(Math.max(y, 4), height - h - 4);
+  const { box, leader } = callout;
+  const top = Math.min(Math.max(y, 4), height - h - 4);
   const beside = (side) =>
     Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
   const clear = (side) =>

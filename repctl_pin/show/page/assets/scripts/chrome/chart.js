@@ -37,12 +37,12 @@ export class Chart {
 
   // Give the readings the room of their longest words, so that nothing moves while time goes.
   reserve() {
-    const box = byId("readings"),
-      { cycles } = this.scene;
+    const box = byId("readings");
+    const { cycles } = this.scene;
     box.style.minWidth = "";
     this.canvas.setAttribute("aria-valuemax", cycles.at(-1));
-    const { values } = this,
-      most = values.map(() => 0);
+    const { values } = this;
+    const most = values.map(() => 0);
     for (const value of values) value.style.minWidth = "";
     const widths = [0, ...cycles.keys()].map((c, k) => {
       this.say(k ? cycles[c] : 0, c, k ? 1 : 0);
@@ -88,10 +88,10 @@ export class Chart {
     const times = done ? `after ${done === 1 ? "1 cycle" : `${done} cycles`}` : "at the start";
     byId("done").textContent = `${times[0].toUpperCase()}${times.slice(1)}`;
     this.values.forEach((value, k) => {
-      const arm = this.arms[k],
-        { data } = arm,
-        off = this.after(arm, cycle, part),
-        joints = done ? data.drift[done - 1] : 0;
+      const arm = this.arms[k];
+      const { data } = arm;
+      const off = this.after(arm, cycle, part);
+      const joints = done ? data.drift[done - 1] : 0;
       value.textContent = `${inMetres(off)} off`;
       value.className = tint(off);
       value.title = `${off.toPrecision(3)} m; joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}, root of the sum of squares`;
@@ -101,18 +101,18 @@ export class Chart {
 
   draw(cycle, part) {
     if (!this.canvas.clientWidth) return;
-    const { draw, width, height, em } = sharp(this.canvas),
-      { arms, scene } = this,
-      count = scene.cycles.length;
-    const pitch = (width - 2 * INSET) / count,
-      foot = height - 1.15 * em,
-      room = foot - 0.5 * em,
-      at = (c) => INSET + c * pitch;
-    const group = Math.min(0.66 * pitch, 4.5 * em),
-      wide = group / arms.length;
-    const top = Math.max(SCALE / this.gain, ...arms.flatMap(({ data }) => data.off.flat())),
-      scale = niceStep(top),
-      level = (v) => foot - (v / top) * room;
+    const { draw, width, height, em } = sharp(this.canvas);
+    const { arms, scene } = this;
+    const count = scene.cycles.length;
+    const pitch = (width - 2 * INSET) / count;
+    const foot = height - 1.15 * em;
+    const room = foot - 0.5 * em;
+    const at = (c) => INSET + c * pitch;
+    const group = Math.min(0.66 * pitch, 4.5 * em);
+    const wide = group / arms.length;
+    const top = Math.max(SCALE / this.gain, ...arms.flatMap(({ data }) => data.off.flat()));
+    const scale = niceStep(top);
+    const level = (v) => foot - (v / top) * room;
     draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
     draw.strokeStyle = tone("--edge");
     draw.fillStyle = tone("--soft");
@@ -123,9 +123,9 @@ export class Chart {
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const x = at(c + 1) - group + k * wide,
-          off = arm.data.off[c][1],
-          tall = Math.max(0.13 * em, foot - level(off)); // a zero is seen, too
+        const x = at(c + 1) - group + k * wide;
+        const off = arm.data.off[c][1];
+        const tall = Math.max(0.13 * em, foot - level(off)); // a zero is seen, too
         draw.fillStyle = arm.data.color;
         draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);

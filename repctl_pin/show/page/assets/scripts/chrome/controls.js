@@ -49,13 +49,13 @@ export function connect(clock, view) {
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog")) return;
     if (key === " " && target.closest("button, summary, input[type=checkbox]")) return; // it is what presses them
     const turns = {
-        ArrowLeft: [-0.1, 0],
-        ArrowRight: [0.1, 0],
-        ArrowUp: [0, -0.1],
-        ArrowDown: [0, 0.1],
-      },
-      hop = clock.stepping || target.id === "chart" ? 1 : 1 / 60,
-      whole = target.id === "chart" ? Math.round : Number;
+      ArrowLeft: [-0.1, 0],
+      ArrowRight: [0.1, 0],
+      ArrowUp: [0, -0.1],
+      ArrowDown: [0, 0.1],
+    };
+    const hop = clock.stepping || target.id === "chart" ? 1 : 1 / 60;
+    const whole = target.id === "chart" ? Math.round : Number;
     const does =
       event.shiftKey && turns[key]
         ? () => view.turn(...turns[key])
@@ -78,9 +78,13 @@ export function connect(clock, view) {
   });
 
   return (done, part) => {
-    const { last } = clock,
-      inside = part > 0 && part < 1,
-      words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
+    const { last } = clock;
+    const inside = part > 0 && part < 1;
+    const words = inside
+      ? `cycle ${done + 1} of ${last}`
+      : done
+        ? `after ${done} of ${last}`
+        : "start";
     document.body.classList.toggle("playing", clock.playing);
     byId("play").setAttribute("aria-label", clock.playing ? "Pause" : "Play");
     byId("stepping").checked = clock.stepping;

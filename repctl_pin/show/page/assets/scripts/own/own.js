@@ -121,16 +121,16 @@ export class Own {
 
   // Take the hand in pane k, in the plane through it that faces the camera, or in the task's own.
   take(k, id, at) {
-    const T = MeshCat.THREE,
-      { chain, arms } = this,
-      home = new T.Vector3(...chain.home),
-      missing = [0, 1, 2].filter((row) => !chain.rows.includes(row));
+    const T = MeshCat.THREE;
+    const { chain, arms } = this;
+    const home = new T.Vector3(...chain.home);
+    const missing = [0, 1, 2].filter((row) => !chain.rows.includes(row));
     this.clock.play(false);
     this.player.plain();
-    const out = this.panes.sight(k, this.panes.seen(k, home)).direction,
-      normal = missing.length ? new T.Vector3().setComponent(missing[0], 1) : out;
-    const seen = this.panes.seen(k, home),
-      grip = at ? { x: seen.x - at.x, y: seen.y - at.y } : { x: 0, y: 0 };
+    const out = this.panes.sight(k, this.panes.seen(k, home)).direction;
+    const normal = missing.length ? new T.Vector3().setComponent(missing[0], 1) : out;
+    const seen = this.panes.seen(k, home);
+    const grip = at ? { x: seen.x - at.x, y: seen.y - at.y } : { x: 0, y: 0 };
     for (const law of this.laws) law.start = Float64Array.from(chain.start);
     this.lead = {
       k,
@@ -155,14 +155,11 @@ export class Own {
     });
     this.player.clear();
     this.lead.shown = arms.map((arm) => {
-      const group = arm.traces,
-        line = dots(
-          new T.BufferGeometry().setAttribute(
-            "position",
-            new T.Float32BufferAttribute(3 * DOTS, 3),
-          ),
-          arm.data.color,
-        );
+      const group = arm.traces;
+      const line = dots(
+        new T.BufferGeometry().setAttribute("position", new T.Float32BufferAttribute(3 * DOTS, 3)),
+        arm.data.color,
+      );
       group.add(line);
       if (chain.proved) group.add(disc(home, normal, chain.proved));
       return {
@@ -184,8 +181,8 @@ export class Own {
     if (!lead || event.pointerId !== lead.id) return;
     const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
     for (const one of events.length ? events : [event]) {
-      const { x, y } = this.at(lead.k, one),
-        ray = this.panes.sight(lead.k, { x: x + lead.grip.x, y: y + lead.grip.y });
+      const { x, y } = this.at(lead.k, one);
+      const ray = this.panes.sight(lead.k, { x: x + lead.grip.x, y: y + lead.grip.y });
       const hit = ray.intersectPlane(lead.plane, new MeshCat.THREE.Vector3());
       if (
         hit &&
@@ -222,8 +219,8 @@ export class Own {
       return;
     }
     if (!this.lead) this.take(k, null);
-    const { hand, queue } = this.lead,
-      from = new MeshCat.THREE.Vector3(...(queue.at(-1) || hand));
+    const { hand, queue } = this.lead;
+    const from = new MeshCat.THREE.Vector3(...(queue.at(-1) || hand));
     this.axes().forEach((axis, i) => from.addScaledVector(axis, way[i] * 0.015 * this.chain.size));
     queue.push(from.toArray());
     this.soon();
@@ -231,8 +228,8 @@ export class Own {
 
   // Right and up on the screen, in the plane in which the hand is led.
   axes() {
-    const { elements } = this.panes.viewer.camera.matrixWorld,
-      { normal } = this.lead.plane;
+    const { elements } = this.panes.viewer.camera.matrixWorld;
+    const { normal } = this.lead.plane;
     return [0, 4].map((k) =>
       new MeshCat.THREE.Vector3(elements[k], -elements[k + 2], elements[k + 1])
         .projectOnPlane(normal)
@@ -254,19 +251,19 @@ export class Own {
   }
 
   catchUp(until = Infinity) {
-    const { lead } = this,
-      tips = lead.shown.map(({ tip, elbow }) => [tip, elbow]);
+    const { lead } = this;
+    const tips = lead.shown.map(({ tip, elbow }) => [tip, elbow]);
     while (lead.queue.length && performance.now() < until) {
-      const goal = lead.queue[0],
-        away = goal.map((v, i) => v - lead.hand[i]),
-        far = Math.hypot(...away),
-        share = Math.min(1, this.stride / far);
+      const goal = lead.queue[0];
+      const away = goal.map((v, i) => v - lead.hand[i]);
+      const far = Math.hypot(...away);
+      const share = Math.min(1, this.stride / far);
       if (far < 1e-6) {
         lead.queue.shift();
         continue;
       }
-      const next = lead.hand.map((v, i) => v + share * away[i]),
-        why = this.step(lead, next);
+      const next = lead.hand.map((v, i) => v + share * away[i]);
+      const why = this.step(lead, next);
       lead.why = why;
       if (why) {
         lead.queue.shift();
@@ -286,17 +283,17 @@ export class Own {
 
   // Step all arms of {hand, qs, worst} to the next place of the hand; or say why one of them cannot, and stay.
   step(from, next) {
-    const { chain, laws } = this,
-      way = Math.hypot(...next.map((v, i) => v - from.hand[i]));
+    const { chain, laws } = this;
+    const way = Math.hypot(...next.map((v, i) => v - from.hand[i]));
     const found = laws.map((law, k) => {
       const q = stepped(law, from.qs[k], next);
       if (!q) return { why: "That is out of reach." };
-      const { joint, margin } = chain.nearest(q),
-        moved = q.map((v, i) => v - from.qs[k][i]),
-        fast = chain.hurried(moved.map((v) => (v * chain.speed) / way)),
-        leaf = law.margin(),
-        sine = law.sine(),
-        { limit = Infinity, room = 1, sine: before = 1 } = from.worst[k];
+      const { joint, margin } = chain.nearest(q);
+      const moved = q.map((v, i) => v - from.qs[k][i]);
+      const fast = chain.hurried(moved.map((v) => (v * chain.speed) / way));
+      const leaf = law.margin();
+      const sine = law.sine();
+      const { limit = Infinity, room = 1, sine: before = 1 } = from.worst[k];
       const why =
         margin < NEAR_LIMIT && margin < limit
           ? `${chain.names[joint]} is at its limit.`
@@ -327,12 +324,12 @@ export class Own {
   walk(from, points, trail = []) {
     for (const goal of points)
       for (;;) {
-        const away = goal.map((v, i) => v - from.hand[i]),
-          far = Math.hypot(...away);
+        const away = goal.map((v, i) => v - from.hand[i]);
+        const far = Math.hypot(...away);
         if (far < 1e-9) break;
         const next =
-            far < this.stride ? goal : from.hand.map((v, i) => v + (this.stride / far) * away[i]),
-          why = this.step(from, next);
+          far < this.stride ? goal : from.hand.map((v, i) => v + (this.stride / far) * away[i]);
+        const why = this.step(from, next);
         if (why) return { why, trail };
         from.hand = next;
         trail.push(next);
@@ -346,8 +343,8 @@ export class Own {
     arms.forEach((arm, k) => {
       drawnAt(chain, arm, lead.qs.at(-1), arm.run, 0);
       drawnAt(chain, arm, lead.qs[k], arm.run, 1);
-      const { geometry } = lead.shown[k].line,
-        count = Math.min(DOTS, Math.floor(gap(lead.hand, chain.home) / (0.018 * this.extent)));
+      const { geometry } = lead.shown[k].line;
+      const count = Math.min(DOTS, Math.floor(gap(lead.hand, chain.home) / (0.018 * this.extent)));
       for (let i = 0; i < count; i++)
         geometry.attributes.position.setXYZ(
           i,
@@ -373,8 +370,8 @@ export class Own {
     const { lead, chain } = this;
     this.catchUp();
     this.put();
-    const open = lead.trail,
-      from = () => ({ hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst });
+    const open = lead.trail;
+    const from = () => ({ hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst });
     const way = Math.max(...open.map((p) => Math.hypot(...p.map((v, i) => v - chain.home[i]))));
     if (way < 0.01 * chain.size) {
       this.leave([["That was no loop yet: drag the ring around, and let go."]]);
@@ -403,16 +400,16 @@ export class Own {
 
   // Compute the cycles of a closed loop, and show the end of this one of them.
   follow(points, cycle, also = "") {
-    const { chain, laws, arms } = this,
-      way = pieces(points, chain.speed, chain.steps),
-      result = computed(laws, arms, way, CYCLES);
+    const { chain, laws, arms } = this;
+    const way = pieces(points, chain.speed, chain.steps);
+    const result = computed(laws, arms, way, CYCLES);
     const length = way.reduce((sum, { count, h }) => sum + count * h, 0) * chain.speed;
-    const fine = pieces(points, chain.speed, 2 * chain.steps),
-      lost = !result.cycles
-        ? "Your loop leads through a singularity, where the hand cannot go on."
-        : laws.every((law, k) => law.r || resolved(law, result.motions[k], fine))
-          ? ""
-          : "The usual control passes close to a singularity on your loop; its drift is not a number.";
+    const fine = pieces(points, chain.speed, 2 * chain.steps);
+    const lost = !result.cycles
+      ? "Your loop leads through a singularity, where the hand cannot go on."
+      : laws.every((law, k) => law.r || resolved(law, result.motions[k], fine))
+        ? ""
+        : "The usual control passes close to a singularity on your loop; its drift is not a number.";
     if (lost) {
       this.leave([[lost, "bad"]]);
       return;
@@ -434,8 +431,8 @@ export class Own {
 
   // Say what has happened after a number of cycles.
   tell(cycles) {
-    const { chain, arms, result, shape, also } = this,
-      { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
+    const { chain, arms, result, shape, also } = this;
+    const { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
     this.shown = cycles;
     this.scene.part = part;
     pointAt(arms, (s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
@@ -477,11 +474,11 @@ export class Own {
   // What is said of a loop beside its motion: whether it was proved to close, and the best loop so far.
   said() {
     const {
-        chain: { proved, size },
-        best,
-        points,
-      } = this,
-      words = [];
+      chain: { proved, size },
+      best,
+      points,
+    } = this;
+    const words = [];
     if (proved)
       words.push(
         this.beyond(points)
@@ -500,8 +497,8 @@ export class Own {
 
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough where they enclose something.
   keepBest() {
-    const { result, chain, laws, points, best } = this,
-      k = laws.findIndex(({ r }) => !r);
+    const { result, chain, laws, points, best } = this;
+    const k = laws.findIndex(({ r }) => !r);
     if (
       this.state !== "own" ||
       k < 0 ||
@@ -543,14 +540,14 @@ export class Own {
   preset(kind) {
     if (this.lead) this.leave();
     this.take(0, null);
-    const [right, up] = this.axes(),
-      home = new MeshCat.THREE.Vector3(...this.chain.home);
+    const [right, up] = this.axes();
+    const home = new MeshCat.THREE.Vector3(...this.chain.home);
     const start = { hand: this.lead.hand, qs: this.lead.qs, worst: this.lead.worst };
     for (let size = 0.16 * this.chain.size; size > 0.004 * this.chain.size; size *= 0.8)
       for (let turn = 0; turn < 8; turn++) {
-        const angle = (turn * Math.PI) / 4,
-          c = Math.cos(angle),
-          s = Math.sin(angle);
+        const angle = (turn * Math.PI) / 4;
+        const c = Math.cos(angle);
+        const s = Math.sin(angle);
         const points = FORMS[kind].map(([x, y]) =>
           home
             .clone()
@@ -568,9 +565,9 @@ export class Own {
 
   // The loop that the address asks for, after all its cycles; it may begin where the hand is not.
   open(points) {
-    const { chain, laws } = this,
-      first =
-        Math.hypot(...points[0].map((v, i) => v - chain.home[i])) < 1e-3 ? chain.home : points[0];
+    const { chain, laws } = this;
+    const first =
+      Math.hypot(...points[0].map((v, i) => v - chain.home[i])) < 1e-3 ? chain.home : points[0];
     if (first !== chain.home) {
       const from = {
         hand: chain.home,
@@ -653,14 +650,14 @@ export class Own {
 
   // Put the rings where the hand is; they are not there while it goes round without them.
   place() {
-    const { arms, panes, clock, lead, chain } = this,
-      home = this.state === "own" ? this.points[0] : chain.home,
-      T = MeshCat.THREE;
-    const hand = new T.Vector3(...(lead ? lead.hand : home)),
-      part = clock.time % 1;
+    const { arms, panes, clock, lead, chain } = this;
+    const home = this.state === "own" ? this.points[0] : chain.home;
+    const T = MeshCat.THREE;
+    const hand = new T.Vector3(...(lead ? lead.hand : home));
+    const part = clock.time % 1;
     this.rings.forEach((ring, k) => {
-      const { x, y } = panes.seen(k, hand),
-        { width } = panes.place(k);
+      const { x, y } = panes.seen(k, hand);
+      const { width } = panes.place(k);
       const away =
         !lead &&
         part > 0 &&
@@ -668,8 +665,8 @@ export class Own {
           0.02 * this.extent;
       ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
       ring.classList.toggle("away", away && clock.playing);
-      const { wide } = this,
-        left = x + wide > width;
+      const { wide } = this;
+      const left = x + wide > width;
       ring.classList.toggle("left", left && x > wide);
       ring.classList.toggle("under", left && x <= wide);
     });
@@ -678,8 +675,8 @@ export class Own {
 
 // The largest joint speed of a control for a hand that moves by 1 m/s along an axis, at q.
 function quickest(law, q) {
-  const { n, m } = law.chain,
-    axes = Math.min(m, law.chain.rows.length, 3);
+  const { n, m } = law.chain;
+  const axes = Math.min(m, law.chain.rows.length, 3);
   return Math.max(
     ...Array.from({ length: axes }, (_, k) => {
       law.solve(
@@ -714,24 +711,24 @@ function kept(points, home) {
 }
 
 function closed(points, first) {
-  const inside = points.slice(1).map((p) => p.map((v) => Number(v.toFixed(4)))),
-    last = inside.at(-1);
+  const inside = points.slice(1).map((p) => p.map((v) => Number(v.toFixed(4))));
+  const last = inside.at(-1);
   if (Math.hypot(...last.map((v, i) => v - first[i])) < 1e-3) inside.pop();
   return [Array.from(first), ...inside, Array.from(first)];
 }
 
 // Douglas and Peucker: leave out points that are this near to the line without them.
 function simpler(points, most) {
-  const [a, b] = [points[0], points.at(-1)],
-    d = b.map((v, i) => v - a[i]),
-    size = d.reduce((sum, v) => sum + v * v, 0);
-  let worst = 0,
-    at = 0;
+  const [a, b] = [points[0], points.at(-1)];
+  const d = b.map((v, i) => v - a[i]);
+  const size = d.reduce((sum, v) => sum + v * v, 0);
+  let worst = 0;
+  let at = 0;
   points.forEach((p, k) => {
-    const w = p.map((v, i) => v - a[i]),
-      t =
-        size > 0 ? Math.min(1, Math.max(0, w.reduce((sum, v, i) => sum + v * d[i], 0) / size)) : 0,
-      off = Math.hypot(...w.map((v, i) => v - t * d[i]));
+    const w = p.map((v, i) => v - a[i]);
+    const t =
+      size > 0 ? Math.min(1, Math.max(0, w.reduce((sum, v, i) => sum + v * d[i], 0) / size)) : 0;
+    const off = Math.hypot(...w.map((v, i) => v - t * d[i]));
     if (off > worst) {
       worst = off;
       at = k;
@@ -744,9 +741,9 @@ function simpler(points, most) {
 
 // The length of a loop without the ways that it goes there and back, m: 0 where it encloses nothing.
 function enclosing(points) {
-  const sizes = points.slice(1).map((p, i) => gap(p, points[i])),
-    step = sizes.reduce((sum, v) => sum + v, 0) / 80,
-    way = [points[0]];
+  const sizes = points.slice(1).map((p, i) => gap(p, points[i]));
+  const step = sizes.reduce((sum, v) => sum + v, 0) / 80;
+  const way = [points[0]];
   let left = step;
   points.slice(1).forEach((p, i) => {
     for (; left <= sizes[i] + 1e-12; left += step) {
@@ -763,16 +760,16 @@ const gap = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
 
 // A pale disc around the start, within which a proof holds.
 function disc(home, normal, radius) {
-  const T = MeshCat.THREE,
-    pale = new T.Group(),
-    material = (opacity) =>
-      new T.MeshBasicMaterial({
-        color: tone("--good"),
-        transparent: true,
-        opacity,
-        side: T.DoubleSide,
-        depthWrite: false,
-      });
+  const T = MeshCat.THREE;
+  const pale = new T.Group();
+  const material = (opacity) =>
+    new T.MeshBasicMaterial({
+      color: tone("--good"),
+      transparent: true,
+      opacity,
+      side: T.DoubleSide,
+      depthWrite: false,
+    });
   const edge = new T.Mesh(
     new T.RingGeometry(0.94 * radius, radius, 72),
     Object.assign(material(0.8), { depthTest: false }),
@@ -787,11 +784,11 @@ function disc(home, normal, radius) {
 // How often a loop goes round the axis of the first joint.
 function windings(about, points) {
   if (!about) return 0;
-  const T = MeshCat.THREE,
-    axis = new T.Vector3(...about.axis),
-    flat = points.map((p) =>
-      new T.Vector3(...p).sub(new T.Vector3(...about.origin)).projectOnPlane(axis),
-    );
+  const T = MeshCat.THREE;
+  const axis = new T.Vector3(...about.axis);
+  const flat = points.map((p) =>
+    new T.Vector3(...p).sub(new T.Vector3(...about.origin)).projectOnPlane(axis),
+  );
   const angles = flat
     .slice(1)
     .map((p, i) => Math.atan2(new T.Vector3().crossVectors(flat[i], p).dot(axis), flat[i].dot(p)));

@@ -9,11 +9,11 @@ const CLOSED = 1e-5; // or this near, rad or m
 
 // What the arms do on this way, see pieces(): {cycles, perCycle, runs}, a run an arm; as many cycles as all of them end.
 export function computed(laws, arms, way, wanted) {
-  const motions = laws.map((law) => followed(law, law.start, way, wanted)),
-    cycles = Math.min(...motions.map((motion) => motion.cycles));
-  const steps = motions[0].perCycle,
-    F = Math.min(SAMPLES, steps + 1),
-    rows = Array.from({ length: F }, (_, i) => Math.round((i * steps) / (F - 1)));
+  const motions = laws.map((law) => followed(law, law.start, way, wanted));
+  const cycles = Math.min(...motions.map((motion) => motion.cycles));
+  const steps = motions[0].perCycle;
+  const F = Math.min(SAMPLES, steps + 1);
+  const rows = Array.from({ length: F }, (_, i) => Math.round((i * steps) / (F - 1)));
   const slower = Math.max(1, ...motions.map(({ V }, k) => busiest(laws[k].chain, V, steps))); // so much, that all rates of cycle 1 are allowed
   for (const { V } of motions)
     V.forEach((v, i) => {
@@ -28,9 +28,9 @@ export function computed(laws, arms, way, wanted) {
 // Whether an arm ends each cycle of its motion in the same place with twice the steps, on the way `fine`; where it does not, it
 // passes close to a singularity, and how far it drifts is not a number.
 export function resolved(law, motion, fine) {
-  const { n } = law.chain,
-    again = followed(law, law.start, fine, motion.cycles),
-    end = ({ Q, perCycle }, c) => [...Q.subarray(c * perCycle * n, c * perCycle * n + n)];
+  const { n } = law.chain;
+  const again = followed(law, law.start, fine, motion.cycles);
+  const end = ({ Q, perCycle }, c) => [...Q.subarray(c * perCycle * n, c * perCycle * n + n)];
   const apart = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
   return (
     again.cycles === motion.cycles &&
@@ -49,13 +49,13 @@ function busiest(chain, V, steps) {
 }
 
 function runOf(law, arm, { Q, V, perCycle, margin }, rows, cycles) {
-  const { chain, start } = law,
-    { n } = chain,
-    F = rows.length,
-    frames = F * cycles,
-    at = (row) => Q.subarray(row * n, (row + 1) * n);
-  const data = { ...arm.study.run.data, broken: firstBroken(chain, Q, V, perCycle, cycles) },
-    motion = new Float64Array(frames * (arm.stride + 6 + 3));
+  const { chain, start } = law;
+  const { n } = chain;
+  const F = rows.length;
+  const frames = F * cycles;
+  const at = (row) => Q.subarray(row * n, (row + 1) * n);
+  const data = { ...arm.study.run.data, broken: firstBroken(chain, Q, V, perCycle, cycles) };
+  const motion = new Float64Array(frames * (arm.stride + 6 + 3));
   const run = { data, motion, frames, perCycle: F };
   for (let c = 0, i = 0; c < cycles; c++)
     for (const row of rows) drawnAt(chain, arm, at(c * perCycle + row), run, i++);
@@ -88,17 +88,17 @@ function runOf(law, arm, { Q, V, perCycle, margin }, rows, cycles) {
 
 // Write where an arm's bodies, its tip, its elbow, and the joint that breaks its limit are at q into frame i of a run.
 export function drawnAt(chain, arm, q, { motion, frames, data }, i) {
-  const { stride } = arm,
-    rides = ridesOf(chain, arm),
-    T = MeshCat.THREE;
+  const { stride } = arm;
+  const rides = ridesOf(chain, arm);
+  const T = MeshCat.THREE;
   chain.place(q, chain.all);
   const turns = chain.places.map(({ R }) => quaternion(R));
   rides.forEach((ride, k) => {
     if (!ride) return;
-    const { R, p } = chain.places[ride.joint],
-      at = i * stride + 7 * k,
-      before = at - stride,
-      way = ride.turn.clone().premultiply(turns[ride.joint]);
+    const { R, p } = chain.places[ride.joint];
+    const at = i * stride + 7 * k;
+    const before = at - stride;
+    const way = ride.turn.clone().premultiply(turns[ride.joint]);
     const [x, y, z] = ride.point;
     for (let c = 0; c < 3; c++)
       motion[at + c] = p[c] + R[3 * c] * x + R[3 * c + 1] * y + R[3 * c + 2] * z;
@@ -117,8 +117,8 @@ export function drawnAt(chain, arm, q, { motion, frames, data }, i) {
 // On which joint each body of an arm rides, and where on it: from the study's first frame. Null for one that stands.
 function ridesOf(chain, arm) {
   if (arm.rides) return arm.rides;
-  const { run, start } = arm.study,
-    T = MeshCat.THREE;
+  const { run, start } = arm.study;
+  const T = MeshCat.THREE;
   chain.place(chain.start, chain.all);
   const moving = run.data.shapes
     .map((shape, s) => ({ shape, s }))
@@ -126,9 +126,9 @@ function ridesOf(chain, arm) {
   arm.rides = moving.map(({ s }, k) => {
     const link = chain.links[s];
     if (!link || link[0] < 0) return null;
-    const { R, p } = chain.places[link[0]],
-      at = start + 7 * k,
-      [x, y, z] = [0, 1, 2].map((c) => run.motion[at + c] - p[c]);
+    const { R, p } = chain.places[link[0]];
+    const at = start + 7 * k;
+    const [x, y, z] = [0, 1, 2].map((c) => run.motion[at + c] - p[c]);
     const turn = new T.Quaternion()
       .fromArray(run.motion, at + 3)
       .normalize()
@@ -161,8 +161,8 @@ function othersOff(chain, start, q) {
   const [from, to] = [start, q].map((one) => {
     chain.place(one, chain.all);
     return chain.ends.map(({ joint }, k) => {
-      const { R, p } = chain.places[joint],
-        [x, y, z] = local[k];
+      const { R, p } = chain.places[joint];
+      const [x, y, z] = local[k];
       return [0, 1, 2].map((c) => p[c] + R[3 * c] * x + R[3 * c + 1] * y + R[3 * c + 2] * z);
     });
   });
@@ -182,10 +182,10 @@ function offAt(arm, i, chain) {
 function firstBroken(chain, Q, V, perCycle, cycles) {
   const { n, names } = chain;
   for (let row = 0; row <= cycles * perCycle; row++) {
-    const { joint, margin } = chain.nearest(Q.subarray(row * n, (row + 1) * n)),
-      fast = chain.hurried(V.subarray(row * n, (row + 1) * n));
-    const at = row / perCycle,
-      cycle = Math.min(Math.floor(at) + 1, cycles);
+    const { joint, margin } = chain.nearest(Q.subarray(row * n, (row + 1) * n));
+    const fast = chain.hurried(V.subarray(row * n, (row + 1) * n));
+    const at = row / perCycle;
+    const cycle = Math.min(Math.floor(at) + 1, cycles);
     if (margin < -1e-9)
       return { joint, at, cycle, words: `${names[joint]} past its limit`, name: names[joint] };
     if (fast.share > TOO_FAST)

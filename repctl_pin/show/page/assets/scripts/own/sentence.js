@@ -9,23 +9,23 @@ const TURNED = 0.1; // rad, from which a joint is named although no part is off
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]; whether the loop encloses anything, and how often it
 // turns around the first joint.
 export function answer(chain, arms, result, cycles, { encloses, turns }) {
-  const { runs } = result,
-    k = cycles - 1,
-    times = cycles === 1 ? "one cycle" : `${cycles} cycles`;
-  const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k])),
-    most = worst.reduce((a, b) => (b.off > a.off ? b : a));
-  const joints = runs.map(({ turned }) => Math.max(...turned[k])),
-    joint =
-      chain.names[
-        runs
-          .flatMap(({ turned }) => [turned[k]])
-          .reduce((a, b) => (Math.max(...b) > Math.max(...a) ? b : a))
-          .reduce((b, v, i, all) => (v > all[b] ? i : b), 0)
-      ];
-  const under = (i) => (runs.length > 1 ? ` under ${arms[i].data.under}` : ""),
-    listed = (say) => runs.flatMap((run, i) => [[i ? ", " : ""], say(i), [under(i)]]);
-  const back = worst.every(({ off }, i) => off < BACK && joints[i] < TURNED),
-    said = [];
+  const { runs } = result;
+  const k = cycles - 1;
+  const times = cycles === 1 ? "one cycle" : `${cycles} cycles`;
+  const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k]));
+  const most = worst.reduce((a, b) => (b.off > a.off ? b : a));
+  const joints = runs.map(({ turned }) => Math.max(...turned[k]));
+  const joint =
+    chain.names[
+      runs
+        .flatMap(({ turned }) => [turned[k]])
+        .reduce((a, b) => (Math.max(...b) > Math.max(...a) ? b : a))
+        .reduce((b, v, i, all) => (v > all[b] ? i : b), 0)
+    ];
+  const under = (i) => (runs.length > 1 ? ` under ${arms[i].data.under}` : "");
+  const listed = (say) => runs.flatMap((run, i) => [[i ? ", " : ""], say(i), [under(i)]]);
+  const back = worst.every(({ off }, i) => off < BACK && joints[i] < TURNED);
+  const said = [];
   if (turns && !back)
     said.push([
       `Your loop winds around the axis of ${chain.axis.name}, so it need not close under any control. `,
@@ -41,21 +41,21 @@ export function answer(chain, arms, result, cycles, { encloses, turns }) {
   );
   said.push(...(lost.length ? lost : [[`After ${times} of your loop the hand is back. `]]));
   const name = !/\d/.test(most.part)
-      ? `the ${most.part}`
-      : most.part.startsWith("arm ")
-        ? most.part
-        : `${most.part} of the arm`,
-    value = (i, unit) => {
-      const { off, part } = worst[i],
-        zero = off < BACK;
-      return [
-        `${inMetres(off)}${zero && i ? "" : unit}${zero || part === most.part ? "" : ` (${part})`}`.replaceAll(
-          " ",
-          "\u00a0",
-        ),
-        toneOf(off),
-      ];
-    };
+    ? `the ${most.part}`
+    : most.part.startsWith("arm ")
+      ? most.part
+      : `${most.part} of the arm`;
+  const value = (i, unit) => {
+    const { off, part } = worst[i];
+    const zero = off < BACK;
+    return [
+      `${inMetres(off)}${zero && i ? "" : unit}${zero || part === most.part ? "" : ` (${part})`}`.replaceAll(
+        " ",
+        "\u00a0",
+      ),
+      toneOf(off),
+    ];
+  };
   if (back && !encloses)
     said.push(
       ["A way there and back encloses nothing: "],
@@ -81,15 +81,15 @@ export function answer(chain, arms, result, cycles, { encloses, turns }) {
 
 // Which ends of other branches are not back, hands first.
 function othersOf({ ends }, arms, runs, k) {
-  const most = (i) => Math.max(...runs.map(({ others }) => others[k][i])),
-    last = ({ name }) => Number(name !== "other hand");
+  const most = (i) => Math.max(...runs.map(({ others }) => others[k][i]));
+  const last = ({ name }) => Number(name !== "other hand");
   const away = ends
     .map((end, i) => ({ ...end, off: most(i) }))
     .filter(({ off }) => off >= SMALL)
     .sort((a, b) => last(a) - last(b) || b.off - a.off);
   if (!away.length) return [];
-  const moved = arms.filter((_, j) => Math.max(...runs[j].others[k]) >= SMALL),
-    one = moved.length === 1 && runs.length > 1;
+  const moved = arms.filter((_, j) => Math.max(...runs[j].others[k]) >= SMALL);
+  const one = moved.length === 1 && runs.length > 1;
   return [
     [one ? ` Under ${moved[0].data.under} ` : " "],
     ...away.flatMap(({ name, link, off }, i) => [
@@ -117,15 +117,15 @@ function mostOff(chain, arm, off) {
 }
 
 function notesOf(arms, runs, cycles) {
-  const cost = runs.at(-1).speed / runs[0].speed - 1,
-    said = [];
+  const cost = runs.at(-1).speed / runs[0].speed - 1;
+  const said = [];
   if (runs.length > 1)
     said.push([
       Math.abs(cost) < 5e-4
         ? "The repeatable one takes no more joint speed (rms)."
         : `The repeatable one takes ${Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0)}\u00a0% ${cost > 0 ? "more" : "less"} joint speed (rms).`,
     ]);
-  const broken = runs.flatMap(({ data: { broken, under } }) =>
+  const violated = runs.flatMap(({ data: { broken, under } }) =>
     broken && broken.cycle <= cycles
       ? [
           [
@@ -135,7 +135,7 @@ function notesOf(arms, runs, cycles) {
         ]
       : [],
   );
-  said.push(...(broken.length ? broken : [[" Joint limits kept."]]));
+  said.push(...(violated.length ? violated : [[" Joint limits kept."]]));
   const margin = Math.min(...runs.map((run) => run.margin));
   said.push([
     ` Leaf margin ${margin.toFixed(2)} or more (1 is best, 0 singular). Collisions are not checked.`,
