@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 
 import repctl_pin as rp
-from repctl_pin.files import prepare_folder, write_whole
+from repctl_pin.base.files import prepare_folder, write_whole
 from repctl_pin.motion import elbow
 from repctl_pin.redundancy import nullspace
 from repctl_pin.show.page.playback import Playback, TracedChain, playback_page

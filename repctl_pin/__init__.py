@@ -11,11 +11,11 @@ from importlib import import_module
 from typing import Any
 
 from ._version import __version__ as __version__
-from .plugins import all_extensions
+from .base.plugins import all_extensions
 
 _DOOR = {
-    "errors": "InputError RepctlError SingularityError UrdfError",
-    "certificate": "ClosingRadius Proof",
+    "base.errors": "InputError RepctlError SingularityError UrdfError",
+    "base.certificate": "ClosingRadius Proof",
     "model.absolute_angles": "absolute_angles",
     "model.bodies": "Bodies",
     "model.robot": "Robot",
@@ -29,7 +29,7 @@ _DOOR = {
     "strategies.custom": "CustomInverse",
     "strategies.extended": "ExtendedJacobian",
     "strategies.limit_weight": "LimitWeight",
-    "fit_options": "FitOptions",
+    "base.fit_options": "FitOptions",
     "design": "Design SingularRegionError nearest_repeatable",
     "saving": "load load_design save",
     "integrability": "bracket_defect drift_per_area",

@@ -1,23 +1,26 @@
 from . import redundancy as redundancy
 from ._version import __version__ as __version__
-from .certificate import ClosingRadius as ClosingRadius
-from .certificate import Proof as Proof
+from .base.certificate import ClosingRadius as ClosingRadius
+from .base.certificate import Proof as Proof
+from .base.errors import InputError as InputError
+from .base.errors import RepctlError as RepctlError
+from .base.errors import SingularityError as SingularityError
+from .base.errors import UrdfError as UrdfError
+from .base.fit_options import FitOptions as FitOptions
 from .design import Design as Design
 from .design import SingularRegionError as SingularRegionError
 from .design.nearest import nearest_repeatable as nearest_repeatable
-from .errors import InputError as InputError
-from .errors import RepctlError as RepctlError
-from .errors import SingularityError as SingularityError
-from .errors import UrdfError as UrdfError
-from .extensions.cells.best_cell import BestCell as BestCell
-from .extensions.cells.best_cell import best_cell as best_cell
-from .extensions.cells.cell import Cell as Cell
 from .extensions.cells.cell_design import CellDesign as CellDesign
 from .extensions.cells.cell_file import load_cell as load_cell
+from .extensions.cells.fit.nearest_function import NoFunctionError as NoFunctionError
+from .extensions.cells.fit.nearest_function import (
+    nearest_inverse_function as nearest_inverse_function,
+)
 from .extensions.cells.function import InverseFunction as InverseFunction
-from .extensions.cells.nearest_function import NoFunctionError as NoFunctionError
-from .extensions.cells.nearest_function import nearest_inverse_function as nearest_inverse_function
-from .extensions.cells.sector import Sector as Sector
+from .extensions.cells.geometry.cell import Cell as Cell
+from .extensions.cells.geometry.sector import Sector as Sector
+from .extensions.cells.place.best_cell import BestCell as BestCell
+from .extensions.cells.place.best_cell import best_cell as best_cell
 from .extensions.point_to_point.motion_between import MotionBetween as MotionBetween
 from .extensions.point_to_point.motion_between import motion_between as motion_between
 from .extensions.proof.certify import prove as prove
@@ -36,7 +39,6 @@ from .extensions.runtime.impedance import LeafImpedance as LeafImpedance
 from .extensions.timing.run import Run as Run
 from .extensions.timing.timing import approach as approach
 from .extensions.timing.timing import timed as timed
-from .fit_options import FitOptions as FitOptions
 from .integrability import bracket_defect as bracket_defect
 from .integrability import drift_per_area as drift_per_area
 from .integrability.repeatability import is_repeatable as is_repeatable

@@ -11,7 +11,8 @@ import pytest
 from arms import Q_PANDA
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells import chart, reach
+from repctl_pin.extensions.cells.chart import chart
+from repctl_pin.extensions.cells.evaluate import reach
 
 CELLS = {
     "poses": ("pose", 0.3),

@@ -4,9 +4,9 @@ of PyPI.
 Downloads the packages into a folder, and runs each file in a process of its own that is held to 120
 s of processor time and 2 GB. Each ends in a result, or in one sentence that says why not; anything
 else is a fault, and the exit code says so. Not part of the suite: it takes about an hour. What a
-record holds already is not run again; docs/tried.md is made of it.
+record holds already is not run again; docs/robots-tried.md is made of it.
 
-    python tests/survey_urdfs.py [FOLDER] [--record FILE] [--table docs/tried.md] [--only WORD]
+    python tests/survey_urdfs.py [FOLDER] [--record FILE] [--table FILE] [--only WORD]
     [--most 70]
 """
 
@@ -65,7 +65,7 @@ HEAD = """# Tests on robots of other packages
 
 This page shows the verdict of `repctl study FILE --full`, at its defaults, for URDFs of {count}
 packages of PyPI: {of} of the {all} different files with three or more movable joints. It was
-written on {date} by `python tests/survey_urdfs.py --table docs/tried.md`, with repctl_pin
+written on {date} by `python tests/survey_urdfs.py --table docs/robots-tried.md`, with repctl_pin
 {version} and Pinocchio {pinocchio}. Each command had {seconds} s of processor time and
 {gigabytes} GB of memory.
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from repctl_pin import InputError
-from repctl_pin.files import (
+from repctl_pin.base.files import (
     check_folder,
     not_left_empty,
     prepare_folder,
@@ -122,7 +122,7 @@ def test_what_is_no_name_of_a_file(
 LIMITED = """
 import resource, signal
 from repctl_pin import InputError
-from repctl_pin.files import write_whole
+from repctl_pin.base.files import write_whole
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:

@@ -55,7 +55,7 @@ def test_floors_import_only_what_lies_below() -> None:
 def test_the_documentation_has_the_floors_of_the_contract() -> None:
     contract = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    (layers,) = re.findall(r"^layers = \[\n(.*?)^\]", contract, flags=re.DOTALL | re.MULTILINE)
+    layers = re.findall(r"^layers = \[\n(.*?)^\]", contract, flags=re.DOTALL | re.MULTILINE)[0]
     floors = [line.replace("repctl_pin.", "") for line in re.findall(r'"(.*)"', layers)]
     assert "```text\n{}\n```".format("\n".join(floors)) in page
 

@@ -55,7 +55,7 @@ def test_dataclasses_with_arrays_are_compared_by_identity_and_read_only(kind: An
     one.__setstate__({"some": np.zeros(2)})
     assert not one.some.flags.writeable
     if kind.__dataclass_params__.init:
-        assert kind.__post_init__.__module__ == "repctl_pin.arguments"
+        assert kind.__post_init__.__module__ == "repctl_pin.base.arguments"
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ MEMBERS = {
 }
 """Attributes that an object does not have; elsewhere the words have their ordinary sense."""
 
-FUNCTIONS = {"repctl_pin/arguments.py": "wanted chosen whole spread stacks rows numbers"}
+FUNCTIONS = {"repctl_pin/base/arguments.py": "wanted chosen whole spread stacks rows numbers"}
 """Functions that a file does not have."""
 
 PARAMETERS = {

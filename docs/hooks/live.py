@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.cell_page import cell_page
+from repctl_pin.extensions.cells.show.cell_page import cell_page
 from repctl_pin.show.study_files import study_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"

@@ -18,10 +18,10 @@ from contextlib import ExitStack
 from typing import Any
 
 from .._version import __version__
-from ..errors import RepctlError
-from ..plugins import all_extensions
+from ..base.errors import RepctlError
+from ..base.plugins import all_extensions
+from ..base.threads import BLAS_THREADS
 from ..show.text.lines import capital
-from ..threads import BLAS_THREADS
 from . import animate, check, design, follow, inspect, robots, study
 from .endings import exit_code
 from .given import is_saved

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
 
-from ..defaults import CYCLES, DEGREE
-from ..errors import InputError
-from ..files import write_whole, written_together
+from ..base.defaults import CYCLES, DEGREE
+from ..base.errors import InputError
+from ..base.files import write_whole, written_together
 from .given import Options, integer, positive
 from .options import Parser
 from .terminal import progress, report

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
-from ..defaults import REGION
-from ..errors import InputError
+from ..base.defaults import REGION
+from ..base.errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
 from .given import Options, box_within_limits, cut_note, integer, natural, positive, proof_code

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
 
-from ..defaults import NODES, REGION
-from ..errors import InputError
-from ..files import write_whole, written_together
+from ..base.defaults import NODES, REGION
+from ..base.errors import InputError
+from ..base.files import write_whole, written_together
+from ..base.threads import BLAS_THREADS
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
-from ..threads import BLAS_THREADS
 from .given import (
     Options,
     box_within_limits,

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ..errors import RepctlError
+from ..base.errors import RepctlError
 from .terminal import clear_line, say_line
 
 REFUSED, FAULT, INTERRUPTED, NOT_PROVED = 2, 1, 130, 3

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
-from ..defaults import REGION, STEPS
-from ..errors import InputError, needed
-from ..files import write_whole
+from ..base.defaults import REGION, STEPS
+from ..base.errors import InputError, needed
+from ..base.files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
 from .given import Options, integer, positive, with_options
@@ -25,7 +25,7 @@ from .terminal import progress, report, say_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from ..certificate import ClosingRadius
+    from ..base.certificate import ClosingRadius
     from ..regions import Region
     from ..strategies import Bounded, Inverse, Strategy
 
@@ -325,7 +325,7 @@ def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
     Potentials are functions of the joints that the controller holds constant. The region Ω is a box
     of half-width ``--region``. An error on a singularity in it names the options that avoid it.
     """
-    from ..plugins import plugin
+    from ..base.plugins import plugin
 
     task, q0 = problem.task, problem.start
     potentials = plugin("potentials", options.potentials)(task, q0)
@@ -342,7 +342,7 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
 
     InputError is raised for an unknown name, or an object that is no strategy.
     """
-    from ..plugins import plugin
+    from ..base.plugins import plugin
     from ..strategies import Strategy
 
     strategy = plugin("strategies", name, known=_OWN)(task)
@@ -388,7 +388,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     ``result`` is that of :func:`_result`; ``written`` tells that files were written, so that a note
     on the speed at both ends of the motion is added.
     """
-    from ..arguments import percentage
+    from ..base.arguments import percentage
 
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:

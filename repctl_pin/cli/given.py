@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import repctl_pin as rp
 
-from ..errors import InputError
-from ..files import check_folder, not_left_empty
+from ..base.errors import InputError
+from ..base.files import check_folder, not_left_empty
 from .endings import NOT_PROVED
 from .terminal import in_percent, say_line
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any, NoReturn
 
-from ..errors import printable, unknown
+from ..base.errors import printable, unknown
 from ..show.text.lines import fitted
 from .given import Options
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import repctl_pin as rp
 
-from ..defaults import CYCLES, DEGREE, PERIOD, STEPS
-from ..files import write_whole, written_together
+from ..base.defaults import CYCLES, DEGREE, PERIOD, STEPS
+from ..base.files import write_whole, written_together
 from .given import Options, integer, natural, positive, with_options
 from .options import Parser
 from .terminal import page_lines, progress, report

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..errors import printable
+from ..base.errors import printable
 from ..show.text.lines import Span, coloured, fitted, on_terminal
 
 

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..arguments import Array, read_only
-from ..errors import InputError
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError
 from .criterion import Batch, Builder
 
 if TYPE_CHECKING:

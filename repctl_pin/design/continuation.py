@@ -18,11 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array, read_only
-from ..fit_options import FitOptions
+from ..base.arguments import Array, read_only
+from ..base.fit_options import FitOptions
+from ..base.progress import Report, silent
 from ..potentials.basis import PotentialBasis
 from ..potentials.polynomial import Polynomial
-from ..progress import Report, silent
 from ..regions import Region
 from ..strategies.strategy import Inverse
 from . import criterion

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError, SingularityError
 from ..model.task import Task
 from ..potentials.basis import PotentialBasis
 from ..redundancy.inverses import inverse_condition_number, row_factor

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
 from . import criterion
 from .batches import BarrierCost, Batches

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array, read_only
-from ..errors import InputError, SingularityError
-from ..fit_options import FitOptions
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError, SingularityError
+from ..base.fit_options import FitOptions
+from ..base.progress import Report, silent
 from ..integrability.lie_bracket import measure
 from ..potentials.polynomial import Polynomial
-from ..progress import Report, silent
 from .design_result import Design
 from .evaluation import Baseline
 from .singularity_search import LeafMargin

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..arguments import Array, percentage, read_only
-from ..certificate import Proof, own_proof, proved_words
-from ..errors import InputError
+from ..base.arguments import Array, percentage, read_only
+from ..base.certificate import Proof, own_proof, proved_words
+from ..base.errors import InputError
+from ..base.progress import Report, reporter
 from ..model.chain_formulas import Placement
 from ..model.task import Task
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
-from ..progress import Report, reporter
 from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse

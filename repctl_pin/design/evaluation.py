@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import Array, read_only
-from ..errors import RepctlError
+from ..base.arguments import Array, read_only
+from ..base.errors import RepctlError
+from ..base.progress import Report
 from ..model.task import Task
 from ..potentials.polynomial import Polynomial
-from ..progress import Report
 from ..redundancy.augmented import leaf_margin
 from ..regions import Region
 from ..strategies import Pseudoinverse

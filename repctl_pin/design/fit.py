@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arguments import Array
-from ..defaults import NODES
-from ..errors import InputError
+from ..base.arguments import Array
+from ..base.defaults import NODES
+from ..base.errors import InputError
 from ..model.task import Task
 from ..potentials.basis import PotentialBasis
 from ..strategies.repeatable import RepeatableInverse

@@ -13,8 +13,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
-from ..errors import InputError
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError
 from ..potentials.basis import PotentialBasis
 from ..strategies.strategy import Inverse
 from .criterion import evaluate

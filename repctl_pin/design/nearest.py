@@ -8,16 +8,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .. import progress as reporting
-from ..arguments import MOST_NODES, as_int, flag, flag_or_function, require_type, shown
-from ..errors import InputError, SingularityError
-from ..fit_options import FitOptions, fit_options
+from ..base import progress as reporting
+from ..base.arguments import MOST_NODES, as_int, flag, flag_or_function, require_type, shown
+from ..base.errors import InputError, SingularityError
+from ..base.fit_options import FitOptions, fit_options
+from ..base.threads import one_blas_thread
 from ..potentials.basis import A_BASIS, PotentialBasis, check_joints
 from ..potentials.polynomial import Polynomial
 from ..regions import Region
 from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Inverse
-from ..threads import one_blas_thread
 from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES

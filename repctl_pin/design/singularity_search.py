@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
-from ..errors import SingularityError
+from ..base.arguments import Array, read_only
+from ..base.errors import SingularityError
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..regions import Region

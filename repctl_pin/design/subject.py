@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
-from ..certificate import fingerprint
-from ..errors import SingularityError
+from ..base.arguments import Array
+from ..base.certificate import fingerprint
+from ..base.errors import SingularityError
 from ..model.joint_chain import joint_chain
 from ..model.model import frame_id, frame_placements
 from ..model.several_frames import SeveralFrames

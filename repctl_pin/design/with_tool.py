@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array
-from ..certificate import ClosingRadius, Proof
-from ..errors import InputError
+from ..base.arguments import Array
+from ..base.certificate import ClosingRadius, Proof
+from ..base.errors import InputError
 from ..model.task import Task
 from ..model.tool import placement_between, require_pose
 from ..regions import WorkspaceBox

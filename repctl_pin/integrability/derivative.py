@@ -8,8 +8,8 @@ from functools import singledispatch
 
 import numpy as np
 
-from ..arguments import Array, read_only, require_type
-from ..errors import SingularityError
+from ..base.arguments import Array, read_only, require_type
+from ..base.errors import SingularityError
 from ..model.length import joint_scale
 from ..model.task import Task
 from ..potentials.basis import CurvedPotentials

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, flag, read_only, vector
+from ..base.arguments import Array, flag, read_only, vector
 from ..model.length import joint_scale
 from ..strategies.strategy import Inverse
 from .derivative import derivative, require_inverse

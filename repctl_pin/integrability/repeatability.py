@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, read_only, require_type, row
-from ..errors import InputError, SingularityError
+from ..base.arguments import MOST_NODES, Array, as_int, read_only, require_type, row
+from ..base.errors import InputError, SingularityError
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region
 from ..regions.region import A_REGION

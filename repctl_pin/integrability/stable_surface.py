@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
+from ..base.threads import one_blas_thread
 from ..model.length import joint_scale
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
 from ..strategies.strategy import Inverse
-from ..threads import one_blas_thread
 from .derivative import SHORTEST_STEP, derivative, differentiate
 from .lie_bracket import measure
 from .repeatability import points_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arguments import Array
-from ..errors import InputError
+from ..base.arguments import Array
+from ..base.errors import InputError
 from .task import Task, require_task
 
 

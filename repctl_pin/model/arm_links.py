@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arguments import Array
+from ..base.arguments import Array
 from .end_effectors import arm_ends, is_sensor, task_links
 from .model import frame_id, frame_placements, path_between
 from .task import Task

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_configurations, require_type, vector
+from ..base.arguments import Array, as_configurations, require_type, vector
 from .model import link_frames
 from .robot import read_surroundings
 from .task import Task

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..base.arguments import Array
 from .urdf import Joint
 
 _Index = NDArray[np.intp]

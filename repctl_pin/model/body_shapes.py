@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
-from ..errors import InputError, needed
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError, needed
 from .shapes import Shape, find_mesh
 from .surfaces import HEAD, unit
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, unknown
+from ..base.errors import InputError, unknown
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_numbers, list_of, row, shown
-from ..errors import InputError
+from ..base.arguments import Array, as_numbers, list_of, row, shown
+from ..base.errors import InputError
 
 
 def chain_hessians(twists: Array, R: Array | None) -> Array:

@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array
-from ..errors import InputError
+from ..base.arguments import Array
+from ..base.errors import InputError
 from .body_bounds import BodyBounds
 from .body_shapes import BodyShape, UnusableShape, body_shape, collide, contains, transform
 from .catalogue import disabled_pairs

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_matrices, read_only
-from ..errors import InputError
+from ..base.arguments import Array, as_matrices, read_only
+from ..base.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
 from ..native import ARM, filled_struct, point
 from .model import frame_id, link_frames
 from .several_frames import SeveralFrames, one_frame

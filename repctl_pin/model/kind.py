@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, shown
-from ..errors import InputError
+from ..base.arguments import Array, shown
+from ..base.errors import InputError
 from .chain_formulas import axis_turn, axis_turns, require_rotation, rotation_vectors
 
 _AND = " + "

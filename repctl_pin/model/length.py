@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..base.arguments import Array
 from ..redundancy import nullspace
 from .several_frames import of_singles
 from .task import Task

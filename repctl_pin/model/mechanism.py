@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
 from .catalogue import Entry
 from .model import frame_id
 from .urdf import Description, Joint

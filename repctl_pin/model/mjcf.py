@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from ..arguments import Array
-from ..errors import UrdfError
+from ..base.arguments import Array
+from ..base.errors import UrdfError
 from .urdf_rules import NO_LIMIT
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array
-from ..errors import unknown
+from ..base.arguments import Array
+from ..base.errors import unknown
 from .shapes import Shape
 from .urdf import Description, Joint
 

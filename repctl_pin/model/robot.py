@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, file_name, list_of, list_of_names, require_type, shown
-from ..errors import InputError, UrdfError, unknown
+from ..base.arguments import Array, file_name, list_of, list_of_names, require_type, shown
+from ..base.errors import InputError, UrdfError, unknown
 from .catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from .end_effectors import arm_ends, is_sensor, task_links
 from .kind import Kind, KindName, task_kind

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, shown, vector
-from ..errors import InputError
+from ..base.arguments import Array, list_of, shown, vector
+from ..base.errors import InputError
 from .chain_formulas import Placement, Placements, as_placement
 from .kind import Kind
 from .mechanism import Mechanism

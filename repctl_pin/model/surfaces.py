@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
-from ..errors import InputError
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError
 from .shapes import Shape
 
 HEAD = 20_000

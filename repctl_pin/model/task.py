@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ..arguments import (
+from ..base.arguments import (
     FLOAT,
     Array,
     as_configurations,
@@ -21,8 +21,8 @@ from ..arguments import (
     require_type,
     vector,
 )
-from ..errors import InputError
-from ..threads import PerThread
+from ..base.errors import InputError
+from ..base.threads import PerThread
 from .chain_formulas import Placement, as_placement, as_placements, chain_hessians, require_rotation
 from .kind import Kind
 from .mechanism import Coupling, Mechanism

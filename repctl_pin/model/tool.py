@@ -16,8 +16,8 @@ from typing import cast
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array
-from ..errors import InputError
+from ..base.arguments import Array
+from ..base.errors import InputError
 from .chain_formulas import Placement, as_placement, require_rotation
 from .model import frame_id
 from .several_frames import one_frame

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 from lxml import etree
 
-from ..errors import UrdfError
+from ..base.errors import UrdfError
 from .shapes import Shape, shapes_of
 from .urdf_rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, mimic_chain, number
 from .urdf_xml import bad, expand, line, parse, short

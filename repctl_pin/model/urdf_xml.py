@@ -12,7 +12,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from ..errors import UrdfError
+from ..base.errors import UrdfError
 
 _MAX_NESTING = 64  # depth of nested XML elements
 _MAX_ATTRIBUTES = 100  # per element; libxml2 lists them in quadratic time

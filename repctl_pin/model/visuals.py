@@ -17,8 +17,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from ..arguments import Array, read_only
-from ..errors import InputError
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError
 from .mechanism import Coupling, Mechanism
 from .model import fixed_placements, frame_placements, link_frames, link_ids, origin
 from .shapes import Color, Shape, find_mesh

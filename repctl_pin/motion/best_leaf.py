@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import (
+from ..base.arguments import (
     MOST_STEPS,
     Array,
     as_int,
@@ -24,7 +24,7 @@ from ..arguments import (
     require_choice,
     require_type,
 )
-from ..errors import InputError, SingularityError
+from ..base.errors import InputError, SingularityError
 from ..model.chain_formulas import Placement
 from ..model.length import arm_length, joint_scale
 from ..model.task import Task

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
+from ..base.arguments import Array
 from ..native import LAW, filled_struct, library
 from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strategy
 from ..strategies.native_arm import library_arm

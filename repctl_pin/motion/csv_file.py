@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import Array, read_only
-from ..errors import InputError
-from ..tables import csv_rows, number, refuse_twice
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError
+from ..base.tables import csv_rows, number, refuse_twice
 from .joint_motion import rows_of
 from .motion import Motion
 from .timed_motion import TimedMotion

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
 from ..model.arm_links import arm_links, link_origins, other_ends
 from ..model.shapes import Shape
 from ..model.task import Task

@@ -10,8 +10,8 @@ from typing import cast
 
 import numpy as np
 
-from ..arguments import Array
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array
+from ..base.errors import InputError, SingularityError
 from ..model.length import arm_length, arm_reach
 from ..model.task import Task
 from ..paths.shapes import Normal, circle

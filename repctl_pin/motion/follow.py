@@ -17,9 +17,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ..arguments import Array, as_int, function, positive, require_choice, vector
-from ..defaults import CYCLES, PERIOD, STEPS
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array, as_int, function, positive, require_choice, vector
+from ..base.defaults import CYCLES, PERIOD, STEPS
+from ..base.errors import InputError, SingularityError
 from ..model.length import joint_scale
 from ..model.task import Task, require_task
 from ..paths.task_path import ClosedPath, TaskPath, closed_path

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_int, as_matrices, read_only
-from ..errors import InputError
+from ..base.arguments import Array, as_int, as_matrices, read_only
+from ..base.errors import InputError
 from ..model.bodies import Nearest, bodies_of
 from ..model.length import joint_scale
 from ..model.task import Task

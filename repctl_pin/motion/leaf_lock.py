@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_int, freeze, per_joint, positive, read_only, vector
+from ..base.arguments import Array, as_int, freeze, per_joint, positive, read_only, vector
 from ..paths.task_path import TaskPath
 from ..strategies import RepeatableInverse
 

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_STEPS, Array, as_int, flag, positive, read_only, require_type
-from ..errors import InputError, SingularityError
+from ..base.arguments import MOST_STEPS, Array, as_int, flag, positive, read_only, require_type
+from ..base.errors import InputError, SingularityError
+from ..base.threads import one_blas_thread
 from ..model.chain_formulas import Placement
 from ..model.task import Task, require_task
 from ..paths.task_path import TaskPath, closed_path
 from ..redundancy.inverses import pseudoinverse, row_factor
 from ..solvers import newton_rows, solve_block_tridiagonal
-from ..threads import one_blas_thread
 from .follow import path_grid
 from .motion import Motion, motion_along
 from .solve_ik import solve_ik, solve_near

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array
+from ..base.errors import InputError, SingularityError
 from ..model.task import Task
 from ..paths.task_path import TaskPath
 from ..redundancy import nullspace

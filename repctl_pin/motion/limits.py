@@ -8,8 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_numbers, flag, freeze, per_joint, read_only, require_type, shown
-from ..errors import InputError
+from ..base.arguments import (
+    Array,
+    as_numbers,
+    flag,
+    freeze,
+    per_joint,
+    read_only,
+    require_type,
+    shown,
+)
+from ..base.errors import InputError
 from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..model.urdf_rules import NO_EFFORT

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, per_joint, positive, read_only
-from ..certificate import ClosingRadius
+from ..base.arguments import Array, per_joint, positive, read_only
+from ..base.certificate import ClosingRadius
 from ..model.chain_formulas import Placement
 from ..model.length import arm_length
 from ..model.task import Task

@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arguments import Array, require_type
-from ..errors import InputError
+from ..base.arguments import Array, require_type
+from ..base.errors import InputError
+from ..base.plugins import plugin, registered
+from ..base.tables import number
 from ..model.task import Task
 from ..paths.polyline import MOST_POINTS, polygon
 from ..paths.shapes import PLANES, figure_eight, rose
 from ..paths.task_path import TaskPath
 from ..paths.waypoint_file import waypoint_path
-from ..plugins import plugin, registered
-from ..tables import number
 from .fitting_circle import circle_at, fitting_circle
 
 _PathMaker = Callable[[Task, Array], TaskPath]

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..arguments import Array
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array
+from ..base.errors import InputError, SingularityError
 from ..model.chain_formulas import Placement
 from ..model.length import joint_scale
 from ..model.task import Task

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
-from ..errors import InputError, SingularityError
+from ..base.arguments import MOST_STEPS, Array, as_int, flag, positive, vector
+from ..base.errors import InputError, SingularityError
 from ..model.chain_formulas import Placement, Placements
 from ..model.length import arm_length
 from ..model.task import Task, require_task

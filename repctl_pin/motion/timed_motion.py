@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array, as_int, read_only
-from ..errors import InputError
+from ..base.arguments import Array, as_int, read_only
+from ..base.errors import InputError
 from .joint_motion import JointMotion
 
 

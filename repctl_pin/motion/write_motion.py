@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import file_name, flag, require_type
-from ..errors import InputError
-from ..files import write_whole
+from ..base.arguments import file_name, flag, require_type
+from ..base.errors import InputError
+from ..base.files import write_whole
 from ..strategies import Strategy
 from .csv_file import csv_text
 from .joint_motion import refuse_violations

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
 
 _DEGREE = 30
 """Degree of the Chebyshev polynomials of a bend."""

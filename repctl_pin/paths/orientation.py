@@ -14,8 +14,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from ..arguments import Array
-from ..errors import InputError
+from ..base.arguments import Array
+from ..base.errors import InputError
 
 _Turning = Callable[[float], Array]
 """Function of s in [0, 1] that returns R(s) (3, 3), or a vector (3,) such as ω(s)."""

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.spatial.transform import Rotation
 
-from ..arguments import Array, read_only
-from ..errors import InputError
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError
 from .task_path import TaskPath
 
 _DEGREES = (1, 2, 4, 8, 16, 32, 64)

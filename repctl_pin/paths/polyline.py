@@ -16,8 +16,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..arguments import Array, as_numbers, list_of, positive, read_only
-from ..errors import InputError
+from ..base.arguments import Array, as_numbers, list_of, positive, read_only
+from ..base.errors import InputError
 from ..model.chain_formulas import as_placements
 from ..model.task import Task, require_task
 from .bend import Bend

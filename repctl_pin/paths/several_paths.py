@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, read_only, vector
-from ..errors import InputError
+from ..base.arguments import Array, list_of, read_only, vector
+from ..base.errors import InputError
 from ..model.chain_formulas import Placements
 from ..model.several_frames import of_singles
 from ..model.task import Task, require_task

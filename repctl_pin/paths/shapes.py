@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_int, finite, positive, require_type, shown, vector
-from ..errors import InputError
+from ..base.arguments import Array, as_int, finite, positive, require_type, shown, vector
+from ..base.errors import InputError
 from ..model.task import Task, require_task
 from .orientation import facing
 from .task_path import TaskPath

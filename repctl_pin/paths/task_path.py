@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from ..arguments import (
+from ..base.arguments import (
     MOST_STEPS,
     Array,
     as_int,
@@ -29,7 +29,7 @@ from ..arguments import (
     row,
     vector,
 )
-from ..errors import InputError
+from ..base.errors import InputError
 from .orientation import angular_velocity, rotation_matrix
 
 

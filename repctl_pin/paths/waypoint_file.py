@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import file_name
-from ..errors import InputError
+from ..base.arguments import file_name
+from ..base.errors import InputError
+from ..base.tables import csv_rows, number
 from ..model.task import Task
-from ..tables import csv_rows, number
 from .polyline import MOST_POINTS, Waypoints, waypoints
 from .several_paths import several_paths
 from .task_path import TaskPath

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_configurations, as_numbers, require_type, shown, vector
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array, as_configurations, as_numbers, require_type, shown, vector
+from ..base.errors import InputError, SingularityError
 from ..model.model import SHARED, frame_id
 from ..model.several_frames import one_frame
 from ..model.task import Task, require_task

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_configurations, as_matrices, require_type, shown
-from ..errors import InputError
+from ..base.arguments import Array, as_configurations, as_matrices, require_type, shown
+from ..base.errors import InputError
 
 A_BASIS = (
     "a basis of potentials, such as rp.Polynomial(q0, 2); a user-defined class inherits from "

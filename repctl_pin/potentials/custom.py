@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_configurations, evaluated, list_of_names, require_type
-from ..errors import InputError
+from ..base.arguments import Array, as_configurations, evaluated, list_of_names, require_type
+from ..base.errors import InputError
 from .basis import PotentialBasis
 
 _Function = Callable[[Array], float]

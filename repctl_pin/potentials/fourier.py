@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_configurations, as_int, flag, per_joint
-from ..errors import InputError
+from ..base.arguments import Array, as_configurations, as_int, flag, per_joint
+from ..base.errors import InputError
 from ..native import PART, filled_struct
 from .basis import PotentialBasis, Potentials, as_joint_indices, coefficients
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_configurations, as_int, flag, per_joint, shown, vector
-from ..errors import InputError
+from ..base.arguments import Array, as_configurations, as_int, flag, per_joint, shown, vector
+from ..base.errors import InputError
 from ..native import PART, filled_struct
 from .basis import PotentialBasis, Potentials, as_joint_indices, coefficients
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Array, as_matrices
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array, as_matrices
+from ..base.errors import InputError, SingularityError
 from .inverses import RANK_TOLERANCE
 
 SINGULAR = "J_V is singular: the arm is at a singularity, or the control's V is in J's row space"

@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_matrices
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array, as_matrices
+from ..base.errors import InputError, SingularityError
 
 RANK_TOLERANCE = 1e-6
 """J has full rank if the sine of the angle between each row and the span of the other rows is above

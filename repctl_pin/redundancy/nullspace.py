@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_matrices
-from ..errors import InputError
+from ..base.arguments import Array, as_matrices
+from ..base.errors import InputError
 from .inverses import row_factor
 
 

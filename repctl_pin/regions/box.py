@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
+from ..base.arguments import (
     MOST_NODES,
     Array,
     as_configurations,
@@ -19,7 +19,7 @@ from ..arguments import (
     read_only,
     vector,
 )
-from ..errors import InputError
+from ..base.errors import InputError
 from .region import Density, Region, check_density, evaluate_density, normalised, sobol, span
 
 

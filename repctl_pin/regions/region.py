@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import MOST_NODES, Array, as_configurations, as_int, function
-from ..errors import InputError
+from ..base.arguments import MOST_NODES, Array, as_configurations, as_int, function
+from ..base.errors import InputError
 from .sobol import scrambled_points
 
 Density = Callable[[Array], ArrayLike]

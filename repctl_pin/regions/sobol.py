@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..base.arguments import Array
 
 _BITS = 30
 """Number of binary digits of a coordinate."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from ..arguments import (
+from ..base.arguments import (
     Array,
     as_configurations,
     as_matrices,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
+from ..base.arguments import (
     MOST_NODES,
     Array,
     as_configurations,
@@ -22,7 +22,7 @@ from ..arguments import (
     require_type,
     vector,
 )
-from ..errors import InputError
+from ..base.errors import InputError
 from ..model.several_frames import one_frame
 from ..model.task import Task, own_task, require_task
 from .box import Box

@@ -17,9 +17,9 @@ import msgspec
 import numpy as np
 
 from .._version import __version__
+from ..base.errors import InputError, printable
+from ..base.files import read_whole, write_whole
 from ..design.design_result import Design
-from ..errors import InputError, printable
-from ..files import read_whole, write_whole
 from ..model.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import schema

@@ -12,13 +12,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..arguments import file_name, shown
+from ..base.arguments import file_name, shown
+from ..base.errors import InputError, RepctlError
+from ..base.plugins import Extension, all_extensions
 from ..design import Design
-from ..errors import InputError, RepctlError
 from ..model.robot import Robot
 from ..model.task import Task, require_task
 from ..model.tool import require_pose
-from ..plugins import Extension, all_extensions
 from .design_file import FORMAT, KIND, FileKind, read, write
 from .schema import Sealed
 from .task_identity import carrying_tool, compare, task_of, written_task

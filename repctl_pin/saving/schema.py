@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 import numpy as np
 
-from ..certificate import ClosingRadius, Proof
+from ..base.certificate import ClosingRadius, Proof
+from ..base.errors import InputError
 from ..design.subject import check_configurations, points_at
-from ..errors import InputError
 from ..model.task import Task
 from ..paths.pieces import Piece, path_of, pieces_of
 from ..paths.several_paths import joined, paths_of
@@ -287,7 +287,7 @@ class ClosingRadiusFile(Part):
     """Closing radius: distance from a start or a path within which every closed path closes.
 
     It is a distance, m, and an angle, rad, which is null if the task commands no orientation. The
-    attributes are those of :class:`repctl_pin.certificate.ClosingRadius`.
+    attributes are those of :class:`repctl_pin.base.certificate.ClosingRadius`.
     """
 
     metres: float

@@ -11,9 +11,9 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ..arguments import Array
+from ..base.arguments import Array
+from ..base.errors import InputError
 from ..design.subject import check_configurations, points_at
-from ..errors import InputError
 from ..model.kind import task_kind
 from ..model.robot import Robot
 from ..model.several_frames import SeveralFrames

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from ..arguments import as_int
-from ..errors import InputError
+from ..base.arguments import as_int
+from ..base.errors import InputError
 from ..studies.study_result import Study
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page

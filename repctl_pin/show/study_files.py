@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import prepare_folder, write_whole
+from ..base.errors import InputError
+from ..base.files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
 from ..paths.several_paths import paths_of
 from ..studies.study_result import Study

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from ..arguments import Array
+from ..base.arguments import Array
 
 
 def solve_block_tridiagonal(diagonal: Array, upper: Array, rhs: Array, *, cyclic: bool) -> Array:

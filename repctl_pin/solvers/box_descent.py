@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..base.arguments import Array
 
 _Rows = NDArray[np.intp]
 

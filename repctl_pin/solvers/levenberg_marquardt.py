@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Generic, Protocol, TypeVar
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
 
 D = TypeVar("D")
 M = TypeVar("M")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import daxpy, idamax
 
-from ..arguments import Array
+from ..base.arguments import Array
 
 _ROUNDING = 1e-13
 """Largest entry of a step, rad or m, below which the step is rounding error."""

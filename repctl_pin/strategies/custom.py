@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, evaluated, positive, row, vector
-from ..arguments import function as wanted_function
-from ..errors import InputError
+from ..base.arguments import Array, evaluated, positive, row, vector
+from ..base.arguments import function as wanted_function
+from ..base.errors import InputError
 from ..model.task import Task, own_task
 from .pseudoinverse import at_rows, redundant
 from .strategy import described

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetri
 
-from ..arguments import Array
+from ..base.arguments import Array
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, evaluated, function, row, vector
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array, evaluated, function, row, vector
+from ..base.errors import InputError, SingularityError
 from ..model.task import Task, own_task
 from ..potentials.basis import Potentials
 from ..potentials.custom import CustomPotentials

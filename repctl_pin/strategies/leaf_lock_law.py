@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array
+from ..base.arguments import Array
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import augmented_inverse, is_regular

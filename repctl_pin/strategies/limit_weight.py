@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, positive, vector
-from ..errors import InputError
+from ..base.arguments import Array, positive, vector
+from ..base.errors import InputError
 from ..model.task import Task, require_task
 
 

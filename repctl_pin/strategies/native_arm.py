@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..model.joint_chain import native_chain
 from ..model.task import Task
 from ..native import REGION, filled_struct, library, point

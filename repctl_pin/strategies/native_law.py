@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..arguments import Array
+from ..base.arguments import Array
 from ..model.task import Task
 from ..native import CALL, filled_struct, library
 from ..potentials.basis import Potentials

@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, percentage, vector
-from ..errors import InputError, SingularityError
+from ..base.arguments import Array, percentage, vector
+from ..base.errors import InputError, SingularityError
 from ..model.chain_formulas import Placement, Placements, axis_turn
 from ..model.task import Task
 from ..potentials.basis import Potentials

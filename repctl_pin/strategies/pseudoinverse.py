@@ -9,11 +9,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_configurations, as_matrices, as_numbers, positive, shown, vector
-from ..errors import InputError, SingularityError
+from ..base.arguments import (
+    Array,
+    as_configurations,
+    as_matrices,
+    as_numbers,
+    positive,
+    shown,
+    vector,
+)
+from ..base.errors import InputError, SingularityError
+from ..base.threads import PerThread
 from ..model.task import Task, own_task
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
-from ..threads import PerThread
 from .native_arm import library_arm
 from .native_law import call_memory, holding_library
 from .step_arguments import as_velocity_arguments, failure

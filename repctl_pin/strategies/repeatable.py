@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_chec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
+from ..base.arguments import (
     Array,
     as_configurations,
     as_matrices,
@@ -24,12 +24,12 @@ from ..arguments import (
     row,
     vector,
 )
-from ..errors import InputError
+from ..base.errors import InputError
+from ..base.threads import PerThread
 from ..model.chain_formulas import Placement
 from ..model.task import Task
 from ..potentials.basis import Potentials, check_joints
 from ..redundancy.augmented import augmented_inverse
-from ..threads import PerThread
 from .native_arm import library_arm
 from .native_law import NativeLaw
 from .pseudoinverse import at_rows, redundant

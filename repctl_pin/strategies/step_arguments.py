@@ -15,8 +15,8 @@ import pinocchio as pin
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from ..arguments import FLOAT, Array, per_joint, positive, row, vector
-from ..errors import InputError, SingularityError
+from ..base.arguments import FLOAT, Array, per_joint, positive, row, vector
+from ..base.errors import InputError, SingularityError
 from ..model.chain_formulas import Placement
 from ..model.task import Task
 from ..redundancy.augmented import SINGULAR

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from ..arguments import Array, read_only
+from ..base.arguments import Array, read_only
 from ..model.task import Task
 
 AN_INVERSE = (

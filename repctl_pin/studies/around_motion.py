@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array, percentage
-from ..defaults import PERIOD
+from ..base.arguments import Array, percentage
+from ..base.defaults import PERIOD
+from ..base.errors import SingularityError
+from ..base.fit_options import FitOptions
 from ..design import Design, SingularRegionError, nearest_repeatable
-from ..errors import SingularityError
-from ..fit_options import FitOptions
 from ..model.task import Task
 from ..motion import Motion, follow
 from ..paths import TaskPath

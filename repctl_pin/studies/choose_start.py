@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
-from ..errors import InputError, RepctlError, SingularityError, unknown
+from ..base.arguments import Array
+from ..base.errors import InputError, RepctlError, SingularityError, unknown
 from ..model.bodies import bodies_of
 from ..model.task import Task
 from ..motion import Motion, check_reach, follow, reach_start

@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..defaults import DEGREE, NODES
-from ..errors import InputError
+from ..base.defaults import DEGREE, NODES
+from ..base.errors import InputError
 from ..model.task import Task
 from ..potentials import Polynomial
 from ..strategies import Inverse, Pseudoinverse, WeightedInverse

@@ -8,13 +8,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
+from ..base.arguments import Array
+from ..base.plugins import parts
 from ..design import Design
 from ..model.task import Task
 from ..motion.fitting_circle import fitting_circle
 from ..paths import ClosedPath
 from ..paths.task_path import Cycle
-from ..plugins import parts
 from .choose_start import SAME, PathOf
 from .problem import SAVED, Problem
 

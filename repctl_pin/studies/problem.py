@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
+from ..base.arguments import (
     Array,
     freeze,
     function,
@@ -26,7 +26,7 @@ from ..arguments import (
     require_type,
     row,
 )
-from ..errors import InputError
+from ..base.errors import InputError
 from ..model.robot import Robot
 from ..model.task import Task
 from ..motion import Motion, fitting_circle, follow

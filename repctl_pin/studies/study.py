@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_int, function, positive, require_type
-from ..defaults import CYCLES, PERIOD, STEPS
+from ..base.arguments import Array, as_int, function, positive, require_type
+from ..base.defaults import CYCLES, PERIOD, STEPS
+from ..base.errors import InputError, SingularityError
+from ..base.fit_options import FitOptions, fit_options
+from ..base.plugins import parts
 from ..design import Design, nearest_repeatable
-from ..errors import InputError, SingularityError
-from ..fit_options import FitOptions, fit_options
 from ..model.bodies import bodies_of
 from ..model.robot import Robot
 from ..model.task import Task
 from ..motion import Motion, check_length, follow, unresolved
 from ..paths import Cycle, TaskPath
-from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
 from ..strategies import PostureControl, Pseudoinverse, Strategy

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arguments import Array, ratio_in_percent
+from ..base.arguments import Array, ratio_in_percent
+from ..base.errors import InputError, SingularityError
 from ..design import Design
-from ..errors import InputError, SingularityError
 from ..model.task import Task
 from ..motion import LeafLock, Motion, follow, least_closed_motion
 from ..motion.fitting_circle import fitting_circle

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array, read_only, require_choice
-from ..certificate import proved_words
-from ..defaults import PERIOD
+from ..base.arguments import Array, read_only, require_choice
+from ..base.certificate import proved_words
+from ..base.defaults import PERIOD
 from ..design import Design
 from ..model.bodies import bodies_of
 from ..model.mechanism import Mechanism

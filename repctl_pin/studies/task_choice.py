@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..model.kind import KINDS, task_kind
 from ..model.length import arm_length
 from ..model.robot import Robot

@@ -15,12 +15,13 @@ from cell_functions import cell_of, chart_of, middle, panda, reach
 from sectors import found as sector_design
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells import kinematics, margins, turning
-from repctl_pin.extensions.cells.cell_evaluation import evaluate_cell
-from repctl_pin.extensions.cells.cell_fit import CellFit
-from repctl_pin.extensions.cells.cost import Cost, Penalty, descend, predicted_gain
-from repctl_pin.extensions.cells.penalty import ActiveConstraint, PenaltyMethod
-from repctl_pin.extensions.cells.posture_search import Candidate, chosen, judged, searched
+from repctl_pin.extensions.cells.evaluate import margins, turning
+from repctl_pin.extensions.cells.evaluate.cell_evaluation import evaluate_cell
+from repctl_pin.extensions.cells.fit.cell_fit import CellFit
+from repctl_pin.extensions.cells.fit.cost import Cost, Penalty, descend, predicted_gain
+from repctl_pin.extensions.cells.fit.penalty import ActiveConstraint, PenaltyMethod
+from repctl_pin.extensions.cells.geometry import kinematics
+from repctl_pin.extensions.cells.place.posture_search import Candidate, chosen, judged, searched
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis", "position"])

@@ -18,7 +18,7 @@ from mutants import CELL_V
 from proofs import regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells import margins
+from repctl_pin.extensions.cells.evaluate import margins
 from repctl_pin.extensions.proof import cells
 from repctl_pin.redundancy import leaf_margin, nullspace
 

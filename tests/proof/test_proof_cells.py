@@ -13,7 +13,7 @@ import sectors
 from arms import spatial_task
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.margins import leaf_margins
+from repctl_pin.extensions.cells.evaluate.margins import leaf_margins
 from repctl_pin.extensions.proof import cells
 
 

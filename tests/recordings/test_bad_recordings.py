@@ -174,7 +174,7 @@ def test_other_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         with pytest.raises(rp.InputError, match=says):
             rp.Recording.read(tmp_path / name, task)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    monkeypatch.setattr("repctl_pin.errors.find_spec", lambda name: None)
+    monkeypatch.setattr("repctl_pin.base.errors.find_spec", lambda name: None)
     with pytest.raises(rp.InputError, match=r"requires pyarrow, which is not installed"):
         rp.Recording.read(tmp_path / "f.parquet", task)
 

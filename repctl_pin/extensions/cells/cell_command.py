@@ -12,6 +12,9 @@ from typing import Any, NamedTuple
 
 import repctl_pin as rp
 
+from ...base.errors import InputError, RepctlError, needed
+from ...base.files import write_whole, written_together
+from ...base.progress import Report
 from ...cli.given import (
     Options,
     integer,
@@ -24,9 +27,6 @@ from ...cli.given import (
 )
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, page_lines, progress, report
-from ...errors import InputError, RepctlError, needed
-from ...files import write_whole, written_together
-from ...progress import Report
 from ...show.text.lines import Span, fitted, wrapped
 
 HELP = (
@@ -218,7 +218,7 @@ def run(options: Options) -> int:
         notes.append(f"the start is {asked.start_is}")
 
     def text() -> list[Span]:
-        from .cell_page import cell_headline
+        from .show.cell_page import cell_headline
 
         lines = ["", "", design.summary(), ""]
         if design.proof is not None:
@@ -294,7 +294,7 @@ def _asked(options: Options, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
-    from .posture_search import fitting_start
+    from .place.posture_search import fitting_start
 
     around = options.path is not None or options.plane is not None
     at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
@@ -455,8 +455,8 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     """
     from ...show.plots.motions import png
     from .cell_design import slices
-    from .cell_page import cell_page
-    from .cell_plots import cell_figure
+    from .show.cell_page import cell_page
+    from .show.cell_plots import cell_figure
 
     cuts = slices(design)
     motions, notes = _tour(design)
@@ -475,7 +475,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     enough for the speed limits of the joints. Return also a note if it was increased for them, or
     if a motion failed. The dictionary is empty if the motion of the function failed.
     """
-    from ...defaults import PERIOD
+    from ...base.defaults import PERIOD
     from ...studies.period import choose_period
     from ...studies.quantities import LABELS
     from .cell_design import tour

@@ -14,8 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, ratio_in_percent, read_only
-from ...certificate import CELL_THEOREM, Proof, fingerprint, own_proof, proved_words
+from ...base.arguments import Array, ratio_in_percent, read_only
+from ...base.certificate import CELL_THEOREM, Proof, fingerprint, own_proof, proved_words
 from ...design.subject import rounded, task_parts
 from ...model.task import Task
 from ...motion.fitting_circle import fitting_circle
@@ -24,14 +24,14 @@ from ...strategies import RepeatableInverse
 from ...strategies.strategy import Inverse
 from ...studies.choose_start import PathOf
 from ...studies.problem import Problem
-from .cell import Cell
-from .cell_evaluation import Evaluation, sampled
-from .chart import Chart
-from .failures import FailureReason
+from .chart.chart import Chart
+from .evaluate.cell_evaluation import Evaluation, sampled
+from .evaluate.failures import FailureReason
+from .evaluate.margins import CandidateFunction
+from .evaluate.turning import turn_at
 from .function import InverseFunction
-from .margins import CandidateFunction
-from .sector import Sector
-from .turning import turn_at
+from .geometry.cell import Cell
+from .geometry.sector import Sector
 
 _WAVES, _POINTS, _REACH = 3, 721, 0.9
 """Number of waves of a random path, of its points that are compared, and the largest coordinate."""
@@ -412,7 +412,7 @@ def _problem_of_cell(
 
 
 PROBLEM = (CellDesign, _problem_of_cell)
-"""The part that :func:`repctl_pin.plugins.parts` gives for the place ``problem``."""
+"""The part that :func:`repctl_pin.base.plugins.parts` gives for the place ``problem``."""
 
 
 def tour(cell: Cell) -> TaskPath:

@@ -17,10 +17,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_int
-from ...certificate import fingerprint
+from ...base.arguments import Array, as_int
+from ...base.certificate import fingerprint
+from ...base.errors import InputError
 from ...design.subject import check_configurations
-from ...errors import InputError
 from ...model.catalogue import disabled_pairs
 from ...model.model import fixed_placements, link_frames
 from ...model.shapes import Shape, find_mesh
@@ -43,14 +43,14 @@ from ...saving.schema import (
     proof_of,
 )
 from ...saving.task_identity import configurations, require_masses, require_ranges
-from .cell import Cell
 from .cell_design import CellDesign, function_of
-from .cell_evaluation import Evaluation
-from .chart import Chart
-from .failures import FailureReason
-from .monomials import Monomials
-from .sector import SPIN, Sector
-from .turning import Turn
+from .chart.chart import Chart
+from .chart.monomials import Monomials
+from .evaluate.cell_evaluation import Evaluation
+from .evaluate.failures import FailureReason
+from .evaluate.turning import Turn
+from .geometry.cell import Cell
+from .geometry.sector import SPIN, Sector
 
 _FORMAT = "repctl cell"
 _MOST_DEGREE = 64
@@ -59,7 +59,7 @@ _MOST_DEGREE = 64
 class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
-    See :class:`repctl_pin.extensions.cells.failures.FailureReason`.
+    See :class:`repctl_pin.extensions.cells.evaluate.failures.FailureReason`.
     """
 
     cause: str
@@ -71,9 +71,9 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    See :class:`repctl_pin.extensions.cells.turning.Turn`. ``joint_range`` is null for a joint
-    without limits. ``nearly``, ``unasked``, ``covered`` and ``as_covered`` are null if they were
-    not computed.
+    See :class:`repctl_pin.extensions.cells.evaluate.turning.Turn`. ``joint_range`` is null for a
+    joint without limits. ``nearly``, ``unasked``, ``covered`` and ``as_covered`` are null if they
+    were not computed.
     """
 
     coordinate: str

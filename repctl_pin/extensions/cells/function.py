@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import (
+from ...base.arguments import (
     Array,
     as_configurations,
     as_int,
@@ -21,17 +21,17 @@ from ...arguments import (
     require_choice,
     vector,
 )
-from ...errors import InputError
+from ...base.errors import InputError
+from ...base.threads import PerThread
 from ...model.chain_formulas import Placement, as_placement, as_placements
 from ...model.task import Task
 from ...native import CHART_CALL, filled_struct, library
 from ...redundancy import leaf_margin
 from ...strategies import RepeatableInverse
 from ...strategies.native_arm import library_arm
-from ...threads import PerThread
-from .cell import Cell
-from .chart import CellPotentials, Chart, native_chart
-from .kinematics import null_bases, placed
+from .chart.chart import CellPotentials, Chart, native_chart
+from .geometry.cell import Cell
+from .geometry.kinematics import null_bases, placed
 from .targets import FORMS, as_poses, homogeneous
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array
-from ...errors import InputError
+from ...base.arguments import Array
+from ...base.errors import InputError
 from ...model.chain_formulas import Placement, as_placements, require_rotation
 from ...model.task import Task
-from .cell_arguments import stacked
+from .geometry.cell_arguments import stacked
 
 _UNIT = 1e-4
 """Maximum deviation of the norm of a quaternion from 1; quaternions are normalised."""

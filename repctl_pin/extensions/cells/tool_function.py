@@ -14,14 +14,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_int
-from ...errors import InputError
+from ...base.arguments import Array, as_int
+from ...base.errors import InputError
 from ...model.chain_formulas import Placement, as_placement, as_placements
 from ...model.task import Task
 from ...model.tool import rigid, with_tool
 from ...strategies import RepeatableInverse
-from .cell import Cell
-from .chart import CellPotentials
+from .chart.chart import CellPotentials
+from .geometry.cell import Cell
 from .targets import FORMS, as_poses, homogeneous
 
 

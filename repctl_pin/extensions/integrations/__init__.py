@@ -4,6 +4,6 @@ Each module imports its package, which is not required otherwise. A servo, which
 uses, can be used without ROS.
 """
 
-from ...plugins import Extension
+from ...base.plugins import Extension
 
 EXTENSION = Extension(__name__, commands={"ros2": "ros2_command"})

@@ -13,13 +13,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ...arguments import require_type
-from ...errors import InputError
+from ...base.arguments import require_type
+from ...base.errors import InputError
 from ...model.chain_formulas import skew
 from ...model.task import Task
-from ..cells.cell import EDGE, TURNED, Cell
 from ..cells.function import InverseFunction
-from ..cells.sector import Sector
+from ..cells.geometry.cell import EDGE, TURNED, Cell
+from ..cells.geometry.sector import Sector
 from ..cells.targets import ROTATION
 from ..proof.chain import chain_of
 

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_numbers
-from ...errors import InputError
+from ...base.arguments import Array, as_numbers
+from ...base.errors import InputError
 from ...model.task import Task
-from ..cells.cell import Cell
+from ..cells.geometry.cell import Cell
 
 SAME = 1e-3
 """Tolerance within which measured joints count as unchanged, or as at a command, rad or m."""

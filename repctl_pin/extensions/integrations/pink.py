@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, require_type, vector
-from ...errors import InputError
+from ...base.arguments import Array, require_type, vector
+from ...base.errors import InputError
 from ...model.several_frames import one_frame
 from ...strategies import RepeatableInverse
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pinocchio as pin
 
-from ...arguments import Array
-from ...errors import InputError
+from ...base.arguments import Array
+from ...base.errors import InputError
 from ...model.bodies import bodies_of
 from ..cells.function import InverseFunction
 from .messages import target_of

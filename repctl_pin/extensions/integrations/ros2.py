@@ -28,9 +28,9 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ...arguments import Array
+from ...base.arguments import Array
+from ...base.errors import InputError, unknown
 from ...design.design_result import Design
-from ...errors import InputError, unknown
 from ...model.bodies import Bodies
 from ...motion.limits import Limits
 from ..cells.cell_design import CellDesign

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
+from ...base.errors import InputError
 from ...cli.given import Options
 from ...cli.options import Parser
 from ...cli.terminal import until_stopped
-from ...errors import InputError
 
 HELP = "run a saved design or cell as a ROS 2 node that commands the joints"
 EXAMPLE = """examples:

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, positive, shown
-from ...certificate import beyond
+from ...base.arguments import Array, positive, shown
+from ...base.certificate import beyond
+from ...base.errors import InputError, SingularityError
 from ...design.design_result import Design
-from ...errors import InputError, SingularityError
 from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement
 from ...model.several_frames import one_frame

@@ -4,7 +4,7 @@ A cell is a box of poses over which a function F gives one configuration per pos
 is in the same configuration whenever it comes back to a pose.
 """
 
-from ...plugins import Extension
+from ...base.plugins import Extension
 
 EXTENSION = Extension(
     __name__,

@@ -13,12 +13,12 @@ from typing import Literal
 
 import numpy as np
 
-from ...arguments import Array, read_only
+from ...base.arguments import Array, read_only
 from ...model.chain_formulas import rotation_vectors
 from ...paths.bend import Bend
-from ..cells.cell import Cell
 from ..cells.function import InverseFunction
-from ..cells.kinematics import exp3
+from ..cells.geometry.cell import Cell
+from ..cells.geometry.kinematics import exp3
 from ..cells.targets import homogeneous
 from ..cells.tool_function import ToolFunction
 

@@ -11,16 +11,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_numbers, flag_or_function, positive, read_only, require_type
-from ...errors import InputError
+from ...base.arguments import Array, as_numbers, flag_or_function, positive, read_only, require_type
+from ...base.errors import InputError
+from ...base.progress import reporter
 from ...model.chain_formulas import Placement, as_placements
 from ...model.task import Task
 from ...motion.joint_motion import JointMotion
 from ...motion.limits import Limits, joint_limits
 from ...motion.timed_motion import TimedMotion
-from ...progress import reporter
-from ..cells.cell_arguments import stacked
 from ..cells.function import InverseFunction
+from ..cells.geometry.cell_arguments import stacked
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
 from ..timing.profile import Course, require_samples

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
 
+from ...base.errors import InputError
+from ...base.files import write_whole
 from ...cli.given import Options, positive
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
-from ...errors import InputError
-from ...files import write_whole
 from ...show.text.lines import fitted
 from ...show.text.numbers import counted, number
 

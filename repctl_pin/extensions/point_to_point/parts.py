@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...arguments import Array, read_only
-from ...errors import InputError
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError
 from ...motion.limits import JointLimits
 from ..timing.profile import Segment, fastest_along, most_used
 from .lines import Blend, Curve, Function, Line, blend_of, cell_line, tool_line, tool_of

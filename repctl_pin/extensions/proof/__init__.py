@@ -1,6 +1,6 @@
 """Proved lower bounds on the leaf margin and the limit margin, on all of a region or cell."""
 
-from ...plugins import Extension
+from ...base.plugins import Extension
 
 EXTENSION = Extension(
     __name__,

@@ -26,8 +26,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...errors import InputError
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError
 from ...model.joint_chain import joint_axes, joint_coupling
 from ...native import ARM_ANGLE, filled_struct, required_library
 from ...potentials.arm_angle import ArmAngle

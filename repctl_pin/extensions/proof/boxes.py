@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array
-from ...errors import InputError
+from ...base.arguments import Array
+from ...base.errors import InputError
 from ...model.task import Task
 from ...regions import Box, Region, Tube, WorkspaceBox
 from .potentials import U

@@ -13,8 +13,8 @@ from time import thread_time
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array
-from ...certificate import Proof
+from ...base.arguments import Array
+from ...base.certificate import Proof
 from .boxes import centered, halved
 from .leaf_margin_bounds import LeafMarginBounds, LeafMarginProblem
 

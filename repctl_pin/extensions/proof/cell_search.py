@@ -12,9 +12,9 @@ from time import thread_time
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array
-from ...certificate import Proof
-from ..cells.margins import leaf_margins
+from ...base.arguments import Array
+from ...base.certificate import Proof
+from ..cells.evaluate.margins import leaf_margins
 from .boxes import halved
 from .cells import CellBounds, CellProof
 

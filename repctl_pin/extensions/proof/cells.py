@@ -28,12 +28,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import factorial
 
-from ...arguments import Array, read_only
+from ...base.arguments import Array, read_only
 from ...native import CELL, MARGINS, filled_struct, required_library
-from ..cells.cell import Cell
-from ..cells.chart import Chart
-from ..cells.monomials import Monomials
-from ..cells.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from ..cells.chart.chart import Chart
+from ..cells.chart.monomials import Monomials
+from ..cells.geometry.cell import Cell
+from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .taylor import ORDER, basis, space_of
 

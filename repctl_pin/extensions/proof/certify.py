@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ... import progress as reporting
-from ...arguments import Array, finite, flag, positive, require_type, vector
-from ...certificate import CELL_THEOREM, Proof
+from ...base import progress as reporting
+from ...base.arguments import Array, finite, flag, positive, require_type, vector
+from ...base.certificate import CELL_THEOREM, Proof
+from ...base.errors import InputError, SingularityError
 from ...design import Design
 from ...design.subject import subject_of
-from ...errors import InputError, SingularityError
 from ...model.task import Task
 from ...native import required_library
 from ...paths.task_path import ClosedPath
@@ -381,7 +381,7 @@ def _least_leaf_margin(design: CellDesign) -> float:
     The evaluation of the design contains it. Files of older versions do not contain it; then it is
     the smallest one at 4096 sampled poses and the corners of the cell.
     """
-    from ..cells.margins import leaf_margins
+    from ..cells.evaluate.margins import leaf_margins
 
     found = design.evaluation.leaf_margin
     if np.isfinite(found):

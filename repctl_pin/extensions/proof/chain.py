@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
+from ...base.arguments import Array, read_only
 from ...model.joint_chain import joint_chain
 from ...model.several_frames import SeveralFrames
 from ...model.task import Task

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arguments import Array
-from ...certificate import ClosingRadius
+from ...base.arguments import Array
+from ...base.certificate import ClosingRadius
+from ...base.errors import SingularityError
 from ...design import Design
-from ...errors import SingularityError
 from ...model.task import Task
 from ...motion import follow
 from ...paths.task_path import ClosedPath

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
+from ...base.arguments import Array, read_only
 from ...model.task import Task
 from ...native import PROBLEM, filled_struct, point, required_library
 from ...potentials.basis import Potentials

@@ -23,8 +23,8 @@ from time import thread_time
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...errors import SingularityError
+from ...base.arguments import Array, read_only
+from ...base.errors import SingularityError
 from ...model.task import Task
 from ...potentials.basis import Potentials
 from .boxes import halved

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import require_type, vector
-from ...errors import InputError, SingularityError
+from ...base.arguments import require_type, vector
+from ...base.errors import InputError, SingularityError
 from ...motion import LeafLock, follow
 from ...paths import ClosedPath
 from ...strategies.repeatable import RepeatableInverse

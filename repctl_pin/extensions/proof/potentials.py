@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...errors import InputError
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError
 from ...potentials.basis import CustomMap, Potentials, SumMap
 from ...potentials.polynomial import PolynomialMap
 from ...regions.box import Box

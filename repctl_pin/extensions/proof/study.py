@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from ...base.errors import InputError
 from ...design import Design
-from ...errors import InputError
 from ...native import library
 from ...regions import Tube
 from .boxes import cover, enclosing

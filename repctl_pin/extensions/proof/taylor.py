@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import Array
+from ...base.arguments import Array
 from ...native import SPACE, filled_struct
 
 ORDER = 3
@@ -24,7 +24,7 @@ def space_of(k: int) -> Any:
     monomials up to degree 3: the indices of both factors, sorted by the monomial that they make;
     and where the rows of each monomial, and each degree, begin.
     """
-    from ..cells.monomials import Monomials  # a study has no need of it
+    from ..cells.chart.monomials import Monomials  # a study has no need of it
 
     monomials = Monomials(k, ORDER)
     at = {tuple(row): i for i, row in enumerate(monomials.exponents)}

@@ -5,7 +5,7 @@ Relabelling replaces recorded joints by those of a function q = F(x), one config
 that a policy that learns from them is not given several answers for one pose.
 """
 
-from ...plugins import Extension
+from ...base.plugins import Extension
 
 EXTENSION = Extension(
     __name__,

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arguments import Array, read_only
-from ...tables import Column
-from ..cells.monomials import Monomials
+from ...base.arguments import Array, read_only
+from ...base.tables import Column
+from ..cells.chart.monomials import Monomials
 from .recording import blocks
 
 _DEGREE = 3

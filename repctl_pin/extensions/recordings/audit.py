@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import Array, flag, positive, read_only
-from ...errors import InputError
+from ...base.arguments import Array, flag, positive, read_only
+from ...base.errors import InputError
 from ...model.length import elbow, joint_scale
 from ...model.robot import Robot
 from ...model.task import Task

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import repctl_pin as rp
 
+from ...base.errors import InputError
+from ...base.files import written_together
 from ...cli.given import Options, positive
 from ...cli.options import KINDS, Parser
 from ...cli.terminal import page_lines, progress, report
-from ...errors import InputError
-from ...files import written_together
 
 HELP = "measure in a joint log how far the arm has drifted, between returns to one hand pose"
 EXAMPLE = """examples:

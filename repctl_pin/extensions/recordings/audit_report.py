@@ -15,8 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ...arguments import Array
-from ...files import prepare_folder, write_whole
+from ...base.arguments import Array
+from ...base.files import prepare_folder, write_whole
 from ...model.task import unit_of
 from ...motion.joint_motion import JointMotion
 from ...show.page.playback import Playback, playback_page, traced_chains

@@ -11,12 +11,12 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array, percentage, row
-from ...errors import InputError
+from ...base.arguments import Array, percentage, row
+from ...base.errors import InputError
 from ...model.chain_formulas import rotation_vectors
 from ...model.length import arm_reach
 from ...model.task import Task
-from ..cells.kinematics import placed
+from ..cells.geometry.kinematics import placed
 
 _SOME = 256
 """Maximum number of frames at which recorded joints and poses are compared."""

@@ -13,16 +13,16 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array
-from ...errors import InputError
-from ...fit_options import FitOptions
+from ...base.arguments import Array
+from ...base.errors import InputError
+from ...base.fit_options import FitOptions
 from ...strategies import Pseudoinverse
-from ..cells.cell import Cell
 from ..cells.cell_design import CellDesign
+from ..cells.fit.nearest_function import nearest_inverse_function
 from ..cells.function import InverseFunction
-from ..cells.kinematics import exp3
-from ..cells.nearest_function import nearest_inverse_function
-from ..cells.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from ..cells.geometry.cell import Cell
+from ..cells.geometry.kinematics import exp3
+from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from .checks import mean_rotation
 from .recording import Recording, thinned
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import Array, as_numbers, file_name, read_only
-from ...errors import InputError
+from ...base.arguments import Array, as_numbers, file_name, read_only
+from ...base.errors import InputError
+from ...base.tables import Column, Table, read_table
 from ...model.task import Task
-from ...tables import Column, Table, read_table
 
 _CLOCKS = ("time", "t", "times", "timestamp", "stamp", "sec", "secs", "seconds", "%time", "__time")
 """Names of a column of times; a unit may follow, as in ``time_ms``."""

@@ -15,12 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array, as_configurations, as_numbers, file_name, freeze, read_only, shown
-from ...errors import InputError
+from ...base.arguments import (
+    Array,
+    as_configurations,
+    as_numbers,
+    file_name,
+    freeze,
+    read_only,
+    shown,
+)
+from ...base.errors import InputError
+from ...base.tables import Column, Table, read_table
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
-from ...tables import Column, Table, read_table
-from ..cells.kinematics import placed
+from ..cells.geometry.kinematics import placed
 from ..cells.targets import homogeneous
 from .checks import (
     require_agreement,

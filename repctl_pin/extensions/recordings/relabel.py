@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ... import progress as reporting
-from ...arguments import Array, file_name, flag_or_function, read_only, require_type, vector
-from ...errors import InputError
-from ...fit_options import FitOptions, fit_options
-from ...tables import write_table
+from ...base import progress as reporting
+from ...base.arguments import Array, file_name, flag_or_function, read_only, require_type, vector
+from ...base.errors import InputError
+from ...base.fit_options import FitOptions, fit_options
+from ...base.tables import write_table
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
 from ..cells.targets import homogeneous

@@ -8,11 +8,11 @@ from typing import Any
 
 import repctl_pin as rp
 
+from ...base.errors import InputError, needed
+from ...base.files import write_whole, written_together
 from ...cli.given import Options, integer, natural, numbers_of
 from ...cli.options import KINDS, Parser
 from ...cli.terminal import in_percent, progress, report
-from ...errors import InputError, needed
-from ...files import write_whole, written_together
 from ...show.text.lines import fitted
 
 HELP = "give recorded poses or joints one configuration per pose, and report the difference"

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...arguments import Array
+from ...base.arguments import Array
 from ...show.page.html import render
 from ...show.page.scene import is_planar
 from ...show.page.snapshot import bones, viewed

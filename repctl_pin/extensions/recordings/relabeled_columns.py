@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array
-from ...tables import Column
+from ...base.arguments import Array
+from ...base.tables import Column
 from ..cells.targets import homogeneous
 from .joint_log import words_of
 from .recording import JOINTS, POSES, POSITION, QUATERNION, Recording, forward

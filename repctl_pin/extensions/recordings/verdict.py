@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from ...arguments import Array, read_only
+from ...base.arguments import Array, read_only
 from ...motion.motion import CLOSED
 
 REPEATS, CREEPS, LATER = "repeats", "creeps", "creeps later"

@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ...arguments import Array, read_only
+from ...base.arguments import Array, read_only
 from ...model.kind import Kind
 from ...model.length import arm_length
 from ...model.task import Task

@@ -4,7 +4,7 @@ A control loop asks for one command per tick of a few milliseconds. The governor
 every tick, whatever targets come; the torque law is for robots that take torques.
 """
 
-from ...plugins import Extension
+from ...base.plugins import Extension
 
 EXTENSION = Extension(
     __name__,

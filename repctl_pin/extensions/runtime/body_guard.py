@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, require_type
-from ...errors import InputError
+from ...base.arguments import Array, require_type
+from ...base.errors import InputError
 from ...model.bodies import Bodies
 from ...model.task import Task
 

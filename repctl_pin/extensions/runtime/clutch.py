@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_numbers, positive, shown
-from ...errors import InputError
+from ...base.arguments import Array, as_numbers, positive, shown
+from ...base.errors import InputError
 from ...model.chain_formulas import Placement, as_placement, is_rotation, require_rotation
 
 _TURN = 2 * np.pi

@@ -13,9 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_configurations, as_numbers, positive, require_type, row, shown
-from ...certificate import ClosingRadius, beyond
-from ...errors import InputError
+from ...base.arguments import (
+    Array,
+    as_configurations,
+    as_numbers,
+    positive,
+    require_type,
+    row,
+    shown,
+)
+from ...base.certificate import ClosingRadius, beyond
+from ...base.errors import InputError
 from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement
 from ...model.several_frames import one_frame

@@ -11,15 +11,24 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ...arguments import FLOAT, Array, as_numbers, per_joint, positive, require_type, shown, vector
-from ...errors import InputError
+from ...base.arguments import (
+    FLOAT,
+    Array,
+    as_numbers,
+    per_joint,
+    positive,
+    require_type,
+    shown,
+    vector,
+)
+from ...base.errors import InputError
+from ...base.threads import PerThread
 from ...model.chain_formulas import Placement
 from ...model.kind import Kind
 from ...model.task import Task
 from ...strategies.native_arm import library_arm
 from ...strategies.repeatable import RepeatableInverse
 from ...strategies.strategy import described
-from ...threads import PerThread
 from .torque_law import Gains, NativeTorques, NumPyTorques, Observer
 
 

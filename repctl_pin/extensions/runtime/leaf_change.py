@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array
-from ...errors import InputError
+from ...base.arguments import Array
+from ...base.errors import InputError
 from ...motion.limits import JointLimits
 from ...strategies.repeatable import RepeatableInverse
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import Array
-from ...errors import InputError, SingularityError
+from ...base.arguments import Array
+from ...base.errors import InputError, SingularityError
 from ...model.task import Task
 from ...native import TORQUE_CALL, filled_struct, required_library
 from ...potentials.basis import Potentials

@@ -4,7 +4,7 @@ A motion gives the joint path; its timing says when each point is passed, as qui
 of speed, acceleration, jerk and torque allow.
 """
 
-from ...plugins import Extension
+from ...base.plugins import Extension
 
 EXTENSION = Extension(
     __name__,

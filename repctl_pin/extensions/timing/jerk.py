@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...errors import InputError
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError
 from ...motion.limits import JointLimits
 from .profile import Segment, most_used, used_fractions
 

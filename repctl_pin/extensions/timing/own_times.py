@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import Array, read_only
-from ...errors import InputError
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError
 from ...motion.limits import JointLimits
 from .profile import Segment, most_used, used_fractions
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import MOST_STEPS, Array, read_only
-from ...errors import InputError, needed
+from ...base.arguments import MOST_STEPS, Array, read_only
+from ...base.errors import InputError, needed
 from ...motion.limits import JointLimits
 
 BEND = 0.05

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, finite, positive, read_only, require_type, shown, vector
-from ...errors import InputError
+from ...base.arguments import Array, finite, positive, read_only, require_type, shown, vector
+from ...base.errors import InputError
 from ...motion.timed_motion import TimedMotion
 
 _TOLERANCE = 1.005

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, flag, positive, read_only, require_choice, require_type
-from ...errors import InputError
+from ...base.arguments import Array, flag, positive, read_only, require_choice, require_type
+from ...base.errors import InputError
 from ...model.bodies import bodies_of
 from ...motion.joint_motion import JointMotion
 from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration

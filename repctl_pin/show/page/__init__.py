@@ -1,5 +1,5 @@
 """Animation page: a self-contained HTML file of meshcat's viewer and all data that it shows."""
 
-from ...errors import needed
+from ...base.errors import needed
 
 needed("PIL", "collada", "jinja2", "meshcat", "tornado", "trimesh", "umsgpack", by="an animation")

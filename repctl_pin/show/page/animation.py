@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arguments import Array, file_name, positive, require_type
-from ...errors import InputError
-from ...files import prepare_folder, write_whole
+from ...base.arguments import Array, file_name, positive, require_type
+from ...base.errors import InputError
+from ...base.files import prepare_folder, write_whole
 from ...motion import Motion
 from ...paths.several_paths import paths_of
 from ...studies.quantities import KEYS

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array
+from ...base.arguments import Array
 from ...motion.displacement import displacements
 
 

@@ -36,8 +36,8 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ...arguments import Array
-from ...errors import RepctlError
+from ...base.arguments import Array
+from ...base.errors import RepctlError
 from ..text.headline import Headline
 
 _SCRIPTS = (

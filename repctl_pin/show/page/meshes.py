@@ -15,7 +15,7 @@ import numpy as np
 import umsgpack
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import InputError
+from ...base.errors import InputError
 from ...model.shapes import Shape
 from ...model.surfaces import Surface, Surfaces
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import Array
-from ...certificate import ClosingRadius
+from ...base.arguments import Array
+from ...base.certificate import ClosingRadius
 from ...model.arm_links import arm_links, link_origins, other_ends
 from ...model.joint_chain import joint_tree
 from ...model.length import arm_length

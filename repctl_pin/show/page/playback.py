@@ -14,8 +14,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...arguments import Array, read_only
-from ...errors import InputError
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError
 from ...model.arm_links import arm_links, link_origins
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames

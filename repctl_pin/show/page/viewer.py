@@ -24,8 +24,8 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
-from ...errors import InputError
+from ...base.arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
+from ...base.errors import InputError
 from ...model.arm_links import arm_links
 from ...model.length import arm_length
 from ...model.several_frames import one_frame

@@ -1,5 +1,5 @@
 """Figures by matplotlib."""
 
-from ...errors import needed
+from ...base.errors import needed
 
 needed("matplotlib", by="a figure")

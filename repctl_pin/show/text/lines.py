@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple, TextIO
 
-from ...errors import printable
+from ...base.errors import printable
 
 COLUMNS = 80
 """Width, in columns, of text that does not go to a terminal."""

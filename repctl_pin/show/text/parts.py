@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from ...arguments import Array
+from ...base.arguments import Array
 from ...model.length import elbow, in_the_middle
 from ...model.task import Task
 

@@ -10,7 +10,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ...arguments import percentage, ratio_in_percent
+from ...base.arguments import percentage, ratio_in_percent
 from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
 from ...studies.quantities import JOINTS, QUANTITIES, SHARE, Quantity

@@ -15,17 +15,17 @@ import numpy as np
 import pinocchio as pin
 
 from ...._version import __version__
-from ....arguments import Array, file_name, require_type
-from ....certificate import ClosingRadius
-from ....errors import InputError
-from ....files import write_whole, written_together
+from ....base.arguments import Array, file_name, require_type
+from ....base.certificate import ClosingRadius
+from ....base.errors import InputError
+from ....base.files import write_whole, written_together
 from ....regions import Region
 from ....regions.region import A_REGION
 from ....strategies.repeatable import Bounded, RepeatableInverse
-from ...cells.cell import Cell
-from ...cells.chart import CellPotentials
+from ...cells.chart.chart import CellPotentials
 from ...cells.function import InverseFunction
-from ...cells.sector import Sector
+from ...cells.geometry.cell import Cell
+from ...cells.geometry.sector import Sector
 from .kdl import kdl_header, quoted
 from .source import about, region_of, write_source
 from .text import checked_name, filled, initialiser

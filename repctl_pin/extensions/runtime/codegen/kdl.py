@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ....arguments import Array
+from ....base.arguments import Array
 from ....model.task import Task
 from ....strategies.repeatable import RepeatableInverse
 from ...cells.function import InverseFunction

@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...._version import __version__
-from ....arguments import require_type
-from ....certificate import ClosingRadius
-from ....errors import InputError
+from ....base.arguments import require_type
+from ....base.certificate import ClosingRadius
+from ....base.errors import InputError
 from ....model.several_frames import one_frame
 from ....model.task import Task
 from ....native import CLOSING, filled_struct
 from ....regions import Region
 from ....strategies.native_arm import native_arm
 from ....strategies.repeatable import Bounded, RepeatableInverse
-from ...cells.cell import Cell
-from ...cells.chart import CellPotentials
+from ...cells.chart.chart import CellPotentials
 from ...cells.function import InverseFunction
+from ...cells.geometry.cell import Cell
 from .governor import governor_source, torque_code
 from .text import comment, constants, filled, pasted
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ....errors import InputError
+from ....base.errors import InputError
 
 _PLAIN = re.compile(r"[A-Za-z0-9 ,.;:+=()<>\[\]_-]")
 _LONGEST = 80
@@ -150,7 +150,7 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
 
 def _template(file: str) -> str:
     """Read a file of templates of C code, in which ``@part`` and ``arm`` are placeholders."""
-    return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
+    return (files(__package__) / "templates" / f"{file}.in").read_text(encoding="utf-8")
 
 
 def pasted(*names: str) -> str:

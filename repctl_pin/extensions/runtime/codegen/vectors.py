@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ....arguments import Array, read_only
-from ....errors import InputError, SingularityError
+from ....base.arguments import Array, read_only
+from ....base.errors import InputError, SingularityError
 from ....model.task import Task
 from ....regions import Region
 from ....strategies.repeatable import Bounded, RepeatableInverse

@@ -13,20 +13,27 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import progress as reporting
-from ...arguments import Array, as_int, flag_or_function, positive, require_choice, require_type
-from ...errors import InputError
-from ...fit_options import FitOptions, fit_options
-from ...strategies.strategy import AN_INVERSE, Inverse
-from ...threads import one_blas_thread
-from .cell import Cell
-from .cell_arguments import LEAST_WIDTH
-from .cell_design import CellDesign
+from ....base import progress as reporting
+from ....base.arguments import (
+    Array,
+    as_int,
+    flag_or_function,
+    positive,
+    require_choice,
+    require_type,
+)
+from ....base.errors import InputError
+from ....base.fit_options import FitOptions, fit_options
+from ....base.threads import one_blas_thread
+from ....strategies.strategy import AN_INVERSE, Inverse
+from ..cell_design import CellDesign
+from ..evaluate.failures import FailureReason, round_the_base
+from ..evaluate.reach import rays
+from ..evaluate.turning import reduced
+from ..geometry.cell import Cell
+from ..geometry.cell_arguments import LEAST_WIDTH
+from ..place.posture_search import Candidate, given, searched
 from .cell_fit import MOST_UNKNOWNS, CellFit
-from .failures import FailureReason, round_the_base
-from .posture_search import Candidate, given, searched
-from .reach import rays
-from .turning import reduced
 
 _HELD_OUT = 8192
 _MOST_DEGREE = 12

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arguments import Array, read_only
-from ...solvers import Damping, Point, Step, levenberg_marquardt
-from ...strategies.strategy import Inverse
-from .chart import Chart, Points
-from .kinematics import rows_of
-from .margins import Margin
-from .monomials import Monomials
+from ....base.arguments import Array, read_only
+from ....solvers import Damping, Point, Step, levenberg_marquardt
+from ....strategies.strategy import Inverse
+from ..chart.chart import Chart, Points
+from ..chart.monomials import Monomials
+from ..evaluate.margins import Margin
+from ..geometry.kinematics import rows_of
 
 _DIFFERENCE = 1e-5
 """Step of the label s, rad, in central differences of the residual along the self-motion."""

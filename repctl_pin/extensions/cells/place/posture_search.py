@@ -12,19 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import Array, read_only, vector
-from ...errors import InputError, RepctlError
-from ...model.bodies import bodies_of
-from ...motion import solve_ik
-from ...motion.solve_ik import random_configurations
-from ...redundancy.inverses import inverse_condition_number
-from ...strategies import Pseudoinverse
-from ...strategies.strategy import Inverse
-from ...studies.problem import Problem
-from .cell import Cell
-from .kinematics import bases, placed
-from .reach import EXACT, SINGULAR, rays, reached, unlike_rows
-from .turning import reduced
+from ....base.arguments import Array, read_only, vector
+from ....base.errors import InputError, RepctlError
+from ....model.bodies import bodies_of
+from ....motion import solve_ik
+from ....motion.solve_ik import random_configurations
+from ....redundancy.inverses import inverse_condition_number
+from ....strategies import Pseudoinverse
+from ....strategies.strategy import Inverse
+from ....studies.problem import Problem
+from ..evaluate.reach import EXACT, SINGULAR, rays, reached, unlike_rows
+from ..evaluate.turning import reduced
+from ..geometry.cell import Cell
+from ..geometry.kinematics import bases, placed
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 4
 _TESTED = 3

@@ -14,24 +14,30 @@ from typing import Literal, cast
 
 import numpy as np
 
-from ... import progress as reporting
-from ...arguments import Array
-from ...redundancy import leaf_margin
-from ...strategies.strategy import Inverse
-from .cell import Cell
-from .cell_design import CellDesign
-from .cell_evaluation import evaluate_cell
-from .chart import Chart
+from ....base import progress as reporting
+from ....base.arguments import Array
+from ....redundancy import leaf_margin
+from ....strategies.strategy import Inverse
+from ..cell_design import CellDesign
+from ..chart.chart import Chart
+from ..chart.monomials import Monomials
+from ..evaluate.cell_evaluation import evaluate_cell
+from ..evaluate.failures import FailureReason, broken_limit, unreached
+from ..evaluate.margins import (
+    CandidateFunction,
+    Margin,
+    distances_of,
+    limits_of,
+    singular_values_of,
+)
+from ..evaluate.reach import Rays, rays
+from ..evaluate.turning import Turn, centred
+from ..geometry.cell import Cell
+from ..geometry.kinematics import null_bases
+from ..geometry.sector import ANGLE, Sector
+from ..place.posture_search import Candidate
 from .cost import Cost, Descent, descend, predicted_gain
-from .failures import FailureReason, broken_limit, unreached
-from .kinematics import null_bases
-from .margins import CandidateFunction, Margin, distances_of, limits_of, singular_values_of
-from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
-from .posture_search import Candidate
-from .reach import Rays, rays
-from .sector import ANGLE, Sector
-from .turning import Turn, centred
 
 MOST_UNKNOWNS, _MOST_TERMS = 260, 220
 """Maximum numbers of unknowns of the fit, and of monomials of the final chart."""

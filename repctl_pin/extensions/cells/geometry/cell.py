@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import (
+from ....base.arguments import (
     MOST_NODES,
     Array,
     as_configurations,
@@ -26,18 +26,18 @@ from ...arguments import (
     read_only,
     vector,
 )
-from ...errors import InputError
-from ...model.chain_formulas import (
+from ....base.errors import InputError
+from ....model.chain_formulas import (
     Placement,
     as_placement,
     as_placements,
     axis_turns,
     rotation_vectors,
 )
-from ...model.several_frames import one_frame
-from ...model.task import Task, require_task
-from ...native import CHART, REGION, filled_struct, point
-from ...regions.sobol import scrambled_points
+from ....model.several_frames import one_frame
+from ....model.task import Task, require_task
+from ....native import CHART, REGION, filled_struct, point
+from ....regions.sobol import scrambled_points
 from .cell_arguments import LEAST_WIDTH, as_middle, of_positions, sizes, stacked
 from .kinematics import exp3, left_jacobian, placed
 from .symmetry import Symmetry

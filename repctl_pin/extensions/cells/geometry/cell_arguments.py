@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_numbers, require_choice, shown
-from ...errors import InputError
-from ...model.chain_formulas import require_rotation
-from ...model.task import Task
+from ....base.arguments import Array, as_numbers, require_choice, shown
+from ....base.errors import InputError
+from ....model.chain_formulas import require_rotation
+from ....model.task import Task
 from .symmetry import NEAR, axis_symmetry, difference, difference_words, last_axis, own_axis
 
 LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3

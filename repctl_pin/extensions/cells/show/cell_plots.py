@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...arguments import Array
-from ...show.palette import INK, VERMILLION
-from ...show.plots.motions import titled
-from .cell import Cell
-from .cell_design import CellDesign, Slice
+from ....base.arguments import Array
+from ....show.palette import INK, VERMILLION
+from ....show.plots.motions import titled
+from ..cell_design import CellDesign, Slice
+from ..geometry.cell import Cell
 from .cell_map import Section
 
 _WHAT = {

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...native import CHART, PART, filled_struct, point
-from ...solvers import newton_rows
-from ...strategies.strategy import Inverse
-from .cell import Cell
-from .kinematics import chain_for_c, placed, run, solved
+from ....base.arguments import Array, read_only
+from ....native import CHART, PART, filled_struct, point
+from ....solvers import newton_rows
+from ....strategies.strategy import Inverse
+from ..geometry.cell import Cell
+from ..geometry.kinematics import chain_for_c, placed, run, solved
 from .monomials import Monomials
 
 _STEP = 0.3

@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...model.bodies import Bodies, bodies_of
-from ...model.task import Task
-from ...redundancy import leaf_margin
-from ...solvers import StepLengths, descend_in_box
-from .cell import Cell
-from .chart import Chart, Points
-from .kinematics import null_bases, rows_of
-from .monomials import Monomials
+from ....base.arguments import Array, read_only
+from ....model.bodies import Bodies, bodies_of
+from ....model.task import Task
+from ....redundancy import leaf_margin
+from ....solvers import StepLengths, descend_in_box
+from ..chart.chart import Chart, Points
+from ..chart.monomials import Monomials
+from ..geometry.cell import Cell
+from ..geometry.kinematics import null_bases, rows_of
 
 _DIFFERENCE = 3e-4
 """Factor of the direction in joint space that gives the step of central differences of a margin."""

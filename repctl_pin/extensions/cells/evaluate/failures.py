@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arguments import Array, read_only
-from ...redundancy.inverses import inverse_condition_number
-from .cell import Cell
-from .kinematics import placed
+from ....base.arguments import Array, read_only
+from ....redundancy.inverses import inverse_condition_number
+from ..geometry.cell import Cell
+from ..geometry.kinematics import placed
+from ..geometry.sector import Sector
 from .reach import reached
-from .sector import Sector
 
 _SHORT = 1e-6
 _SPARSE = 24

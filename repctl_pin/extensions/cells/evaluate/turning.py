@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, percentage
-from ...model.task import Task
-from ...strategies.strategy import Inverse
-from .cell import Cell
-from .chart import Chart, Points
-from .kinematics import placed
+from ....base.arguments import Array, percentage
+from ....model.task import Task
+from ....strategies.strategy import Inverse
+from ..chart.chart import Chart, Points
+from ..chart.monomials import Monomials
+from ..geometry.cell import Cell
+from ..geometry.kinematics import placed
+from ..geometry.sector import ANGLE, HEIGHT, SPIN, Sector
 from .margins import CandidateFunction, Margin, searched
-from .monomials import Monomials
-from .sector import ANGLE, HEIGHT, SPIN, Sector
 
 _POSES, _STARTS = 4096, 24
 """Numbers of poses at which the values of a joint are evaluated, and of those from which smaller

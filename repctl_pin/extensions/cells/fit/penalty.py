@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...arguments import Array
-from ...strategies.strategy import Inverse
-from .chart import Chart
+from ....base.arguments import Array
+from ....strategies.strategy import Inverse
+from ..chart.chart import Chart
+from ..chart.monomials import Monomials
+from ..evaluate.margins import CandidateFunction, Margin, searched
 from .cost import Cost, Descent, Penalty, descend
-from .margins import CandidateFunction, Margin, searched
-from .monomials import Monomials
 
 _WEIGHTS = (1e2, 1e5)
 """Smallest first, and last weight of the penalties; a round multiplies the weight by 10."""

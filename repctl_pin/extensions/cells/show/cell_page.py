@@ -11,22 +11,22 @@ from itertools import product
 
 import numpy as np
 
-from ...arguments import Array, ratio_in_percent
-from ...motion import Motion, elbow
-from ...motion.joint_motion import TOO_FAST
-from ...show.page.html import render
-from ...show.page.playback import TracedChain, playback_of, playback_page
-from ...show.page.snapshot import still_figure
-from ...show.palette import BLUE, VERMILLION
-from ...show.report import framed, picture, versions
-from ...show.text.headline import NEAR, Headline
-from ...show.text.lines import Span, capital
-from ...show.text.numbers import metres
-from ...show.text.parts import redundant_part
-from ...strategies import Pseudoinverse
-from .cell import Cell
-from .cell_design import CellDesign
-from .sector import ANGLE, HEIGHT, RADIUS, Sector
+from ....base.arguments import Array, ratio_in_percent
+from ....motion import Motion, elbow
+from ....motion.joint_motion import TOO_FAST
+from ....show.page.html import render
+from ....show.page.playback import TracedChain, playback_of, playback_page
+from ....show.page.snapshot import still_figure
+from ....show.palette import BLUE, VERMILLION
+from ....show.report import framed, picture, versions
+from ....show.text.headline import NEAR, Headline
+from ....show.text.lines import Span, capital
+from ....show.text.numbers import metres
+from ....show.text.parts import redundant_part
+from ....strategies import Pseudoinverse
+from ..cell_design import CellDesign
+from ..geometry.cell import Cell
+from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""

@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, freeze, positive, read_only, vector
-from ...errors import InputError
-from ...model.chain_formulas import Placement, axis_turns
-from ...model.task import Task
+from ....base.arguments import Array, freeze, positive, read_only, vector
+from ....base.errors import InputError
+from ....model.chain_formulas import Placement, axis_turns
+from ....model.task import Task
 from .cell import Cell
 from .cell_arguments import (
     VERTICAL,

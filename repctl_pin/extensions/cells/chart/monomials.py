@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from ...arguments import Array
+from ....base.arguments import Array
 
 
 class Monomials:

@@ -14,19 +14,19 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_int, as_matrices, finite, read_only, vector
-from ...errors import InputError, needed
-from ...model.bodies import bodies_of
-from ...model.chain_formulas import require_rotation
-from ...model.several_frames import one_frame
-from ...model.task import Task, require_task
-from ...progress import Report, reporter
-from ...strategies import Pseudoinverse
-from .cell import Cell
-from .cell_arguments import of_positions
-from .kinematics import joined, rows_of
+from ....base.arguments import Array, as_int, as_matrices, finite, read_only, vector
+from ....base.errors import InputError, needed
+from ....base.progress import Report, reporter
+from ....model.bodies import bodies_of
+from ....model.chain_formulas import require_rotation
+from ....model.several_frames import one_frame
+from ....model.task import Task, require_task
+from ....strategies import Pseudoinverse
+from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
+from ..geometry.cell import Cell
+from ..geometry.cell_arguments import of_positions
+from ..geometry.kinematics import joined, rows_of
 from .posture_search import Candidate, chosen, judged, searched
-from .reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,8 +97,8 @@ class BestCell:
         The price is the joint speed in excess of J⁺ that one function over the whole box costs. The
         figure has a view from above and one from the side, through the middle of the box. The
         colour of a place is the extra joint speed of a box around it, estimated as by
-        :func:`repctl_pin.extensions.cells.cell_map.sections`. A place is grey if only a share of
-        the box fits there, and white if the middle is out of reach or bodies collide.
+        :func:`repctl_pin.extensions.cells.show.cell_map.sections`. A place is grey if only a share
+        of the box fits there, and white if the middle is out of reach or bodies collide.
 
         Parameters
         ----------
@@ -110,8 +110,8 @@ class BestCell:
         matplotlib.figure.Figure
         """
         needed("matplotlib", by="a map of the workspace")
-        from .cell_map import sections
-        from .cell_plots import map_figure
+        from ..show.cell_map import sections
+        from ..show.cell_plots import map_figure
 
         whole = self.cell.scaled(1 / self.factor)
         with reporter(progress) as report:

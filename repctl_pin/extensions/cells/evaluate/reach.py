@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...motion.solve_ik import random_configurations
-from ...redundancy import nullspace
-from ...solvers import newton_rows
-from ...strategies.strategy import Inverse
-from .cell import Cell
-from .kinematics import bases, null_bases, placed
+from ....base.arguments import Array, read_only
+from ....motion.solve_ik import random_configurations
+from ....redundancy import nullspace
+from ....solvers import newton_rows
+from ....strategies.strategy import Inverse
+from ..geometry.cell import Cell
+from ..geometry.kinematics import bases, null_bases, placed
 
 EXACT = 1e-9
 """Norm of the task error, m and rad, below which a pose is reached."""

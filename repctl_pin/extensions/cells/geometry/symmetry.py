@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import Array
-from ...model.task import Task
+from ....base.arguments import Array
+from ....model.task import Task
 
 _TOLERANCE = 1e-9
 """Maximum deviation from an exact symmetry, m or rad."""

@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array
-from ...model.bodies import bodies_of
-from ...redundancy import leaf_margin
-from ...strategies.strategy import Inverse
-from .cell import Cell
-from .chart import Chart, Points
+from ....base.arguments import Array
+from ....model.bodies import bodies_of
+from ....redundancy import leaf_margin
+from ....strategies.strategy import Inverse
+from ..chart.chart import Chart, Points
+from ..geometry.cell import Cell
+from ..geometry.kinematics import joined, null_bases, rows_of, solved
 from .failures import FailureReason, broken_limit, folded, touching, unreached
-from .kinematics import joined, null_bases, rows_of, solved
 from .margins import (
     CandidateFunction,
     LeafMargin,

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, read_only
-from ...model.bodies import bodies_of
-from ...progress import Report
-from .cell import Cell
-from .kinematics import bases, placed, rows_of
-from .monomials import Monomials
-from .reach import STEPS, Grown, drawn, grown
+from ....base.arguments import Array, read_only
+from ....base.progress import Report
+from ....model.bodies import bodies_of
+from ..chart.monomials import Monomials
+from ..evaluate.reach import STEPS, Grown, drawn, grown
+from ..geometry.cell import Cell
+from ..geometry.kinematics import bases, placed, rows_of
 
 _DRAWN, _GRID, _NEAREST, _AGAIN = 2048, 27, 4, 2
 """Number of random configurations, of places along the longer side of a section, of nearest

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...arguments import Array
-from ...model.chain_formulas import skew
-from ...model.task import Task
-from ...native import library
-from ...redundancy import align
-from ...strategies.native_arm import library_arm
+from ....base.arguments import Array
+from ....model.chain_formulas import skew
+from ....model.task import Task
+from ....native import library
+from ....redundancy import align
+from ....strategies.native_arm import library_arm
 
 _REGULAR = 1e-6
 """Value of (σ_min / σ_max)² of J above which J Jᵀ gives the null space to an accuracy of 1e-10."""

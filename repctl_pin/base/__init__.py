@@ -1,0 +1,1 @@
+"""What every module of the package may use: arguments, errors, files, tables, progress."""

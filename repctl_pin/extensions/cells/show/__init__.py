@@ -1,0 +1,1 @@
+"""Maps, figures and the page of a cell."""
