@@ -125,7 +125,9 @@ async function main() {
     const { cycles } = clock;
     const leading = own && own.lead;
     const full = scene.live ? LIVE_FULL : fullDrift(arms);
-    byId("drift-to").textContent = `${inMetres(full)} off${scene.live ? " or more" : ""}`;
+    byId("drift-to").textContent = scene.live
+      ? `from ${inMetres(full)} off`
+      : `${inMetres(full)} off`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1);
     const part = clock.time - cycle;
     const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);

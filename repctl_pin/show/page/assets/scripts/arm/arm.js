@@ -371,6 +371,22 @@ export class ArmView {
     return Math.sqrt(most);
   }
 
+  // The largest displacement of a body at the end of a cycle of this run, m.
+  mostOff() {
+    if (this.run.most === undefined) {
+      this.pose(0, 0, this.ghosts);
+      const ends = this.data.off.flatMap(([, off], c) => (off === null ? [] : [c]));
+      this.run.most = Math.max(
+        0,
+        ...ends.flatMap((c) => {
+          this.pose((c + 1) * this.perCycle - 1, 0);
+          return this.moving.map((_, k) => this.drift(k));
+        }),
+      );
+    }
+    return this.run.most;
+  }
+
   // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the robot's own colours.
   showDrift(on, most) {
     const T = MeshCat.THREE;
@@ -447,9 +463,10 @@ export function displaced(arms) {
   return { arm, before: at(0), after: at(arm.frames - 1) };
 }
 
-// How far off a body of these arms is coloured in full, m: as far as one is after any cycle.
+// How far off a body of these arms is coloured in full, m: as far as one is after any cycle, also
+// one beside the arm, such as the head.
 export function fullDrift(arms) {
-  const most = Math.max(...arms.flatMap(({ data }) => data.off.flat()));
+  const most = Math.max(...arms.map((arm) => arm.mostOff()));
   return arms[0].gain > 1 ? most : Math.max(most, LEAST_FULL);
 }
 

@@ -118,10 +118,11 @@ function put(callout, { w, h }, at, y, width, height, left, free) {
     free.x < beside(side) - 8 ||
     free.x > beside(side) + w + 8;
   callout.side = [callout.side || 0, 0, 1, -1].find(clear) || 0;
-  const x = beside(callout.side);
+  // the line to a part slants, so that it lies on no straight link
+  const x = beside(free ? callout.side : -1);
   box.style.transform = `translate(${x}px, ${top}px)`;
   const from = {
-    x: Math.min(Math.max(at.x, x + 6), x + w - 6),
+    x: free ? Math.min(Math.max(at.x, x + 6), x + w - 6) : x + w / 2,
     y: at.y > top + h ? top + h : at.y < top ? top : NaN,
   };
   drawLine(leader, from, at, width, height);

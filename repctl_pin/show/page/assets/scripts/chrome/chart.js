@@ -1,10 +1,10 @@
-// The time line: over the slider, for each cycle how far each arm is off at its end.
+// The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
 
 import { byId, element, sharp, tone } from "../dom.js";
-import { inMetres, inWords, niceStep } from "../numbers.js";
+import { inMetres, inWords, stepAbove } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
-const SCALE = 0.1; // m, which bars reach at least up to
+const LEAST = 1e-3; // m, which the axis reaches up to at least
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
@@ -76,7 +76,7 @@ export class Chart {
     this.canvas.setAttribute(
       "aria-valuetext",
       this.arms
-        .map((arm) => `${arm.data.title}: ${inMetres(this.after(arm, cycle, part))} off ${times}`)
+        .map((arm, k) => `${arm.data.title}: ${this.values[k].textContent} ${times}`)
         .join("; "),
     );
     this.draw(cycle, part);
@@ -91,10 +91,15 @@ export class Chart {
       const arm = this.arms[k];
       const { data } = arm;
       const off = this.after(arm, cycle, part);
-      const joints = done ? data.drift[done - 1] : 0;
-      value.textContent = `${inMetres(off)} off`;
-      value.className = tint(off);
-      value.title = `${off.toPrecision(3)} m; joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}, root of the sum of squares`;
+      value.textContent = off === null ? "not known" : `${inMetres(off)} off`;
+      value.className = off === null ? "" : tint(off);
+      if (off === null) {
+        value.title = "Close to a singularity the drift cannot be computed reliably";
+        return;
+      }
+      const drift = done ? data.drift[done - 1] : 0;
+      const joints = `${drift < 1e-6 ? 0 : inWords(drift)} ${data.unit}`;
+      value.title = `${off.toPrecision(3)} m; joints ${joints}, root of the sum of squares`;
     });
     return times;
   }
@@ -102,30 +107,40 @@ export class Chart {
   draw(cycle, part) {
     if (!this.canvas.clientWidth) return;
     const { draw, width, height, em } = sharp(this.canvas);
-    const { arms, scene } = this;
-    const count = scene.cycles.length;
+    const count = this.scene.cycles.length;
     const pitch = (width - 2 * INSET) / count;
     const foot = height - 1.15 * em;
+    draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
+    draw.lineWidth = 1;
+    const sheet = { draw, width, height, em, count, pitch, foot, at: (c) => INSET + c * pitch };
+    if (document.body.classList.contains("joints")) this.drawJoints(sheet, cycle, part);
+    else this.drawBars(sheet, cycle, part);
+    // where time is
+    draw.strokeStyle = tone("--ink");
+    draw.lineWidth = 1.5;
+    line(draw, sheet.at(cycle + part), 0, sheet.at(cycle + part), foot, []);
+  }
+
+  // How far each arm is off at the end of each cycle; the axis ends at a step of 1, 2 or 5.
+  drawBars({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
+    const { arms, scene } = this;
     const room = foot - 0.5 * em;
-    const at = (c) => INSET + c * pitch;
     const group = Math.min(0.66 * pitch, 4.5 * em);
     const wide = group / arms.length;
-    const top = Math.max(SCALE / this.gain, ...arms.flatMap(({ data }) => data.off.flat()));
-    const scale = niceStep(top);
+    const offs = arms.flatMap(({ data }) => data.off.flat());
+    const top = stepAbove(Math.max(LEAST, ...offs));
     const level = (v) => foot - (v / top) * room;
-    draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
     draw.strokeStyle = tone("--edge");
-    draw.fillStyle = tone("--soft");
-    draw.lineWidth = 1;
-    line(draw, INSET, level(scale), width - INSET, level(scale), [3, 4]);
+    line(draw, INSET, level(top), width - INSET, level(top), [3, 4]);
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
-    const every = Math.ceil((1.6 * em) / pitch);
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const x = at(c + 1) - group + k * wide;
         const off = arm.data.off[c][1];
-        const tall = Math.max(0.13 * em, foot - level(off)); // a zero is seen, too
+        if (off === null) return;
+        const x = at(c + 1) - group + k * wide;
+        // a zero is a hairline
+        const tall = Math.max(off < 1e-4 ? 1 : 2, foot - level(off));
         draw.fillStyle = arm.data.color;
         draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
@@ -134,26 +149,58 @@ export class Chart {
           hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
         draw.globalAlpha = 1;
       });
-      draw.fillStyle = tone("--soft");
-      draw.textAlign = "center";
-      if ((count - 1 - c) % every === 0)
-        draw.fillText(scene.cycles[c], at(c + 1) - group / 2, height - 0.25 * em);
     }
+    this.number({ draw, height, em, count, pitch, at }, group);
+    // in the line of the axis, or under it
+    const beside = room < 2 * em ? 0.3 : 0.95;
+    if (room > 0.8 * em)
+      haloed(draw, inMetres(top), INSET + 2, Math.max(level(top) + beside * em, 0.75 * em), em);
+  }
+
+  // The numbers of the cycles, each under its group of bars, this wide.
+  number({ draw, height, em, count, pitch, at }, group) {
+    const { cycles } = this.scene;
+    const every = Math.ceil((1.6 * em) / pitch);
+    draw.fillStyle = tone("--soft");
+    draw.textAlign = "center";
+    for (let c = (count - 1) % every; c < count; c += every)
+      draw.fillText(cycles[c], at(c + 1) - group / 2, height - 0.25 * em);
     draw.textAlign = "left";
     if (draw.measureText("cycle").width + 1.2 * em < pitch - group / 2)
       draw.fillText("cycle", INSET + 2, height - 0.25 * em);
-    const beside = room < 2 * em ? 0.3 : top > 1.4 * scale ? -0.3 : 0.95; // in the line, over it or under it
-    if (room > 0.8 * em)
-      haloed(
-        draw,
-        inMetres(scale),
-        INSET + 2,
-        Math.max(level(scale) + beside * em, 0.75 * em),
-        0.3 * em,
-      );
-    draw.strokeStyle = tone("--ink");
-    draw.lineWidth = 1.5;
-    line(draw, at(cycle + part), 0, at(cycle + part), foot, []);
+  }
+
+  // Each joint over all cycles in a row of its own, between its limits, and its value now.
+  drawJoints({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
+    const { arms, scene } = this;
+    const { names, lower, upper, turns, perCycle } = scene.joints;
+    const n = names.length;
+    const tall = foot / n;
+    const value = (arm, c, row, i) => arm.run.joints[(c * perCycle + row) * n + i];
+    for (let i = 0; i < n; i++) {
+      // from limit to limit; a joint without limits over what it moves
+      const seen = arms.flatMap((arm) => arm.run.joints.filter((_, k) => k % n === i));
+      const low = lower[i] ?? seen.reduce((a, b) => Math.min(a, b), Infinity) - 0.5;
+      const high = upper[i] ?? seen.reduce((a, b) => Math.max(a, b), -Infinity) + 0.5;
+      const level = (v) => (i + 1) * tall - 2 - ((v - low) / (high - low)) * (tall - 4);
+      draw.strokeStyle = tone("--line");
+      line(draw, INSET, (i + 1) * tall, width - INSET, (i + 1) * tall, []);
+      for (const arm of arms) {
+        draw.strokeStyle = arm.data.color;
+        draw.lineWidth = 1.5;
+        draw.beginPath();
+        for (let c = 0; c < count; c++)
+          for (let row = 0; row < perCycle; row++)
+            draw.lineTo(at(c + row / (perCycle - 1)), level(value(arm, c, row, i)));
+        draw.stroke();
+        draw.lineWidth = 1;
+      }
+      const row = Math.round(part * (perCycle - 1));
+      const now = arms.map((arm) => value(arm, cycle, row, i).toFixed(2)).join(" and ");
+      const unit = turns[i] ? "rad" : "m";
+      haloed(draw, `${names[i]} ${now} ${unit}`, INSET + 2, (i + 0.5) * tall + 0.28 * em, em);
+    }
+    this.number({ draw, height, em, count, pitch, at }, 0);
   }
 }
 
@@ -170,11 +217,11 @@ function line(draw, x0, y0, x1, y1, dash) {
 }
 
 // Text that stays legible where bars pass behind it.
-function haloed(draw, words, x, y, width) {
+function haloed(draw, words, x, y, em) {
   Object.assign(draw, {
     textAlign: "left",
     lineJoin: "round",
-    lineWidth: width,
+    lineWidth: 0.3 * em,
     strokeStyle: tone("--paper"),
     fillStyle: tone("--soft"),
   });

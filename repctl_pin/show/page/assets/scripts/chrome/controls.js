@@ -27,10 +27,12 @@ export function connect(clock, view) {
     currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")),
   );
   byId("help").addEventListener("click", keys);
+  const menus = ["looks", "save", "loops"].map(byId);
   document.addEventListener("pointerdown", (event) => {
-    for (const menu of ["looks", "save", "loops"])
-      if (!event.target.closest(`#${menu}`)) byId(menu).open = false;
+    for (const menu of menus) if (!menu.contains(event.target)) menu.open = false;
   });
+  for (const menu of menus) menu.addEventListener("toggle", () => insideWindow(menu));
+  window.addEventListener("resize", () => menus.forEach(insideWindow));
   byId("view").addEventListener("click", view.reset);
   byId("enlarge").addEventListener("click", ({ currentTarget }) =>
     view.enlarge(currentTarget.getAttribute("aria-pressed") !== "true"),
@@ -95,6 +97,15 @@ export function connect(clock, view) {
       inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
     );
   };
+}
+
+// Shift an open menu, and let it scroll, so that all of it can be reached.
+function insideWindow(menu) {
+  if (!menu.open) return;
+  const { style } = menu.lastElementChild;
+  style.right = "0";
+  style.maxHeight = `${menu.getBoundingClientRect().top - 16}px`;
+  style.right = `${Math.min(menu.lastElementChild.getBoundingClientRect().left - 8, 0)}px`;
 }
 
 // The slider's length and its marks.

@@ -88,7 +88,7 @@ function drawRule(draw, { line, hidden, parentElement }, style) {
   if (hidden || !line) return;
   const { left, top } = parentElement.getBoundingClientRect();
   const [x, y, toX, toY] = line;
-  draw.strokeStyle = style.backgroundColor;
+  draw.strokeStyle = style.color;
   draw.lineWidth = 1.5;
   draw.beginPath();
   draw.moveTo(left + x, top + y);

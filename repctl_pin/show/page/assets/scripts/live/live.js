@@ -19,8 +19,7 @@ export function follow(arms, panes, scene, extent, shown) {
   const socket = new WebSocket(`ws://${location.host}/poses`);
   const api = window.repctl;
   socket.binaryType = "arraybuffer";
-  byId("verdict").textContent =
-    "All start in one configuration. What is off is said after each cycle.";
+  byId("verdict").textContent = "Waiting for the first configurations of the control loop.";
   api.received = 0;
   let newest = null;
   function draw() {
@@ -45,7 +44,9 @@ export function follow(arms, panes, scene, extent, shown) {
       const past = numbers[2 * count * stride + count + k];
       arm.notice.textContent = `${inWords(drift)} ${arm.data.unit} off cycle 1${past ? ", past a limit" : ""}${waiting}`;
     });
-    if (cycles) judge(arms, scene, Math.max(...hands), cycles);
+    const target = goals.some(({ place }) => place);
+    if (cycles) judge(arms, scene, { hand: Math.max(...hands), cycles, target });
+    else byId("verdict").textContent = waitingFor(target);
     newest = null;
     api.received += 1;
     shown();
@@ -106,8 +107,15 @@ function moved(key, camera) {
   return move;
 }
 
+// What is said before the first cycle has ended; how to move the target, where there is one.
+function waitingFor(target) {
+  const keys =
+    "Drag the target, or move it by the arrow keys, Page Up and Page Down; Home brings it back. ";
+  return `${target ? keys : ""}After each cycle it is said here what is off.`;
+}
+
 // The verdict so far: what is off where the hand was in cycle 1.
-function judge(arms, scene, hand, cycles) {
+function judge(arms, scene, { hand, cycles, target }) {
   const most = arms.map((arm) =>
     arm.off.reduce((best, off, k) => (off > best[0] ? [off, arm.moving[k].name] : best), [0, ""]),
   );
@@ -127,7 +135,8 @@ function judge(arms, scene, hand, cycles) {
           ".",
         ]
       : [
-          `The hand is ${inMetres(hand)} from where it was in cycle 1: bring the target back (Home) to compare.`,
+          `The hand is ${inMetres(hand)} from where it was in cycle 1`,
+          target ? ": bring the target back (Home) to compare." : ".",
         ];
   if (!byId("verdict")) return;
   byId("verdict").replaceChildren(...words);
