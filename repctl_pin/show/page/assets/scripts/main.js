@@ -139,10 +139,12 @@ async function main() {
       arm.showFan(box("fan").checked);
       arm.showDrift(box("drift").checked, full);
       if (scene.live) continue;
-      const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
-      arm.notice.textContent = past ? arm.data.broken.words : "";
+      const { broken } = arm.data;
+      const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= broken.at;
+      arm.notice.textContent = past ? broken.words : "";
       if (!arm.past) continue;
-      arm.past.node.visible = past;
+      // the place where a motion ends is marked from the beginning
+      arm.past.node.visible = past || arm.data.lost < Infinity;
       arm.mark(arm.past.node.position);
     }
     if (scene.live || leading) {
@@ -159,7 +161,7 @@ async function main() {
       clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null,
     );
     tell(done, part);
-    keep(clock, eye, own && own.points);
+    keep(clock, eye, own ? own.wish() : []);
     viewer.set_dirty();
   }
   const small = window.matchMedia("(max-width: 640px), (max-height: 480px)"); // there the arm is seen, not all of its robot
@@ -185,6 +187,10 @@ async function main() {
     },
     turn(...way) {
       eye.turn(...way);
+    },
+    joints(on) {
+      document.body.classList.toggle("joints", on);
+      resize();
     },
     enlarge(on) {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
@@ -234,7 +240,7 @@ async function main() {
         result.perCycle,
         result.seconds,
         result.runs.map((one) => [one]),
-        [result.path.map((p) => new MeshCat.THREE.Vector3(...p))],
+        result.paths.map((path) => path.map((p) => new MeshCat.THREE.Vector3(...p))),
       ),
     study() {
       scene.part = study.part;
@@ -250,7 +256,7 @@ async function main() {
     },
     show,
   };
-  if (scene.own) own = new Own(scene.own, { arms, panes, scene, clock, extent, player });
+  if (scene.own) own = new Own(scene.own, { arms, panes, scene, clock, extent, player, paths });
   document.body.classList.toggle("live", Boolean(scene.live));
   if (scene.live) follow(arms, panes, scene, extent, show);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -266,7 +272,7 @@ async function main() {
       callouts.place();
       if (own) own.place();
     };
-  viewer.controls.addEventListener("end", () => keep(clock, eye, own && own.points));
+  viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.wish() : []));
   savable(viewer, clock, scene.live);
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);
@@ -274,7 +280,7 @@ async function main() {
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
   if (wish.view) eye.stand(wish.view);
-  if (own && wish.loop) own.open(wish.loop);
+  if (own && wish.own) own.open(wish.own);
 
   run(clock, viewer, scene.live, resize);
   openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });
@@ -299,7 +305,7 @@ async function main() {
     !window.matchMedia("(prefers-reduced-motion: reduce)").matches &&
     !wish.paused &&
     wish.time === null &&
-    !wish.loop &&
+    !wish.own &&
     !scene.live
   )
     clock.open();

@@ -129,6 +129,12 @@ export class ArmView {
     this.pose(this.now.frame, f);
     this.now.base.pose(this.now.first, f, this.ghosts);
     this.measure();
+    // where a motion ends before the others, it is compared with nothing
+    this.lost = cycle + part > this.data.lost;
+    if (this.lost) {
+      this.off.fill(0);
+      for (const shade of this.shades) shade.visible = false;
+    }
     if (this.gain > 1) {
       this.enlarge(this.moving, this.shades);
       this.shades.forEach((shade, k) => {
@@ -179,9 +185,9 @@ export class ArmView {
   partOff() {
     return this.part.reduce((most, k) => Math.max(most, this.off[k]), 0);
   }
-  handOff() {
+  handOff(chain) {
     const { frame, base, first, f } = this.now;
-    return this.point("tip", 0, frame, f).distanceTo(base.point("tip", 0, first, f));
+    return this.point("tip", chain, frame, f).distanceTo(base.point("tip", chain, first, f));
   }
 
   // The corners of that part, as it stands.
@@ -410,7 +416,9 @@ export class ArmView {
 // The arm that the others are compared with, frame by frame: the last one that is back after each cycle, if all begin where it
 // begins and their hands go where its hand goes; null without. It is itself compared with its cycle 1.
 export function referenceOf(arms) {
-  const found = arms.findLast(({ data }) => data.off.flat().every((off) => off < SAME));
+  const found = arms.findLast(({ data }) =>
+    data.off.flat().every((off) => off !== null && off < SAME),
+  );
   if (!found || arms.length < 2) return null;
   const near = (arm, i) =>
     Array.from({ length: arm.chains }, (_, k) =>
@@ -418,7 +426,10 @@ export function referenceOf(arms) {
     ).every((way) => way < 1e-3);
   const alike = (arm) => {
     if (arm.rows.length !== found.rows.length) return false;
-    for (let i = 0; i < arm.frames; i++) if (!near(arm, i)) return false;
+    // as far as its motion goes
+    const { lost = Infinity } = arm.data;
+    const last = Math.min(arm.frames, Math.floor(lost) * arm.perCycle + 1);
+    for (let i = 0; i < last; i++) if (!near(arm, i)) return false;
     arm.pose(0, 0);
     found.pose(0, 0);
     return arm.rows.every(

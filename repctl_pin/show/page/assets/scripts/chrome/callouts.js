@@ -12,7 +12,7 @@ export class Callouts {
     this.sets = panes.arms.map((arm, k) => ({
       arm,
       part: made(panes.frames[k], ""),
-      hand: made(panes.frames[k], " hand"),
+      hands: scene.hands.map(() => made(panes.frames[k], " hand")),
       gap: gapLine(panes.frames[k]),
     }));
     for (const { part } of this.sets) {
@@ -26,23 +26,25 @@ export class Callouts {
 
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far it was off, m, and when.
   say(read = null) {
-    for (const { arm, part, hand } of this.sets) {
+    const { leading, hands: names } = this.scene;
+    for (const { arm, part, hands } of this.sets) {
       const grey = arm.ghostSpot() ? ", in grey" : "";
-      const base =
-        this.scene.leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
-      const from = !arm.repeats
-        ? `from ${base}${grey}`
-        : this.scene.leading
-          ? ""
-          : "the same in every cycle";
+      const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+      const same = leading ? "" : "the same in every cycle";
+      const from = arm.repeats ? same : `from ${base}${grey}`;
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
-      const way = arm.handOff();
+      const lost = Boolean(arm.lost) && !leading;
+      part.box.style.visibility = lost ? "hidden" : "";
       write(part.note, when);
-      write(part.value, this.words(off));
-      part.value.className = tint(off);
-      part.box.title = `${off.toPrecision(3)} m`;
-      write(hand.value, `hand ${inMetres(way)} off`);
-      hand.box.title = `${way.toPrecision(3)} m ${from}`;
+      write(part.value, this.words(off || 0));
+      part.value.className = tint(off || 0);
+      part.box.title = `${(off || 0).toPrecision(3)} m`;
+      hands.forEach((hand, f) => {
+        const away = arm.handOff(f);
+        hand.box.style.visibility = lost ? "hidden" : "";
+        write(hand.value, `${names[f]} ${inMetres(away)} off`);
+        hand.box.title = `${away.toPrecision(3)} m ${from}`;
+      });
     }
     if (!this.scene.leading) this.place(); // else the picture that follows places them
   }
@@ -52,38 +54,33 @@ export class Callouts {
     const { panes } = this;
     const rim = this.scene.own ? RIM : 0;
     if (byId("panes").classList.contains("quiet")) return;
-    const sizes = this.sets.map(({ part, hand }, k) =>
-      [panes.frames[k].firstChild, part.box, hand.box].map(
-        ({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({ x, y, w, h }),
-      ),
-    ); // all are read before any is moved
-    this.sets.forEach(({ arm, part, hand, gap }, k) => {
+    const size = ({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({
+      x,
+      y,
+      w,
+      h,
+    });
+    // all are read before any is moved
+    const sizes = this.sets.map(({ part, hands }, k) => ({
+      label: size(panes.frames[k].firstChild),
+      box: size(part.box),
+      below: hands.map(({ box }) => size(box)),
+    }));
+    this.sets.forEach(({ arm, part, hands, gap }, k) => {
       const { width, height } = panes.place(k);
-      const [label, box, below] = sizes[k];
+      const { label, box, below } = sizes[k];
       const { beside } = panes;
-      const at = panes.seen(k, arm.partSpot());
-      const tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
-      const ghost = arm.ghostSpot();
+      const at = arm.lost ? null : panes.seen(k, arm.partSpot());
+      const ghost = at && arm.ghostSpot();
       drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
-      put(
-        part,
-        box,
-        at,
-        beside ? 8 : label.y + label.h + 6,
-        width,
-        height,
-        beside ? label.x + label.w + 8 : 8,
-      );
-      put(
-        hand,
-        below,
-        { x: tip.x, y: tip.y + rim },
-        Math.min(tip.y + 0.09 * height, height - below.h - 34),
-        width,
-        height,
-        8,
-        at,
-      );
+      const top = beside ? 8 : label.y + label.h + 6;
+      const left = beside ? label.x + label.w + 8 : 8;
+      put(part, box, at, top, width, height, left);
+      hands.forEach((hand, f) => {
+        const tip = at && panes.seen(k, arm.point("tip", f, arm.now.frame, arm.now.f));
+        const low = at && Math.min(tip.y + 0.09 * height, height - below[f].h - 34);
+        put(hand, below[f], tip && { x: tip.x, y: tip.y + rim }, low, width, height, 8, at);
+      });
     });
   }
 }
@@ -108,6 +105,10 @@ function write(node, words) {
 // before
 function put(callout, { w, h }, at, y, width, height, left, free) {
   const { box, leader } = callout;
+  if (!at) {
+    drawLine(leader, null, null);
+    return;
+  }
   const top = Math.min(Math.max(y, 4), height - h - 4);
   const beside = (side) =>
     Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
@@ -130,8 +131,9 @@ function put(callout, { w, h }, at, y, width, height, left, free) {
 
 // Draw a line between two points of the window; none if there is no first point, or the second is beside the pane.
 function drawLine(line, from, at, width, height) {
-  const length = from ? Math.hypot(at.x - from.x, at.y - from.y) : NaN;
-  line.hidden = !(length > 4) || at.x < 0 || at.x > width || at.y < 0 || at.y > height;
+  const length = from && at ? Math.hypot(at.x - from.x, at.y - from.y) : NaN;
+  const inside = at && at.x >= 0 && at.x <= width && at.y >= 0 && at.y <= height;
+  line.hidden = !(length > 4) || !inside;
   line.style.width = line.hidden ? "0" : `${length}px`;
   if (line.hidden) return;
   line.line = [from.x, from.y, at.x, at.y]; // for a picture of it

@@ -174,31 +174,36 @@ export class Chart {
   drawJoints({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
     const { arms, scene } = this;
     const { names, lower, upper, turns, perCycle } = scene.joints;
+    const values = arms.map((arm) => arm.run.joints.values);
     const n = names.length;
     const tall = foot / n;
-    const value = (arm, c, row, i) => arm.run.joints[(c * perCycle + row) * n + i];
+    const value = (k, c, row, i) => values[k][(c * perCycle + row) * n + i];
     for (let i = 0; i < n; i++) {
       // from limit to limit; a joint without limits over what it moves
-      const seen = arms.flatMap((arm) => arm.run.joints.filter((_, k) => k % n === i));
+      const seen = values.flatMap((all) => [...all].filter((_, k) => k % n === i));
       const low = lower[i] ?? seen.reduce((a, b) => Math.min(a, b), Infinity) - 0.5;
       const high = upper[i] ?? seen.reduce((a, b) => Math.max(a, b), -Infinity) + 0.5;
       const level = (v) => (i + 1) * tall - 2 - ((v - low) / (high - low)) * (tall - 4);
+      draw.lineWidth = 1;
       draw.strokeStyle = tone("--line");
       line(draw, INSET, (i + 1) * tall, width - INSET, (i + 1) * tall, []);
-      for (const arm of arms) {
+      arms.forEach((arm, k) => {
         draw.strokeStyle = arm.data.color;
         draw.lineWidth = 1.5;
         draw.beginPath();
         for (let c = 0; c < count; c++)
           for (let row = 0; row < perCycle; row++)
-            draw.lineTo(at(c + row / (perCycle - 1)), level(value(arm, c, row, i)));
+            draw.lineTo(at(c + row / (perCycle - 1)), level(value(k, c, row, i)));
         draw.stroke();
         draw.lineWidth = 1;
-      }
+      });
       const row = Math.round(part * (perCycle - 1));
-      const now = arms.map((arm) => value(arm, cycle, row, i).toFixed(2)).join(" and ");
-      const unit = turns[i] ? "rad" : "m";
-      haloed(draw, `${names[i]} ${now} ${unit}`, INSET + 2, (i + 0.5) * tall + 0.28 * em, em);
+      const now = arms.map((_, k) => value(k, cycle, row, i).toFixed(2)).join(" and ");
+      const words = `${names[i]} ${now} ${turns[i] ? "rad" : "m"}`;
+      draw.fillStyle = tone("--paper");
+      draw.fillRect(INSET, i * tall + 1, draw.measureText(words).width + 6, tall - 2);
+      draw.fillStyle = tone("--soft");
+      draw.fillText(words, INSET + 2, (i + 0.5) * tall + 0.28 * em);
     }
     this.number({ draw, height, em, count, pitch, at }, 0);
   }

@@ -37,6 +37,7 @@ export function connect(clock, view) {
   byId("enlarge").addEventListener("click", ({ currentTarget }) =>
     view.enlarge(currentTarget.getAttribute("aria-pressed") !== "true"),
   );
+  byId("show-joints").addEventListener("change", ({ target }) => view.joints(target.checked));
   for (const name of ["traces", "ghost", "fan", "drift", "callouts"])
     byId(`show-${name}`).addEventListener("change", (event) =>
       view.set(name, event.target.checked),

@@ -5,78 +5,126 @@ import { inMetres, inWords } from "../numbers.js";
 const SMALL = 0.01; // m, below which a part has hardly drifted
 const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
+const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
+const HANDS = { 1: "the hand is", 2: "both hands are" };
 
-// {sentence, notes, part} after a number of cycles, in pieces [words, tone]; whether the loop encloses anything, and how often it
-// turns around the first joint.
-export function answer(chain, arms, result, cycles, { encloses, turns }) {
-  const { runs } = result;
-  const k = cycles - 1;
-  const times = cycles === 1 ? "one cycle" : `${cycles} cycles`;
+// {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop" or
+// "the path"; whether it encloses anything, and how often it turns around the first joint.
+export function answer(chain, arms, { runs }, cycles, shape) {
+  // an arm that has come close to a singularity is told of first, the others are compared
+  const lost = arms.flatMap((arm, k) => (runs[k].data.lost < cycles ? [k] : []));
+  const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
+  const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data.broken, shape));
+  if (!kept.length) {
+    sentence.push([" No arm can follow it to its end."]);
+    return { sentence, notes: notesOf(arms, runs, cycles), part: "hand" };
+  }
+  const context = {
+    chain,
+    arms: kept.map((k) => arms[k]),
+    runs: kept.map((k) => runs[k]),
+    alone: lost.length > 0,
+    times: cycles === 1 ? "one cycle" : `${cycles} cycles`,
+    k: cycles - 1,
+  };
+  const told = comparison(context, shape);
+  return {
+    sentence: [...sentence, ...told.sentence],
+    notes: notesOf(context.arms, context.runs, cycles),
+    part: told.part,
+  };
+}
+
+function lostWords({ data }, { cycle }, { whose }) {
+  return [
+    [
+      `${capital(data.under)} comes close to a singularity in cycle ${cycle} of ${whose}, at the ` +
+        "red mark: its drift cannot be computed reliably from there.",
+      "bad",
+    ],
+    [" "],
+  ];
+}
+
+// Who is back and who is not, of the arms that have gone all the way.
+function comparison(context, { encloses, turns, whose }) {
+  const { chain, arms, runs, alone, k } = context;
   const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k]));
   const most = worst.reduce((a, b) => (b.off > a.off ? b : a));
   const joints = runs.map(({ turned }) => Math.max(...turned[k]));
-  const joint =
-    chain.names[
-      runs
-        .flatMap(({ turned }) => [turned[k]])
-        .reduce((a, b) => (Math.max(...b) > Math.max(...a) ? b : a))
-        .reduce((b, v, i, all) => (v > all[b] ? i : b), 0)
-    ];
+  const back = worst.every(({ off }, i) => off < BACK && joints[i] < TURNED);
   const under = (i) => (runs.length > 1 ? ` under ${arms[i].data.under}` : "");
   const listed = (say) => runs.flatMap((run, i) => [[i ? ", " : ""], say(i), [under(i)]]);
-  const back = worst.every(({ off }, i) => off < BACK && joints[i] < TURNED);
-  const said = [];
+  const sentence = [];
   if (turns && !back)
-    said.push([
-      `Your loop winds around the axis of ${chain.axis.name}, so it need not close under any control. `,
+    sentence.push([
+      `${capital(whose)} winds around the axis of ${chain.axis.name}, ` +
+        "so it need not close under any control. ",
     ]);
-  const lost = runs.flatMap(({ hand }, i) =>
+  sentence.push(...handsBack(context, whose, alone ? ` under ${aloneUnder(arms[0])}` : ""));
+  const value = (i, unit) => {
+    const { off, part } = worst[i];
+    const zero = off < BACK;
+    const also = zero || part === most.part ? "" : ` (${part})`;
+    return [unbroken(`${inMetres(off)}${zero && i ? "" : unit}${also}`), toneOf(off)];
+  };
+  if (back && !encloses)
+    sentence.push(
+      ["A way there and back encloses nothing: "],
+      ["0", "good"],
+      [runs.length === 2 ? " off under both." : " off."],
+    );
+  else if (back)
+    sentence.push([`So is every part of the ${armWord(chain)}: `], ["0", "good"], [" off."]);
+  else if (most.off >= SMALL) {
+    const offs = listed((i) => value(i, " off"));
+    sentence.push([`${capital(partWords(most.part))} is not: `], ...offs, ["."]);
+  } else if (Math.max(...joints) >= TURNED) {
+    const angles = listed((i) => angleWords(joints[i]));
+    sentence.push([`The joint ${mostTurned(chain, runs, k)} is not: `], ...angles, ["."]);
+  } else {
+    const offs = listed((i) => value(i, ""));
+    sentence.push([`${capital(partWords(most.part))} has hardly drifted: `], ...offs, ["."]);
+  }
+  sentence.push(...othersOf(chain, arms, runs, k));
+  return { sentence, part: most.part };
+}
+
+// That the hands are back, or under whom they are not.
+function handsBack({ chain, arms, runs, times, k }, whose, under) {
+  const count = chain.frames.length;
+  const away = runs.flatMap(({ hand }, i) =>
     hand[k] > 1e-3 * chain.size
       ? [
-          [`Under ${arms[i].data.under} the hand is not back after ${times} of your loop: `],
+          [`Under ${arms[i].data.under} the hand is not back after ${times} of ${whose}: `],
           [`${inMetres(hand[k])} off`, "bad"],
           [". "],
         ]
       : [],
   );
-  said.push(...(lost.length ? lost : [[`After ${times} of your loop the hand is back. `]]));
-  const name = !/\d/.test(most.part)
-    ? `the ${most.part}`
-    : most.part.startsWith("arm ")
-      ? most.part
-      : `${most.part} of the arm`;
-  const value = (i, unit) => {
-    const { off, part } = worst[i];
-    const zero = off < BACK;
-    return [
-      `${inMetres(off)}${zero && i ? "" : unit}${zero || part === most.part ? "" : ` (${part})`}`.replaceAll(
-        " ",
-        "\u00a0",
-      ),
-      toneOf(off),
-    ];
-  };
-  if (back && !encloses)
-    said.push(
-      ["A way there and back encloses nothing: "],
-      ["0", "good"],
-      [runs.length === 2 ? " off under both." : " off."],
-    );
-  else if (back) said.push(["So is every part of the arm: "], ["0", "good"], [" off."]);
-  else if (most.off >= SMALL)
-    said.push([`${capital(name)} is not: `], ...listed((i) => value(i, " off")), ["."]);
-  else if (Math.max(...joints) >= TURNED)
-    said.push(
-      [`The joint ${joint} is not: `],
-      ...listed((i) => [
-        joints[i] < 1e-5 ? "0" : `${inWords(Number(joints[i].toPrecision(2)))}\u00a0rad`,
-        joints[i] >= TURNED ? "bad" : "good",
-      ]),
-      ["."],
-    );
-  else said.push([`${capital(name)} has hardly drifted: `], ...listed((i) => value(i, "")), ["."]);
-  said.push(...othersOf(chain, arms, runs, k));
-  return { sentence: said, notes: notesOf(arms, runs, cycles), part: most.part };
+  const hands = HANDS[count] || `all ${count} hands are`;
+  return away.length ? away : [[`After ${times} of ${whose} ${hands} back${under}. `]];
+}
+
+const armWord = ({ frames }) => (frames.length > 1 ? "arms" : "arm");
+const aloneUnder = ({ data }) => data.under.replace("repeatable one", "repeatable control");
+const unbroken = (words) => words.replaceAll(" ", "\u00a0");
+
+function partWords(part) {
+  if (!/\d/.test(part)) return `the ${part}`;
+  return part.startsWith("arm ") ? part : `${part} of the arm`;
+}
+
+function angleWords(angle) {
+  const words = angle < 1e-5 ? "0" : `${inWords(Number(angle.toPrecision(2)))}\u00a0rad`;
+  return [words, angle >= TURNED ? "bad" : "good"];
+}
+
+// The joint that has turned most under any control.
+function mostTurned({ names }, runs, k) {
+  const most = (all) => Math.max(...all);
+  const worst = runs.map(({ turned }) => turned[k]).reduce((a, b) => (most(b) > most(a) ? b : a));
+  return names[worst.indexOf(most(worst))];
 }
 
 // Which ends of other branches are not back, hands first.
@@ -90,13 +138,17 @@ function othersOf({ ends }, arms, runs, k) {
   if (!away.length) return [];
   const moved = arms.filter((_, j) => Math.max(...runs[j].others[k]) >= SMALL);
   const one = moved.length === 1 && runs.length > 1;
+  const upTo = moved.length > 1 ? "up to " : "";
+  const named = ({ name, link }, i) => {
+    const plain = name !== "other end" && away.filter((end) => end.name === name).length === 1;
+    const article = one || i ? "the" : "The";
+    return `${i ? ", " : ""}${article} ${plain ? name : `${name} ${link}`} ${i ? "" : "is "}${upTo}`;
+  };
   return [
     [one ? ` Under ${moved[0].data.under} ` : " "],
-    ...away.flatMap(({ name, link, off }, i) => [
-      [
-        `${i ? ", " : ""}${one || i ? "the" : "The"} ${name !== "other end" && away.filter((end) => end.name === name).length === 1 ? name : `${name} ${link}`} ${i ? "" : "is "}${moved.length > 1 ? "up to " : ""}`,
-      ],
-      [`${inMetres(off)}${i ? "" : " off"}`.replaceAll(" ", "\u00a0"), "bad"],
+    ...away.flatMap((end, i) => [
+      [named(end, i)],
+      [unbroken(`${inMetres(end.off)}${i ? "" : " off"}`), "bad"],
     ]),
     ["."],
   ];
@@ -108,37 +160,36 @@ const capital = (words) => words[0].toUpperCase() + words.slice(1);
 // The part of an arm that is off most, and how far.
 function mostOff(chain, arm, off) {
   const k = off.reduce((best, v, i) => (v > off[best] ? i : best), 0);
-  const place =
-    off[k] > 0
-      ? arm.moving[k]
-      : arm.moving.find(({ shape }) => chain.links[shape] && chain.links[shape][1]) ||
-        arm.moving[k];
+  const named = arm.moving.find(({ shape }) => chain.links[shape] && chain.links[shape][1]);
+  const place = off[k] > 0 ? arm.moving[k] : named || arm.moving[k];
   return { off: off[k], part: chain.links[place.shape][1] || "hand" };
 }
 
 function notesOf(arms, runs, cycles) {
-  const cost = runs.at(-1).speed / runs[0].speed - 1;
-  const said = [];
-  if (runs.length > 1)
-    said.push([
-      Math.abs(cost) < 5e-4
-        ? "The repeatable one takes no more joint speed (rms)."
-        : `The repeatable one takes ${Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0)}\u00a0% ${cost > 0 ? "more" : "less"} joint speed (rms).`,
-    ]);
-  const violated = runs.flatMap(({ data: { broken, under } }) =>
-    broken && broken.cycle <= cycles
-      ? [
-          [
-            ` ${broken.name ? `${broken.name} leaves its range` : broken.words} in cycle ${broken.cycle} under ${under}.`,
-            "bad",
-          ],
-        ]
-      : [],
-  );
-  said.push(...(violated.length ? violated : [[" Joint limits kept."]]));
+  const notes = runs.length > 1 ? [[speedWords(runs.at(-1).speed / runs[0].speed - 1)]] : [];
+  const violations = runs.flatMap(({ data }) => {
+    const { broken, under, lost } = data;
+    if (!broken || lost < Infinity || broken.cycle > cycles) return [];
+    const what = broken.name ? `${broken.name} leaves its range` : broken.words;
+    return [[` ${what} in cycle ${broken.cycle} under ${under}.`, "bad"]];
+  });
+  notes.push(...(violations.length ? violations : [[" Joint limits are kept."]]));
   const margin = Math.min(...runs.map((run) => run.margin));
-  said.push([
-    ` Leaf margin ${margin.toFixed(2)} or more (1 is best, 0 singular). Collisions are not checked.`,
-  ]);
-  return said;
+  const where = margin >= FAR ? "stays far from" : "comes near to";
+  const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
+  if (arms.some(({ data }) => data.under === "the repeatable one"))
+    notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
+  notes.push([" Collisions are not checked."]);
+  return notes;
+}
+
+// How much faster the joints move under the repeatable control than under the usual one.
+function speedWords(cost) {
+  if (Math.abs(cost) < 5e-4) return "The joints move no faster under the repeatable one.";
+  const share = Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0);
+  const change = `${share}\u00a0% ${cost > 0 ? "faster" : "slower"}`;
+  const least =
+    "The usual control has the smallest joint speed at each instant, not over a whole cycle.";
+  const said = `The joints move ${change} under the repeatable one (root mean square over cycle 1).`;
+  return cost > 0 ? said : `${said} ${least}`;
 }
