@@ -220,11 +220,11 @@ def playback_page(
         lines,
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
-        caption="\n".join(
+        caption=";\n".join(
             f"{one.frame}: {one.kind.words}{'' if several else _redundancy(one)}"
             for one in (chain.task for chain in chains)
         )
-        + (f"\ntogether{_redundancy(task).lstrip(',')}" if several else ""),
+        + (f";\ntogether{_redundancy(task).lstrip(',')}" if several else ""),
         planar=is_planar(np.vstack([*origins, *lines])),
         frames=frames,
         headline=headline,

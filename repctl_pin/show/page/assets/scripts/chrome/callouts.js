@@ -31,7 +31,8 @@ export class Callouts {
       const grey = arm.ghostSpot() ? ", in grey" : "";
       const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
       const same = leading ? "" : "the same in every cycle";
-      const from = arm.repeats ? same : `from ${base}${grey}`;
+      const compared = arm.repeats ? same : `from ${base}${grey}`;
+      const from = leading === "slides" ? `from the start${grey}` : compared;
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
       const lost = Boolean(arm.lost) && !leading;
       part.box.style.visibility = lost ? "hidden" : "";

@@ -286,14 +286,17 @@ export class Own {
     for (const arm of this.arms) {
       const data = { ...arm.study.run.data, broken: null, lost: Infinity };
       const motion = new Float64Array(2 * (arm.stride + 6 * arm.chains));
-      arm.use({ data, motion, frames: 2, perCycle: 1, joints: arm.study.run.joints });
+      const { joints } = arm.study.run;
+      arm.use({ data, motion, frames: 2, perCycle: 1, joints, most: arm.mostOff() });
+      // the slider shows how far the arm is from the start, in both panes
+      if (lead.slides) arm.reference = null;
       arm.notice.textContent = "";
     }
     this.player.clear();
     this.state = "leading";
     document.body.classList.add("leading", "own");
     byId("own").hidden = true;
-    this.scene.leading = true;
+    this.scene.leading = lead.slides ? "slides" : "leads";
   }
 
   // What each arm leaves behind while its hand is led: trails, the way home, the proved disc.
@@ -539,7 +542,7 @@ export class Own {
   // Put the hand down: nothing of the gesture is left.
   put() {
     if (!this.lead) return;
-    this.scene.leading = false;
+    this.scene.leading = "";
     cancelAnimationFrame(this.waiting);
     Object.assign(this, { lead: null, waiting: 0 });
     document.body.classList.remove("leading");
@@ -578,7 +581,8 @@ export class Own {
     this.scene.part = part;
     pointAt(arms, (s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
     notes.push(...this.said());
-    const moved = this.elbowOff() > 1e-4 ? `, ${this.elbowWords()}` : "";
+    const far = this.elbowOff();
+    const moved = far > 1e-4 ? `, elbow moved by ${inMetres(far)}` : "";
     const title = points
       ? `your loop, ${inMetres(this.length)} long${moved}`
       : `the study’s path${moved}`;

@@ -7,6 +7,7 @@ const SAMPLES = 126; // of a cycle
 const TOO_FAST = 1 + 1e-9;
 const RESOLVED = 0.01; // of the drift, within which the ends of cycles are with twice the steps
 const CLOSED = 1e-5; // or this near, rad or m
+const LOST = 1e-3; // of the arm, from which a hand is not back: the steps were too long
 
 // What the arms do on these paths, see pieces(): {cycles, perCycle, seconds, length, runs, motions},
 // a run per arm. An arm that comes close to a singularity stands still from there on; its run says
@@ -38,25 +39,22 @@ export function computed(laws, arms, paths, wanted) {
 const evenly = (count, last) =>
   Array.from({ length: count }, (_, i) => Math.round((i * last) / (count - 1)));
 
-// The row of a motion from which on it cannot be computed: where a joint would jump, or where it
-// comes nearest to a singularity, if twice the steps lead elsewhere. Null without.
+// The row of a motion from which on it cannot be computed: where a joint would jump, or where the
+// joints are fastest, near a singularity, if twice the steps lead elsewhere. Null without.
 function criticalRow(law, motion, fine) {
   if (motion.stopped !== null) return motion.stopped;
   const cycle = unresolvedCycle(law, motion, fine);
   if (cycle === null) return null;
-  const { n, m } = law.chain;
-  const still = new Float64Array(m);
-  let least = Infinity;
-  let critical = 0;
-  for (let row = 0; row < cycle * motion.perCycle; row++) {
-    law.solve(motion.Q.subarray(row * n, (row + 1) * n), still);
-    const sine = law.sine();
-    if (sine < least) [least, critical] = [sine, row];
-  }
+  const { n } = law.chain;
+  const speed = (row) => Math.hypot(...motion.V.subarray(row * n, (row + 1) * n));
+  let critical = (cycle - 1) * motion.perCycle;
+  for (let row = critical; row < cycle * motion.perCycle; row++)
+    if (speed(row) > speed(critical)) critical = row;
   return critical;
 }
 
-// The first cycle at whose end an arm is elsewhere with twice the steps; null without. Of an arm
+// The first cycle at whose end a hand is not back, or an arm elsewhere with twice the steps; null
+// without. Of an arm
 // that is back after cycle 1, all cycles are alike.
 function unresolvedCycle(law, motion, fine) {
   const { n } = law.chain;
@@ -66,6 +64,7 @@ function unresolvedCycle(law, motion, fine) {
   const apart = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
   for (let c = 1; c <= (back ? 1 : motion.cycles); c++) {
     const q = end(motion, c);
+    if (handOff(law.chain, motion.Q, q) > LOST * law.chain.size) return c;
     const off = c > again.cycles ? Infinity : apart(q, end(again, c));
     if (off > Math.max(RESOLVED * gapAt(law, motion, c), CLOSED)) return c;
   }
@@ -76,6 +75,15 @@ function unresolvedCycle(law, motion, fine) {
 function gapAt({ chain, start }, { Q, perCycle }, c) {
   const at = c * perCycle * chain.n;
   return Math.hypot(...start.map((v, i) => Q[at + i] - v));
+}
+
+// How far a hand is at q from where it is at the start of a motion, m.
+function handOff(chain, Q, q) {
+  const [from, to] = [Q.subarray(0, chain.n), q].map((one) => {
+    chain.place(one);
+    return chain.frames.map(({ p }) => [...p]);
+  });
+  return Math.max(...from.map((p, f) => Math.hypot(...p.map((v, c) => v - to[f][c]))));
 }
 
 // Leave a motion where it is from its last row on.
@@ -124,11 +132,9 @@ function runOf(law, arm, { Q, V, perCycle, margin, last }, rows, cycles) {
   const turned = ends.map((q) =>
     chain.own(q).map((v, i) => (chain.turns[i] ? Math.abs(v - first[i]) : 0)),
   );
-  const gone = (f, c) => arm.point("tip", f, (c + 1) * F - 1).distanceTo(arm.point("tip", f, 0));
-  const hand = ends.map((_, c) => Math.max(...chain.frames.map((__, f) => gone(f, c))));
   const others = ends.map((q) => othersOff(chain, at(0), q));
   const speed = Math.sqrt(squares / perCycle);
-  return Object.assign(run, { ends: off, others, turned, hand, margin, speed });
+  return Object.assign(run, { ends: off, others, turned, margin, speed });
 }
 
 // The joints at the samples of the study's plot of them.

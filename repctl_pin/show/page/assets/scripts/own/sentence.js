@@ -48,7 +48,7 @@ function lostWords({ data }, { cycle }, { whose }) {
 
 // Who is back and who is not, of the arms that have gone all the way.
 function comparison(context, { encloses, turns, whose }) {
-  const { chain, arms, runs, alone, k } = context;
+  const { chain, arms, runs, alone, times, k } = context;
   const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k]));
   const most = worst.reduce((a, b) => (b.off > a.off ? b : a));
   const joints = runs.map(({ turned }) => Math.max(...turned[k]));
@@ -61,7 +61,9 @@ function comparison(context, { encloses, turns, whose }) {
       `${capital(whose)} winds around the axis of ${chain.axis.name}, ` +
         "so it need not close under any control. ",
     ]);
-  sentence.push(...handsBack(context, whose, alone ? ` under ${aloneUnder(arms[0])}` : ""));
+  const hands = HANDS[chain.frames.length] || `all ${chain.frames.length} hands are`;
+  const by = alone ? ` under ${aloneUnder(arms[0])}` : "";
+  sentence.push([`After ${times} of ${whose} ${hands} back${by}. `]);
   const value = (i, unit) => {
     const { off, part } = worst[i];
     const zero = off < BACK;
@@ -88,22 +90,6 @@ function comparison(context, { encloses, turns, whose }) {
   }
   sentence.push(...othersOf(chain, arms, runs, k));
   return { sentence, part: most.part };
-}
-
-// That the hands are back, or under whom they are not.
-function handsBack({ chain, arms, runs, times, k }, whose, under) {
-  const count = chain.frames.length;
-  const away = runs.flatMap(({ hand }, i) =>
-    hand[k] > 1e-3 * chain.size
-      ? [
-          [`Under ${arms[i].data.under} the hand is not back after ${times} of ${whose}: `],
-          [`${inMetres(hand[k])} off`, "bad"],
-          [". "],
-        ]
-      : [],
-  );
-  const hands = HANDS[count] || `all ${count} hands are`;
-  return away.length ? away : [[`After ${times} of ${whose} ${hands} back${under}. `]];
 }
 
 const armWord = ({ frames }) => (frames.length > 1 ? "arms" : "arm");
