@@ -568,6 +568,8 @@ export class Own {
     document.body.classList.add("own");
     byId("own").hidden = false;
     byId("loop-csv").hidden = !points;
+    const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
+    byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
     this.player.play({ ...result, paths: paths.filter(Boolean) });
     this.tell(Math.min(cycle, result.cycles));
     this.clock.seek(this.shown);
