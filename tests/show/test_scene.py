@@ -64,6 +64,7 @@ def test_page_holds_what_went_in(name: str) -> None:
         expected = drawn.placements(Q[rows])
         np.testing.assert_allclose(arm.of(drawn), expected, atol=1e-6)
         np.testing.assert_allclose(arm.tip[:, 0], task.positions(motion.q[rows]), atol=1e-6)
+        np.testing.assert_allclose(arm.joints, motion.q[rows], atol=1e-4)
         elbow = fastest_in_the_self_motion(task, motion.q[0])
         origins = [task.joint_origins(q)[elbow] for q in motion.q[rows]]
         np.testing.assert_allclose(arm.elbow[:, 0], origins, atol=1e-6)
