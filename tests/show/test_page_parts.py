@@ -352,3 +352,16 @@ def test_each_script_follows_the_scripts_it_imports() -> None:
             if folder.name and "/" in target:
                 room = Path(target).parent.name
                 assert room in allowed[folder.name] | {folder.name}, (script, target)
+
+
+def test_lines_of_scripts_and_styles_are_short() -> None:
+    """At most 100 characters; prettier keeps code short, not strings and comments."""
+    assets = Path(rp.__file__).parent / "show" / "page" / "assets"
+    files = [*assets.rglob("*.js"), *assets.rglob("*.css")]
+    long = [
+        f"{file.name}:{k}"
+        for file in files
+        for k, line in enumerate(file.read_text("utf-8").splitlines(), 1)
+        if len(line) > 100
+    ]
+    assert len(files) > 20 and long == []

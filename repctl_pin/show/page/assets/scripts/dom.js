@@ -19,7 +19,8 @@ export async function unpack(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// Series of numbers from the bytes of their third differences: row after row of each series, which are [rows, columns].
+// Series of numbers from the bytes of their third differences: row after row of each series, which
+// are [rows, columns].
 export function summed(bytes, series, resolution) {
   const n = bytes.length / 4;
   const out = new Float64Array(n);

@@ -50,7 +50,8 @@ function run(clock, viewer, live, resize) {
   (function tick(now) {
     const passed = Math.max(now - before, 0) / 1000;
     before = now;
-    // no graphics card: after some late pictures in a row, or two very late ones, do without shadows and draw fewer pixels
+    // no graphics card: after some late pictures in a row, or two very late ones, do without
+    // shadows and draw fewer pixels
     late = (clock.playing || live) && passed > 0.14 ? late + Math.min(passed / 0.14, 4) : 0;
     if (late >= 8 && !plain) {
       plain = true;
@@ -164,7 +165,8 @@ async function main() {
     keep(clock, eye, own ? own.wish() : []);
     viewer.set_dirty();
   }
-  const small = window.matchMedia("(max-width: 640px), (max-height: 480px)"); // there the arm is seen, not all of its robot
+  // there the arm is seen, not all of its robot
+  const small = window.matchMedia("(max-width: 640px), (max-height: 480px)");
   function resize() {
     panes.layout();
     if (own) own.reserve();

@@ -81,8 +81,8 @@ export async function setStage(viewer, scene) {
   };
 }
 
-// The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is
-// not a hall, and what is near the arm.
+// The points that the camera must see: all of the robot, where that leaves the arm large; else its
+// whole width, if it is not a hall, and what is near the arm.
 function inSight(arms, path, eye) {
   const T = MeshCat.THREE;
   const reach = arms.map((arm) => arm.reach());

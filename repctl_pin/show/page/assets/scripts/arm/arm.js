@@ -1,5 +1,5 @@
-// One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm stands at the same instant, or
-// else where this arm stood in cycle 1.
+// One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm
+// stands at the same instant, or else where this arm stood in cycle 1.
 
 import { tone } from "../dom.js";
 
@@ -111,7 +111,8 @@ export class ArmView {
       if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + 7 * k, this.stride, near);
   }
 
-  // What frame i is compared with: that frame of the reference, or the same one of cycle 1; a cycle's end is the start.
+  // What frame i is compared with: that frame of the reference, or the same one of cycle 1; a
+  // cycle's end is the start.
   against(i) {
     const F = this.perCycle;
     return this.reference
@@ -241,8 +242,8 @@ export class ArmView {
     return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
-  // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the arm does not cover it; it
-  // stands behind what it nearly coincides with.
+  // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the
+  // arm does not cover it; it stands behind what it nearly coincides with.
   makeGhost() {
     const T = MeshCat.THREE;
     const shared = {
@@ -296,7 +297,8 @@ export class ArmView {
     this.group.add(this.ghost);
   }
 
-  // The arm at the ends of all cycles at once, see-through, from pale to its colour; made when it is first asked for.
+  // The arm at the ends of all cycles at once, see-through, from pale to its colour; made when it
+  // is first asked for.
   showFan(on) {
     if (this.fan && this.fan.gain !== this.gain) {
       this.group.remove(this.fan);
@@ -393,7 +395,8 @@ export class ArmView {
     return this.run.most;
   }
 
-  // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the robot's own colours.
+  // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the
+  // robot's own colours.
   showDrift(on, most) {
     const T = MeshCat.THREE;
     const grey = new T.Color(tone("--body"));
@@ -413,8 +416,9 @@ export class ArmView {
   }
 }
 
-// The arm that the others are compared with, frame by frame: the last one that is back after each cycle, if all begin where it
-// begins and their hands go where its hand goes; null without. It is itself compared with its cycle 1.
+// The arm that the others are compared with, frame by frame: the last one that is back after each
+// cycle, if all begin where it begins and their hands go where its hand goes; null without. It is
+// itself compared with its cycle 1.
 export function referenceOf(arms) {
   const found = arms.findLast(({ data }) =>
     data.off.flat().every((off) => off !== null && off < SAME),
@@ -458,13 +462,15 @@ export function pointAt(arms, isPart) {
     way.addScaledVector(after[i], weight).addScaledVector(before[i], -weight);
     all += weight;
   });
-  // the middle of a body that turns about itself hardly moves: then its farthest corner is pointed at
+  // the middle of a body that turns about itself hardly moves: then its farthest corner is pointed
+  // at
   const place =
     way.length() < 0.8 * most * all ? corners[ways.indexOf(most)][1] : point.divideScalar(all || 1);
   for (const arm of arms) arm.spot = all ? { k, point: place } : null;
 }
 
-// The arm that is off most after all cycles, and where the corners of its part are before and after them.
+// The arm that is off most after all cycles, and where the corners of its part are before and after
+// them.
 export function displaced(arms) {
   const arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a));
   const at = (i) => {
@@ -530,8 +536,9 @@ function elsewhere({ position, quaternion }, other) {
   );
 }
 
-// The frames, and their weights, that give what is a part f on the way from frame i to the next: the cubic through four
-// of the same cycle (Catmull and Rom), its ends extrapolated; a line where there are fewer.
+// The frames, and their weights, that give what is a part f on the way from frame i to the next:
+// the cubic through four of the same cycle (Catmull and Rom), its ends extrapolated; a line where
+// there are fewer.
 function between(i, f, F) {
   if (!(f > 0)) return [[i, 1]];
   if (F < 4)

@@ -3,7 +3,8 @@
 import { displaced } from "./arm.js";
 
 export class Eye {
-  // `out`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as a drawing
+  // `out`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as
+  // a drawing
   constructor(viewer, out, flat) {
     const T = MeshCat.THREE;
     this.viewer = viewer;
@@ -154,9 +155,10 @@ export function towards(tip, whole) {
   );
 }
 
-// Look at the arm from where its drift is seen best: at the largest gap on the screen, in parts of the picture, between where
-// the place that is off most stands at the end and where it stood at the start, as far as nothing hides either, nor the hand.
-// `usual`: the direction that counts where views are alike, or nothing is off
+// Look at the arm from where its drift is seen best: at the largest gap on the screen, in parts of
+// the picture, between where the place that is off most stands at the end and where it stood at the
+// start, as far as nothing hides either, nor the hand. `usual`: the direction that counts where
+// views are alike, or nothing is off
 export function clearest(arms, usual) {
   const T = MeshCat.THREE;
   const { arm, before, after } = displaced(arms);
@@ -226,7 +228,8 @@ function boxOf(place) {
     });
 }
 
-// Whether a body stands between a point and a camera far out; what surrounds the point itself does not count.
+// Whether a body stands between a point and a camera far out; what surrounds the point itself does
+// not count.
 function hidden(point, out, boxes) {
   const ray = new MeshCat.THREE.Ray();
   return boxes.some(({ box, inverse }) => {

@@ -1,5 +1,5 @@
-// The controls on an arm: J⁺ and the repeatable inverse are the least q̇ with A q̇ = b, for A = J,
-// b = ẋ, and for A = [J; Vᵀ], b = [ẋ; 0]. Matrices are in rows.
+// The controls on an arm: J⁺ and the repeatable inverse give the smallest q̇ with A q̇ = b, for A =
+// J, b = ẋ, and for A = [J; Vᵀ], b = [ẋ; 0]. Matrices are in rows.
 
 import { doubles } from "./kinematics.js";
 
@@ -79,7 +79,8 @@ export class Law {
     this.leaf = Array.from(this.levels(this.start));
   }
 
-  // The smallest sine of the angle between a row of J and those before it, where A was last solved; 0 where J loses rank.
+  // The smallest sine of the angle between a row of J and those before it, where A was last solved;
+  // 0 where J loses rank.
   sine() {
     const {
       rows,
@@ -95,7 +96,8 @@ export class Law {
     return least;
   }
 
-  // The leaf margin σ_min(Nᵀ V̂) where A was last solved: with A = L Q, the rows of V are C and D in Q's first and last rows.
+  // The leaf margin σ_min(Nᵀ V̂) where A was last solved: with A = L Q, the rows of V are C and D
+  // in Q's first and last rows.
   margin() {
     const {
       r,
@@ -120,7 +122,8 @@ export class Law {
   }
 }
 
-// Make the rows of A orthonormal, A = L Q, and put the shortest x with A x = b into x; gives the smallest sine.
+// Make the rows of A orthonormal, A = L Q, and put the shortest x with A x = b into x; gives the
+// smallest sine.
 function leastSolution(A, rows, n, b, L, x) {
   let least = 1;
   for (let i = 0; i < rows; i++) {

@@ -104,7 +104,8 @@ export class Marker {
   }
 }
 
-// The colour grows from pale to full with the drift, where there is any; an arm that does not drift has one colour.
+// The colour grows from pale to full with the drift, where there is any; an arm that does not drift
+// has one colour.
 export function driftShade(arm, scene) {
   const T = MeshCat.THREE;
   const full = new T.Color(arm.color);
@@ -143,7 +144,8 @@ export function drawPaths(arms, paths, extent) {
   }
 }
 
-// The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the arm is drawn.
+// The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the
+// arm is drawn.
 export function drawWays(arms, scene, extent) {
   const F = scene.perCycle;
   const thick = THICK * extent;

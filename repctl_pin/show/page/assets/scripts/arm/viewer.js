@@ -38,7 +38,8 @@ export function light(viewer, center, size, eye) {
       .addScaledVector(eye.right, right * size)
       .addScaledVector(eye.out, back * size)
       .add(center);
-  const above = Math.abs(eye.out.z) > 0.9; // then the light comes slanting, or nothing would have form
+  // then the light comes slanting, or nothing would have form
+  const above = Math.abs(eye.out.z) > 0.9;
   const sky = new T.HemisphereLight(0xffffff, 0xc3ccd6, above ? 0.6 : 0.7);
   sky.position.set(0, 0, 1);
   const key = new T.DirectionalLight(0xffffff, 0.36);

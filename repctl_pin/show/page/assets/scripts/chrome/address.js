@@ -1,11 +1,12 @@
 // The page's address keeps where time stands and where the camera is: #t=4.5&view=1,2,3,0,0,0,1; a
-// visitor's own loop: #loop=x,y,z;x,y,z;… of the frame's origin, m, base axes, of the second hand with
-// hand=2, mirrored by the others with mirror=1; and the place of the elbow's slider: elbow=12, along
-// level=2.
+// visitor's own loop: #loop=x,y,z;x,y,z;… of the frame's origin, m, base axes, of the second hand
+// with hand=2, mirrored by the others with mirror=1; and the place of the elbow's slider: elbow=12,
+// along level=2.
 
 const asked = new URLSearchParams(location.hash.slice(1));
 
-// What the address asks for: `paused`, a time in cycles, a view of seven numbers, a loop of points; null where it does not.
+// What the address asks for: `paused`, a time in cycles, a view of seven numbers, a loop of points;
+// null where it does not.
 export function wishes() {
   const t = asked.has("t") ? Number(asked.get("t")) : NaN;
   const view = (asked.get("view") || "").split(",").map(Number);

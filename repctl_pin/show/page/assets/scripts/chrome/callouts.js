@@ -24,7 +24,8 @@ export class Callouts {
     return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`;
   }
 
-  // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far it was off, m, and when.
+  // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far
+  // it was off, m, and when.
   say(read = null) {
     const { leading, hands: names } = this.scene;
     for (const { arm, part, hands } of this.sets) {
@@ -101,9 +102,9 @@ function write(node, words) {
   if (node.textContent !== words) node.textContent = words;
 }
 
-// `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room for
-// it begins; `free`: a point to leave free, the box stands beside it, on the side that it stood on
-// before
+// `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room
+// for it begins; `free`: a point to leave free, the box stands beside it, on the side that it stood
+// on before
 function put(callout, { w, h }, at, y, width, height, left, free) {
   const { box, leader } = callout;
   if (!at) {
@@ -130,7 +131,8 @@ function put(callout, { w, h }, at, y, width, height, left, free) {
   drawLine(leader, from, at, width, height);
 }
 
-// Draw a line between two points of the window; none if there is no first point, or the second is beside the pane.
+// Draw a line between two points of the window; none if there is no first point, or the second is
+// beside the pane.
 function drawLine(line, from, at, width, height) {
   const length = from && at ? Math.hypot(at.x - from.x, at.y - from.y) : NaN;
   const inside = at && at.x >= 0 && at.x <= width && at.y >= 0 && at.y <= height;
@@ -138,7 +140,8 @@ function drawLine(line, from, at, width, height) {
   line.style.width = line.hidden ? "0" : `${length}px`;
   if (line.hidden) return;
   line.line = [from.x, from.y, at.x, at.y]; // for a picture of it
-  line.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${Math.atan2(at.y - from.y, at.x - from.x)}rad)`;
+  const angle = Math.atan2(at.y - from.y, at.x - from.x);
+  line.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${angle}rad)`;
 }
 
 // From where the place that is off most was, to where it is.

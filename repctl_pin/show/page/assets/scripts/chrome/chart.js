@@ -69,7 +69,8 @@ export class Chart {
     return arm.data.off[cycle][part >= 1 ? 1 : 0];
   }
 
-  // `done`: number of the last cycle that is finished, 0 at the start; `cycle`, `part`: where time is; gives the words of say()
+  // `done`: number of the last cycle that is finished, 0 at the start; `cycle`, `part`: where time
+  // is; gives the words of say()
   show(done, cycle, part) {
     const times = this.say(done, cycle, part);
     this.canvas.setAttribute("aria-valuenow", done);

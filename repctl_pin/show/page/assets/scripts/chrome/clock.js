@@ -1,5 +1,6 @@
-// Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still and the elbow walks.
-// It opens on the end for three seconds, goes through the cycles' ends once, invites to draw, as long, and then runs.
+// Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still
+// and the elbow walks. It opens on the end for three seconds, goes through the cycles' ends once,
+// invites to draw, as long, and then runs.
 
 const END = 3;
 const HOLD = 1.4; // s

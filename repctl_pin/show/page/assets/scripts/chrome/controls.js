@@ -2,7 +2,8 @@
 
 import { byId, element } from "../dom.js";
 
-// Gives a function that makes them say where time is: `done` cycles finished, and the part of the next.
+// Gives a function that makes them say where time is: `done` cycles finished, and the part of the
+// next.
 export function connect(clock, view) {
   rule(clock);
   const seek = (time) => {
@@ -50,7 +51,8 @@ export function connect(clock, view) {
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog")) return;
-    if (key === " " && target.closest("button, summary, input[type=checkbox]")) return; // it is what presses them
+    // it is what presses them
+    if (key === " " && target.closest("button, summary, input[type=checkbox]")) return;
     const turns = {
       ArrowLeft: [-0.1, 0],
       ArrowRight: [0.1, 0],

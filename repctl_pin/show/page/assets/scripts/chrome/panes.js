@@ -34,7 +34,8 @@ export class Panes {
     viewer.set_3d_pane_size = () => {};
   }
 
-  // Stack a few panes in portrait; else give the stage as many columns as make their pictures largest.
+  // Stack a few panes in portrait; else give the stage as many columns as make their pictures
+  // largest.
   layout() {
     const { clientWidth: width, clientHeight: height } = byId("panes");
     const count = this.arms.length;
@@ -54,7 +55,8 @@ export class Panes {
     this.colour();
   }
 
-  // Decide whether all panes have room for what is said of the part beside their labels, in this run.
+  // Decide whether all panes have room for what is said of the part beside their labels, in this
+  // run.
   inRows() {
     this.beside =
       this.frames[0].clientHeight < LOW &&
@@ -75,7 +77,8 @@ export class Panes {
     return fits;
   }
 
-  // What a pane keeps free above the arm, for its label and what is said of the part, and below it, px.
+  // What a pane keeps free above the arm, for its label and what is said of the part, and below it,
+  // px.
   room() {
     const label = this.frames[0].firstChild.clientHeight * 1.5;
     const low = this.frames[0].clientHeight < LOW;
@@ -93,7 +96,8 @@ export class Panes {
     this.viewer.set_dirty();
   }
 
-  // Where a pane is on the stage: left, top, width, height, in pixels; as measured last, since to ask lays the page out.
+  // Where a pane is on the stage: left, top, width, height, in pixels; as measured last, since to
+  // ask lays the page out.
   measure() {
     this.places = this.frames.map(
       ({ offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height }) => ({
@@ -108,7 +112,8 @@ export class Panes {
     return this.places[k];
   }
 
-  // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such a place, robot axes.
+  // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such
+  // a place, robot axes.
   seen(k, p) {
     const { width, height } = this.place(k);
     const { camera } = this.viewer;

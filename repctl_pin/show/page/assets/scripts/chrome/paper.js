@@ -4,7 +4,8 @@ import { byId, element, forgetTones } from "../dom.js";
 import { inMetres } from "../numbers.js";
 
 const WIDE = 1800; // px
-const SHEET = "position: fixed; left: 0; top: 0; width: 1400px; height: 640px"; // the stage, whatever the window
+// the stage, whatever the window
+const SHEET = "position: fixed; left: 0; top: 0; width: 1400px; height: 640px";
 
 export function still(viewer, clock, arms, panes, resize) {
   byId("stage").style.cssText = SHEET;

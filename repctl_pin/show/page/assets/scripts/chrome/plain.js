@@ -1,4 +1,5 @@
-// Without WebGL: each arm as a line from its first body over the elbow to the hand, at the start and at the end, and the chart.
+// Without WebGL: each arm as a line from its first body over the elbow to the hand, at the start
+// and at the end, and the chart.
 
 import { Chart } from "./chart.js";
 import { byId, element, sharp, summed, tone, unpack } from "../dom.js";
@@ -39,12 +40,15 @@ export async function drawPlain(scene) {
   );
   document.body.classList.add("plain-view");
   byId("drift-note").textContent =
-    `No 3D view: WebGL is off here. First link, elbow and hand; grey: at the start, in colour: after ${scene.cycles.at(-1)} cycles.`;
+    "No 3D view: WebGL is off here. First link, elbow and hand; grey: at the start, in colour: " +
+    `after ${scene.cycles.at(-1)} cycles.`;
   byId("scale-note").hidden = true;
   const canvases = arms.map(({ data }) => {
     const canvas = element("canvas", {
       role: "img",
-      "aria-label": `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ${inMetres(data.off.at(-1)[1])} off`,
+      "aria-label":
+        `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ` +
+        `${inMetres(data.off.at(-1)[1])} off`,
     });
     byId("panes").append(
       element(
@@ -79,7 +83,8 @@ export async function drawPlain(scene) {
 
 function drawArm(canvas, { data, before, after }, arms, paths, planar) {
   const seen = ([x, y, z]) =>
-    planar ? [x, -y] : [0.68 * x - 0.73 * y, 0.24 * x + 0.22 * y - 0.94 * z]; // from the front, a little from above
+    // from the front, a little from above
+    planar ? [x, -y] : [0.68 * x - 0.73 * y, 0.24 * x + 0.22 * y - 0.94 * z];
   const all = [...arms.flatMap((arm) => [arm.before, arm.after]).flat(2), ...paths.flat()].map(
     seen,
   );

@@ -114,7 +114,8 @@ function drawWords(draw, text) {
   }
 }
 
-// A film from now on, for at most `seconds`, or until `stop`: {stop, done}, done a promise of what was filmed.
+// A film from now on, for at most `seconds`, or until `stop`: {stop, done}, done a promise of what
+// was filmed.
 export function record(viewer, clock, seconds = Infinity) {
   const canvas = seen(viewer, undefined, 1);
   const stream = canvas.captureStream(30);

@@ -8,7 +8,8 @@ import { cleared, Marker, Trail } from "../arm/traces.js";
 const STEP = 0.01; // m a key press
 const MOST = 0.1; // m a message
 
-// `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go by
+// `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go
+// by
 export function follow(arms, panes, scene, extent, shown) {
   const { camera } = panes.viewer;
   const goals = arms.map((arm) => new Goal(arm, extent));
@@ -42,7 +43,9 @@ export function follow(arms, panes, scene, extent, shown) {
       arm.standAs(numbers, k * stride, (count + k) * stride);
       const drift = numbers[2 * count * stride + k];
       const past = numbers[2 * count * stride + count + k];
-      arm.notice.textContent = `${inWords(drift)} ${arm.data.unit} off cycle 1${past ? ", past a limit" : ""}${waiting}`;
+      const limit = past ? ", past a limit" : "";
+      const off = `${inWords(drift)} ${arm.data.unit} off cycle 1`;
+      arm.notice.textContent = `${off}${limit}${waiting}`;
     });
     const target = goals.some(({ place }) => place);
     if (cycles) judge(arms, scene, { hand: Math.max(...hands), cycles, target });
@@ -52,7 +55,8 @@ export function follow(arms, panes, scene, extent, shown) {
     shown();
   }
   socket.addEventListener("message", ({ data }) => {
-    if (newest === null) requestAnimationFrame(draw); // of what comes between two pictures, the last is drawn
+    // of what comes between two pictures, the last is drawn
+    if (newest === null) requestAnimationFrame(draw);
     newest = data;
   });
   socket.addEventListener("close", () => {
@@ -79,7 +83,8 @@ export function follow(arms, panes, scene, extent, shown) {
   );
 }
 
-// Which way a key moves the target, m: along the robot's axis that lies most as the key says on the screen.
+// Which way a key moves the target, m: along the robot's axis that lies most as the key says on the
+// screen.
 function moved(key, camera) {
   if (key === "Home") return "home";
   const way = {
@@ -127,13 +132,10 @@ function judge(arms, scene, { hand, cycles, target }) {
     element("b", { class: tint(most[k][0]) }, `${inMetres(most[k][0])} off`),
     ` under ${arm.data.under}`,
   ]);
+  const article = /\d$/.test(name) ? "" : "the ";
   const words =
     hand < 1e-3
-      ? [
-          `After ${times} the hand is where it was in cycle 1; ${/\d$/.test(name) ? "" : "the "}${name} is `,
-          ...off,
-          ".",
-        ]
+      ? [`After ${times} the hand is where it was in cycle 1; ${article}${name} is `, ...off, "."]
       : [
           `The hand is ${inMetres(hand)} from where it was in cycle 1`,
           target ? ": bring the target back (Home) to compare." : ".",
@@ -164,7 +166,8 @@ class Goal {
   }
 }
 
-// A finger or the mouse takes the target where it is seen, in any pane, and moves it across the screen.
+// A finger or the mouse takes the target where it is seen, in any pane, and moves it across the
+// screen.
 function draggable(arms, goals, panes, send) {
   const stage = byId("picture");
   const { camera } = panes.viewer;

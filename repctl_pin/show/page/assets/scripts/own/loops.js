@@ -55,7 +55,8 @@ function simpler(points, most) {
     : [a, b];
 }
 
-// The length of a loop without the ways that it goes there and back, m: 0 where it encloses nothing.
+// The length of a loop without the ways that it goes there and back, m: 0 where it encloses
+// nothing.
 export function enclosing(points) {
   const sizes = points.slice(1).map((p, i) => gap(p, points[i]));
   const step = sizes.reduce((sum, v) => sum + v, 0) / 80;

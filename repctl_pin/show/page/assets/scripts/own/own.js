@@ -1,5 +1,5 @@
-// The visitor's own loop: take a hand at its ring, draw, let go; both arms follow, and the page says
-// what has happened. And the slider of the elbow, from where they then start.
+// The visitor's own loop: take a hand at its ring, draw, let go; both arms follow, and the page
+// says what has happened. And the slider of the elbow, from where they then start.
 
 import { pointAt } from "../arm/arm.js";
 import { Chain } from "../arm/kinematics.js";
@@ -20,14 +20,15 @@ const DRAW = [["Draw a loop and let go. Both arms follow."]];
 const HOW = ["The dotted line closes the loop."];
 const DOTS = 200; // of that line, at most
 const RACE = 4; // times the joint speed at the start, or the limit, at which it stops
-const FLAT = 0.35; // part of the smallest sine between the rows of J at the start, below which it stops
+// part of the smallest sine between the rows of J at the start, below which it stops
+const FLAT = 0.35;
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
 const BUDGET = 5; // ms of steps between two pictures
 const OUT_OF_REACH = "That is out of reach.";
 
 export class Own {
-  // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of computed(),
-  // or the study again; `paths`: those of the study, as they are drawn
+  // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
+  // computed(), or the study again; `paths`: those of the study, as they are drawn
   constructor(data, { arms, panes, scene, clock, extent, player, paths }) {
     Object.assign(this, { arms, panes, scene, clock, extent, player });
     this.chain = new Chain(data);
@@ -423,8 +424,8 @@ export class Own {
     });
   }
 
-  // Step all arms of {hand, qs, worst} to the next place of the hand; or say why one of them cannot,
-  // and stay.
+  // Step all arms of {hand, qs, worst} to the next place of the hand; or say why one of them
+  // cannot, and stay.
   step(from, next) {
     const targets = this.hands(next);
     const length = gap(next, from.hand);
@@ -511,7 +512,7 @@ export class Own {
     this.player.show();
   }
 
-  // Put both arms where they have been led; the ghost is the last of them, or as it was told.
+  // Put both arms where they have been led; the ghost is the last of them, or as `lead` says.
   drawArms() {
     const { lead } = this;
     this.arms.forEach((arm, k) => {
@@ -767,7 +768,8 @@ export class Own {
     if (title) byId("title").textContent = `${this.scene.title.split(":")[0]}: ${title}`;
   }
 
-  // Give sentence and notes the room of their longest words, so that nothing moves when they change.
+  // Give sentence and notes the room of their longest words, so that nothing moves when they
+  // change.
   reserve() {
     const [[ring]] = this.rings;
     // there the words are shorter
@@ -823,11 +825,11 @@ const LONGEST_WORDS = {
     "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the " +
     "usual control, 0 under the repeatable one.",
   notes:
-    "The joints move 0.8 % faster under the repeatable one (root mean square over cycle 1). Joint " +
-    "limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is best, 0 " +
+    "The joints move 0.8 % faster under the repeatable one (root mean square over cycle 1). " +
+    "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is best, 0 " +
     "fails). Collisions are not checked. Closing is proved within 1.1 cm of the start; this loop " +
-    "was computed. Can you draw one, 25 cm or longer, under which the usual arm drifts less? Your " +
-    "best: 0.88 mm off after 10 cycles.",
+    "was computed. Can you draw one, 25 cm or longer, under which the usual arm drifts less? " +
+    "Your best: 0.88 mm off after 10 cycles.",
 };
 
 // The largest joint speed of a control for a hand that moves by 1 m/s along an axis, at q.

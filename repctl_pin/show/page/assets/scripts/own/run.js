@@ -9,9 +9,9 @@ const RESOLVED = 0.01; // of the drift, within which the ends of cycles are with
 const CLOSED = 1e-5; // or this near, rad or m
 const LOST = 1e-3; // of the arm, from which a hand is not back: the steps were too long
 
-// What the arms do on these paths, see pieces(): {cycles, perCycle, seconds, length, runs, motions},
-// a run per arm. An arm that comes close to a singularity stands still from there on; its run says
-// so by data.lost, in cycles.
+// What the arms do on these paths, see pieces(): {cycles, perCycle, seconds, length, runs,
+// motions}, a run per arm. An arm that comes close to a singularity stands still from there on; its
+// run says so by data.lost, in cycles.
 export function computed(laws, arms, paths, wanted) {
   const { chain } = laws[0];
   const path = pieces(paths, chain.speed, chain.steps);
@@ -54,7 +54,7 @@ function criticalRow(law, motion, fine) {
 }
 
 // The first cycle at whose end a hand is not back, or an arm elsewhere with twice the steps; null
-// without. Of an arm
+// without. If an arm
 // that is back after cycle 1, all cycles are alike.
 function unresolvedCycle(law, motion, fine) {
   const { n } = law.chain;
@@ -249,8 +249,8 @@ function othersOff(chain, start, q) {
   return from.map((p, k) => Math.hypot(...p.map((v, c) => v - to[k][c])));
 }
 
-// How far each moving body is at frame i from where it is at the start, m; 0 for what is not part of
-// the arm.
+// How far each moving body is at frame i from where it is at the start, m; 0 for what is not part
+// of the arm.
 function offAt(arm, i, chain) {
   arm.pose(i, 0);
   arm.pose(0, 0, arm.ghosts);

@@ -8,10 +8,10 @@ const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
-// {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop" or
-// "the path"; whether it encloses anything, and how often it turns around the first joint.
+// {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop"
+// or "the path"; whether it encloses anything, and how often it turns around the first joint.
 export function answer(chain, arms, { runs }, cycles, shape) {
-  // an arm that has come close to a singularity is told of first, the others are compared
+  // an arm that has come close to a singularity is named first, the others are compared
   const lost = arms.flatMap((arm, k) => (runs[k].data.lost < cycles ? [k] : []));
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
   const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data.broken, shape));
@@ -27,11 +27,11 @@ export function answer(chain, arms, { runs }, cycles, shape) {
     times: cycles === 1 ? "one cycle" : `${cycles} cycles`,
     k: cycles - 1,
   };
-  const told = comparison(context, shape);
+  const found = comparison(context, shape);
   return {
-    sentence: [...sentence, ...told.sentence],
+    sentence: [...sentence, ...found.sentence],
     notes: notesOf(context.arms, context.runs, cycles),
-    part: told.part,
+    part: found.part,
   };
 }
 
@@ -128,7 +128,8 @@ function othersOf({ ends }, arms, runs, k) {
   const named = ({ name, link }, i) => {
     const plain = name !== "other end" && away.filter((end) => end.name === name).length === 1;
     const article = one || i ? "the" : "The";
-    return `${i ? ", " : ""}${article} ${plain ? name : `${name} ${link}`} ${i ? "" : "is "}${upTo}`;
+    const words = `${article} ${plain ? name : `${name} ${link}`}`;
+    return i ? `, ${words} ${upTo}` : `${words} is ${upTo}`;
   };
   return [
     [one ? ` Under ${moved[0].data.under} ` : " "],
@@ -176,6 +177,7 @@ function speedWords(cost) {
   const change = `${share}\u00a0% ${cost > 0 ? "faster" : "slower"}`;
   const least =
     "The usual control has the smallest joint speed at each instant, not over a whole cycle.";
-  const said = `The joints move ${change} under the repeatable one (root mean square over cycle 1).`;
+  const what = "(root mean square over cycle 1)";
+  const said = `The joints move ${change} under the repeatable one ${what}.`;
   return cost > 0 ? said : `${said} ${least}`;
 }
