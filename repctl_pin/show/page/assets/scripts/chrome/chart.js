@@ -181,9 +181,10 @@ export class Chart {
     const value = (k, c, row, i) => values[k][(c * perCycle + row) * n + i];
     for (let i = 0; i < n; i++) {
       // from limit to limit; a joint without limits over what it moves
-      const seen = values.flatMap((all) => [...all].filter((_, k) => k % n === i));
-      const low = lower[i] ?? seen.reduce((a, b) => Math.min(a, b), Infinity) - 0.5;
-      const high = upper[i] ?? seen.reduce((a, b) => Math.max(a, b), -Infinity) + 0.5;
+      const seen =
+        lower[i] === null || upper[i] === null ? values.flatMap((all) => range(all, i, n)) : [];
+      const low = lower[i] ?? Math.min(...seen) - 0.5;
+      const high = upper[i] ?? Math.max(...seen) + 0.5;
       const level = (v) => (i + 1) * tall - 2 - ((v - low) / (high - low)) * (tall - 4);
       draw.lineWidth = 1;
       draw.strokeStyle = tone("--line");
@@ -208,6 +209,17 @@ export class Chart {
     }
     this.number({ draw, height, em, count, pitch, at }, 0);
   }
+}
+
+// The smallest and the largest value of joint i of n.
+function range(values, i, n) {
+  let low = Infinity;
+  let high = -Infinity;
+  for (let k = i; k < values.length; k += n) {
+    low = Math.min(low, values[k]);
+    high = Math.max(high, values[k]);
+  }
+  return [low, high];
 }
 
 // What is off by a centimetre and more is wrong; what is back is right.

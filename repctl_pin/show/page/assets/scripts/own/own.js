@@ -826,10 +826,10 @@ const LONGEST_WORDS = {
     "usual control, 0 under the repeatable one.",
   notes:
     "The joints move 0.8 % faster under the repeatable one (root mean square over cycle 1). " +
-    "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is best, 0 " +
-    "fails). Collisions are not checked. Closing is proved within 1.1 cm of the start; this loop " +
-    "was computed. Can you draw one, 25 cm or longer, under which the usual arm drifts less? " +
-    "Your best: 0.88 mm off after 10 cycles.",
+    "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
+    "best, 0 fails). Collisions are not checked. Closing is proved within 1.1 cm of the start; " +
+    "this loop was computed. Can you draw one, 25 cm or longer, under which the usual arm drifts " +
+    "less? Your best: 0.88 mm off after 10 cycles.",
 };
 
 // The largest joint speed of a control for a hand that moves by 1 m/s along an axis, at q.
