@@ -3,8 +3,13 @@ const browser = [
   "window",
   "document",
   "location",
+  "history",
   "performance",
   "MeshCat",
+  "MediaRecorder",
+  "Node",
+  "URL",
+  "URLSearchParams",
   "atob",
   "Blob",
   "Response",
@@ -12,16 +17,19 @@ const browser = [
   "DecompressionStream",
   "ResizeObserver",
   "requestAnimationFrame",
+  "cancelAnimationFrame",
   "getComputedStyle",
   "setTimeout",
+  "clearTimeout",
+  "setInterval",
+  "clearInterval",
   "WebSocket",
-  "cancelAnimationFrame",
   "navigator",
 ];
 
 export default [
   {
-    files: ["repctl_pin/show/page/assets/scripts/*.js"],
+    files: ["repctl_pin/show/page/assets/scripts/**/*.js"],
     languageOptions: {
       ecmaVersion: 2022,
       sourceType: "module",
@@ -38,6 +46,7 @@ export default [
       "no-dupe-keys": "error",
       "no-redeclare": "error",
       "no-implicit-globals": "error",
+      "one-var": ["error", "never"],
     },
   },
 ];

@@ -166,6 +166,10 @@ def panes(scene: dict[str, Any], numbers: np.ndarray) -> tuple[list[Pane], list[
 
     arms = [Pane(scene, arm, take) for arm in scene["arms"]]
     paths = [take(count, 3) for count in scene["paths"]]
+    if joints := scene["joints"]:
+        samples = len(scene["cycles"]) * joints["perCycle"]
+        for arm in arms:
+            arm.joints = take(samples, len(joints["names"])) / joints["scale"]
     assert at == len(numbers)
     return arms, paths
 

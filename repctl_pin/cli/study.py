@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import webbrowser
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -57,6 +58,7 @@ def add_options(parser: Parser) -> None:
     add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add("--report", action="store_true", help="also write report.html, with all results")
+    add("--open", action="store_true", help="open the animation in the browser")
     full = "print all strategies, quantities and settings"
     add("--full", action="store_true", help=full)
     parser.json("the table", quiet=True)
@@ -116,7 +118,10 @@ def run(options: Options) -> int:
         )
 
     listed = files if options.full or options.json else []  # the answer names them itself
-    return report(options, lambda: result.as_dict() | {"run": run}, text, listed)
+    code = report(options, lambda: result.as_dict() | {"run": run}, text, listed)
+    if options.open and not webbrowser.open(files[0].resolve().as_uri()):
+        say(f"note: no browser was found; open {files[0]} in one")
+    return code
 
 
 def _report(
@@ -138,6 +143,7 @@ def _report(
         "json",
         "quiet",
         "report",
+        "open",
         "out",
         "full",
     }

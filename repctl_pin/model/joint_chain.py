@@ -70,7 +70,7 @@ def joint_chain(task: Task) -> JointChain:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _JointTree:
-    """All N joints that a task moves, those beside its chain included, from the base outward.
+    """All N joints that a task moves, those beside its chains included, from the base outward.
 
     A page in the browser moves the whole arm with it, also links beside the chain.
 
@@ -80,12 +80,12 @@ class _JointTree:
         Number of the joint before each, from 0; −1 if it is on the base.
     R, p, axes, revolute, S, offset
         As of :class:`JointChain`, with N joints; R and p are relative to the joint before.
-    chain : (P,) array of int
-        Joints between base and frame.
-    R_frame, p_frame : (3, 3) and (3,) arrays
-        Placement of the frame on the last joint of the chain.
+    chains : tuple of (P,) arrays of int
+        Joints between base and frame, for each of the task's F frames.
+    R_frames, p_frames : (F, 3, 3) and (F, 3) arrays
+        Placement of each frame on the last joint of its chain.
     first : (n,) array of int
-        First joint of the chain that each entry of q drives.
+        First joint that each entry of q drives, on the way to the frame if there is one frame.
     riding : dict of str to int
         Number of the joint on which each link rides; −1 if it is fixed to the base.
     """
@@ -97,9 +97,9 @@ class _JointTree:
     revolute: NDArray[np.bool_]
     S: Array
     offset: Array
-    chain: NDArray[np.intp]
-    R_frame: Array
-    p_frame: Array
+    chains: tuple[NDArray[np.intp], ...]
+    R_frames: Array
+    p_frames: Array
     first: NDArray[np.intp]
     riding: dict[str, int]
 
@@ -107,10 +107,14 @@ class _JointTree:
 def joint_tree(task: Task) -> _JointTree:
     """Extract the tree of the joints that a task moves; the robot's base is its root.
 
-    Unlike a chain it has the branches beside the frame, whose links move too and are drawn.
+    Unlike a chain it has the branches beside the frames, whose links move too and are drawn. The
+    frames are relative to the base of the robot.
     """
-    model, drive = one_frame(task, "this figure").bodies_model()
-    frame = model.frames[frame_id(model, task.frame)]
+    model, drive = task.bodies_model()
+    frames = [model.frames[frame_id(model, name)] for name in task.frames]
+    first = np.argmax(drive.S != 0, axis=0)
+    if not isinstance(task, SeveralFrames):
+        first = np.array([model.getJointId(task.model.names[j]) - 1 for j in task._first])
     joints = list(range(1, model.njoints))
     places = [model.jointPlacements[j] for j in joints]
     return _JointTree(
@@ -120,10 +124,13 @@ def joint_tree(task: Task) -> _JointTree:
         *joint_axes(model, joints),
         drive.S,
         drive.offset,
-        np.array([j - 1 for j in model.supports[frame.parentJoint] if j > 0]),
-        frame.placement.rotation,
-        frame.placement.translation,
-        np.array([model.getJointId(task.model.names[j]) - 1 for j in task._first]),
+        tuple(
+            np.array([j - 1 for j in model.supports[frame.parentJoint] if j > 0])
+            for frame in frames
+        ),
+        np.array([frame.placement.rotation for frame in frames]),
+        np.array([frame.placement.translation for frame in frames]),
+        first,
         {name: one.parentJoint - 1 for name, one in link_frames(model).items()},
     )
 

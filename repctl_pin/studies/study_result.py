@@ -8,6 +8,7 @@ comes near.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -195,6 +196,18 @@ class Study:
         It is the joint in the middle of the arm whose origin moves most in self-motions.
         """
         return elbow(self.task, self.q0)
+
+    def open(self) -> Path:
+        """Open the animation in the browser, from a new temporary folder; return its file.
+
+        Raises
+        ------
+        InputError
+            If every shown controller stopped, so that there is no motion to show.
+        """
+        import repctl_pin as rp
+
+        return rp.animation(self).show()
 
     def row(self, key: str) -> Row:
         """Find a strategy's row by its key, such as ``pseudoinverse``."""

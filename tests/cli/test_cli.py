@@ -237,3 +237,21 @@ def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
         "note: report.html is from an earlier study; use --report to write a new one" in done.stdout
     )
     assert (tmp_path / "out" / "report.html").read_text() == "an earlier one"
+
+
+def test_a_study_opens_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """28.12: ``--open`` and ``.open()`` give the browser the page that was written; without a
+    browser one line says so."""
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))
+    command = ("study", "planar3r", "--degree", "1", "--cycles", "2", "--steps", "60", "--open")
+    done = repctl(*command, "--out", "here", cwd=tmp_path)
+    page = tmp_path / "here" / "animation.html"
+    assert done.returncode == 0 and opened == [page.as_uri()]
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    done = repctl(*command, "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0 and "no browser was found" in done.stderr
+    monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))
+    study = rp.study("planar3r", cycles=2, steps=60, degree=1)
+    file = study.open()
+    assert opened[-1] == file.as_uri() and "<html" in file.read_text("utf-8")

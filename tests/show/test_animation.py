@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import computed_once, main
-from page_file import BLUE, GREEN, ORANGE, VERMILLION, read
+from page_file import BLUE, GREEN, ORANGE, VERMILLION, panes, read
 
 import repctl_pin as rp
 
@@ -42,9 +42,7 @@ def test_every_motion_and_every_path_is_on_the_page(motions: dict[str, rp.Motion
     )
     lines = [motion.path.points() for motion in motions.values()]
     assert scene["paths"] == [len(line) for line in lines]
-    np.testing.assert_allclose(
-        numbers[-3 * sum(map(len, lines)) :].reshape(-1, 3), np.vstack(lines), atol=1e-6
-    )
+    np.testing.assert_allclose(np.vstack(panes(scene, numbers)[1]), np.vstack(lines), atol=1e-6)
     assert scene["title"] == "planar3r: circle of radius 0.2 m in xy and polygon"
     # the same path twice is drawn once, a frame that two motions move leaves one trace in each arm
     again, _, _ = read(rp.animation({"a": motions["a"], "again": motions["a"]}).page)

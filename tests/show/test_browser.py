@@ -613,3 +613,50 @@ def test_on_a_phone_the_notes_fold(driver: Any, tmp_path: Path) -> None:
     assert not notes.is_displayed() and errors(driver) == []
     schemes(driver, width=1000, height=700)
     assert notes.is_displayed() and not button.is_displayed()
+
+
+_RECTANGLES = """
+const [name] = arguments, menu = document.getElementById(name);
+menu.open = true;
+return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => {
+  const rectangle = (node) => { const r = node.getBoundingClientRect();
+    return [r.left, r.top, r.right, r.bottom]; };
+  const box = menu.lastElementChild, inside = [];
+  for (const node of box.querySelectorAll("label, button, select")) if (node.offsetParent) {
+    node.scrollIntoView({ block: "nearest" }); inside.push(rectangle(node)); }
+  const found = [rectangle(box), ...inside];
+  menu.open = false;
+  done(found);
+})));
+"""
+
+
+def test_menus_lie_inside_the_window(driver: Any, tmp_path: Path) -> None:
+    """28.1: every entry of every menu can be reached on phones, tablets and desks, by touch and
+    mouse; names of menus stand on one line with their neighbours'."""
+    study = rp.study("planar3r", cycles=2, steps=60, degree=1)
+    open_page(driver, rp.animation(study).save(tmp_path / "page.html"))
+    sizes = [(320, 568), (360, 740), (390, 844), (430, 932), (768, 1024), (1280, 800)]
+    for touch in (True, False):
+        driver.execute_cdp_cmd(
+            "Emulation.setTouchEmulationEnabled", {"enabled": touch, "maxTouchPoints": 1}
+        )
+        for width, height in (*sizes, *((tall, wide) for wide, tall in sizes)):
+            schemes(driver, width=width, height=height)
+            for name in ("looks", "loops", "save"):
+                found = np.array(driver.execute_script(_RECTANGLES, name))
+                assert len(found) > 2, name
+                assert (found[:, :2] >= 0).all(), (name, width, height, found.min(axis=0))
+                assert (found[:, 2] <= width).all(), (name, width, height, found.max(axis=0))
+                assert (found[:, 3] <= height).all(), (name, width, height, found.max(axis=0))
+            middles = driver.execute_script(
+                "return [...document.querySelectorAll('#tools .plain')]"
+                ".filter((n) => n.offsetParent && !n.closest('.menu > div')).map((n) => {"
+                "const range = document.createRange(); range.selectNodeContents(n);"
+                "const a = range.getBoundingClientRect(), b = n.getBoundingClientRect();"
+                "return [(a.top + a.bottom) / 2 - (b.top + b.bottom) / 2, b.left, b.right]; })"
+            )
+            assert len(middles) >= 4
+            assert np.abs(np.array(middles)[:, 0]).max() < 1.5, (width, height, middles)
+            assert np.min(middles, axis=0)[1] >= 0 and np.max(middles, axis=0)[2] <= width
+    assert errors(driver) == []

@@ -18,22 +18,23 @@ from page_file import read
 
 import repctl_pin as rp
 
-LAW = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "law.js"
+SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
 NODE = shutil.which("node")
 
 EVALUATE = """
-import { Chain, Law, followed, pieces } from "./law.mjs";
+import { Chain } from "./kinematics.js";
+import { Law, followed, pieces } from "./law.js";
 import { readFileSync } from "fs";
-const { own, Q, X, points } = JSON.parse(readFileSync(0)), chain = new Chain(own), laws = own.laws.map((parts) => new Law(chain, parts));
+const { own, Q, X, paths } = JSON.parse(readFileSync(0)), chain = new Chain(own), laws = own.laws.map((parts) => new Law(chain, parts));
 const at = Q.map((q, k) => {
   const A = new Float64Array(chain.m * chain.n);
   chain.place(q);
   chain.jacobian(A);
-  const p = [...chain.p], e = [...chain.error(chain.home, new Float64Array(chain.m))];
+  const p = chain.frames.flatMap((frame) => [...frame.p]), e = [...chain.error(chain.homes, new Float64Array(chain.m))];
   const v = laws.map((law) => { law.solve(q, X[k]); return [...law.x]; });
   return { p, J: [...A], e, v, margin: laws.map((law) => law.margin()), h: laws.map((law) => [...law.levels(q)]) };
 });
-const way = pieces(points, own.speed, own.steps), n = chain.n;
+const way = pieces(paths, own.speed, own.steps), n = chain.n;
 const ends = laws.map((law) => { const { Q, perCycle } = followed(law, own.start, way, 10); return Array.from({ length: 11 }, (_, c) => [...Q.slice(c * perCycle * n, (c * perCycle + 1) * n)]); });
 console.log(JSON.stringify({ at, ends }));
 """  # noqa: E501
@@ -104,13 +105,7 @@ def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
     Q = q0 + rng.uniform(-0.1, 0.1, (30, task.n))
     X = rng.normal(size=(30, task.m))
     points = drawn(task, q0)
-    (tmp_path / "law.mjs").write_text(LAW.read_text("utf-8"), "utf-8")
-    (tmp_path / "evaluate.mjs").write_text(EVALUATE, "utf-8")
-    given = {"own": own, "Q": Q.tolist(), "X": X.tolist(), "points": points.tolist()}
-    command = [NODE, str(tmp_path / "evaluate.mjs")]
-    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = evaluated(tmp_path, own, Q, X, [points.tolist()])
     start = task.placement(q0)
     for q, x, at in zip(Q, X, found["at"], strict=True):
         assert np.allclose(at["p"], task.placement(q).translation, atol=1e-12, rtol=0)
@@ -134,6 +129,65 @@ def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
     for law, ends, most in zip(laws, found["ends"], (1e-6, 1e-8), strict=True):
         motion = rp.follow(law, path, q0, cycles=10, steps=400, period=period)
         assert np.abs(motion.q[:: motion.steps] - ends).max() < most
+
+
+def evaluated(folder: Path, own: Any, Q: Any, X: Any, paths: list[Any]) -> Any:
+    """What the page's scripts compute by node: at Q with ẋ = X, and along the paths."""
+    for name in ("kinematics.js", "law.js"):
+        (folder / name).write_text((SCRIPTS / name).read_text("utf-8"), "utf-8")
+    (folder / "package.json").write_text('{"type": "module"}', "utf-8")
+    (folder / "evaluate.js").write_text(EVALUATE, "utf-8")
+    given = {"own": own, "Q": Q.tolist(), "X": X.tolist(), "paths": paths}
+    command = [str(NODE), str(folder / "evaluate.js")]
+    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_page_computes_two_hands_as_python_does(mirrored: bool, tmp_path: Path) -> None:
+    """Of Talos: one hand on a loop, the other still or mirroring it; J, ẋ and ten cycles' ends."""
+    if NODE is None:
+        assert os.environ.get("CI") != "true", "node is not installed"
+        pytest.skip("node is not installed")
+    robot = rp.Robot.load("talos")
+    task = robot.task(["gripper_left_base_link", "gripper_right_base_link"])
+    q0 = task.reference
+    start = task.placements(q0)
+    rng = np.random.default_rng(2)
+    basis = rp.Polynomial(q0, 1, 0.7)
+    N = nullspace(task.jacobian(q0))
+    A = np.linalg.lstsq(basis.gradients(q0[None])[0], N, rcond=None)[0]
+    control = rp.RepeatableInverse(task, basis.weighted(A))
+    laws = (rp.Pseudoinverse(task), control)
+    turn = np.linspace(0, 2 * np.pi, 12)
+    way = np.array([0.04 * np.sin(turn), 0.03 * (1 - np.cos(turn)), 0.02 * np.sin(turn)]).T
+    way[-1] = 0
+    loop = start[0].translation + way
+    other = start[1].translation + way * [1, -1, 1] if mirrored else None
+    listed = [points if points is None else rp.waypoints(points, x.rotation)
+              for points, x in zip((loop, other), start, strict=True)]  # fmt: skip
+    path = rp.several_paths(task, q0, listed)
+    from repctl_pin.show.page.own_loop import own_loop
+
+    motion = rp.follow(laws[0], path, q0, cycles=1, steps=100, period=3.0)
+    own = own_loop(motion, laws)
+    assert own is not None and [f["hand"] for f in own["frames"]] == ["left hand", "right hand"]
+    assert own["path"] == ([0, 1] if mirrored else [0, None])
+    Q = q0 + rng.uniform(-0.1, 0.1, (10, task.n))
+    X = rng.normal(size=(10, task.m))
+    paths = [loop.tolist(), None if other is None else other.tolist()]
+    found = evaluated(tmp_path, own, Q, X, paths)
+    for q, x, at in zip(Q, X, found["at"], strict=True):
+        assert np.allclose(at["p"], task.positions(q[None])[0], atol=1e-12, rtol=0)
+        assert np.allclose(at["J"], task.jacobian(q).ravel(), atol=1e-12, rtol=0)
+        assert np.allclose(at["e"], task.error(q, start), atol=1e-12, rtol=0)
+        for law, v in zip(laws, at["v"], strict=True):
+            expected = law.velocity(q, x)
+            assert np.abs(v - expected).max() < 1e-11 * np.linalg.norm(expected)
+    for law, ends in zip(laws, found["ends"], strict=True):
+        motion = rp.follow(law, path, q0, cycles=10, steps=100, period=3.0)
+        assert np.abs(motion.q[:: motion.steps] - ends).max() < 1e-8
 
 
 def test_what_the_page_cannot_compute_has_no_ring(tmp_path: Path) -> None:
@@ -257,7 +311,7 @@ def test_a_loop_is_drawn_by_a_pointer(
 
 
 _OPENING = """
-const { own } = repctl, { clock, rings: [ring] } = own, seen = [];
+const { own } = repctl, { clock, rings: [[ring]] } = own, seen = [];
 const look = () => { own.place(); seen.push([clock.time, getComputedStyle(ring.firstChild).display !== "none", ring.classList.contains("pulse")]); };
 clock.open(); look();
 clock.pass(3.1); for (let k = 0; k < clock.cycles; k++) clock.pass(0.51); look();
@@ -360,10 +414,13 @@ def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.
         [[share * x * proved, share * y * proved] for x, y in ((1, 0), (1, 1), (0, 1))]
         for share in (0.5, 2)
     )
-    home = driver.execute_script("return repctl.own.chain.home")
-    for way, words in ((small, "closes every loop within"), (large, "Beyond the")):
+    home = driver.execute_script("return repctl.own.chain.homes[0]")
+    for way, words in (
+        (small, "proved that the repeatable arm closes"),
+        (large, "Closing is proved within"),
+    ):
         points = [home, *([home[0] + x, home[1] + y, home[2]] for x, y in way), home]
-        driver.execute_script("repctl.own.open(arguments[0])", points)
+        driver.execute_script("repctl.own.open({ points: arguments[0] })", points)
         assert words in driver.execute_script(notes)
         for q in np.reshape(driver.execute_script(ENDS), (2, 11, -1))[1]:
             assert np.abs(q - study.q0).max() < 1e-9
@@ -373,27 +430,174 @@ def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.
     assert errors(driver) == []
 
 
-def test_a_drift_that_is_no_number_is_not_shown(driver: Any, page: Path, study: rp.Study) -> None:
-    """A loop to 1 mm from the end of the arm's reach, as a study says of it; not one to 1 cm."""
+def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: rp.Study) -> None:
+    """28.2: where twice the steps lead J⁺ elsewhere: the critical place is marked, the usual arm
+    goes as far, the repeatable one all cycles as Python says; nothing of the study is left."""
     schemes(driver, width=900, height=700)
     open_page(driver, page)
-    home = np.array(driver.execute_script("return repctl.own.chain.home"))
-    angle, plain = np.arctan2(home[1], home[0]), rp.Pseudoinverse(study.task)
-    for far, state in ((2.99, "own"), (2.999, "study")):
+    home = np.array(driver.execute_script("return repctl.own.chain.homes[0]"))
+    plain = rp.Pseudoinverse(study.task)
+    corners = [[0.968, 0.047, 0], [2.7, -0.052, 0], [2, 1.612, 0]]
+    points = np.array([home, *corners, home])
+    path = rp.waypoints(points, study.task.placement(study.q0).rotation)
+    once, twice = (rp.follow(plain, path, study.q0, cycles=10, steps=n) for n in (100, 200))
+    gaps = np.linalg.norm(once.q[:: once.steps] - twice.q[:: twice.steps], axis=1)
+    first = 1 + int(np.argmax(gaps[1:] > 0.01 * once.drift))  # cycle from which on they differ
+    assert gaps[first] > 0.01 * once.drift[first - 1]
+    driver.execute_script("repctl.own.open({ points: arguments[0] })", points.tolist())
+    told = said(driver)
+    assert (
+        f"in cycle {first} of your loop, at the red mark: its drift cannot be computed reliably"
+        in told
+    )
+    assert "under the repeatable control. So is every part of the arm: 0 off." in told
+    assert "circle" not in driver.find_element("id", "title").text
+    cut, mark, drawn = driver.execute_script(
+        "const { own } = repctl, [arm] = own.arms; own.clock.seek(10);"
+        "return [arm.data.lost, arm.past.node.position.toArray(), arm.past.node.visible]"
+    )
+    # the mark is on the loop, where the arm of three equal links is nearly folded flat
+    assert drawn and first - 1 < cut < first and abs(np.linalg.norm(mark[:2]) - 1) < 0.15
+    ends = np.array(driver.execute_script(ENDS))
+    assert np.abs(once.q[:: once.steps][:first] - ends[0][:first]).max() < 1e-6
+    J = study.task.jacobian(ends[0][first])
+    assert np.linalg.svd(J)[1].min() < 0.15
+    assert np.ptp(ends[0][first:], axis=0).max() == 0  # it stands still from there on
+    closed = rp.follow(study.design.inverse, path, study.q0, cycles=10, steps=100)
+    assert np.abs(closed.q[:: closed.steps] - ends[1]).max() < 1e-8
+    shown = driver.execute_script(
+        "return [...document.querySelectorAll('.pane:first-child .callout')]"
+        ".map((n) => getComputedStyle(n).visibility)"
+    )
+    assert set(shown) == {"hidden"}
+    rows = driver.find_elements("class name", "reading")
+    readings = [row.get_attribute("textContent") for row in rows]
+    assert "not known" in readings[0] and "0 off" in readings[1]
+    # to 1 cm from the end of the arm's reach both can go, to 1 mm none
+    angle = np.arctan2(home[1], home[0])
+    for far, lost in ((2.99, False), (2.999, True)):
         corners = [
             [far * np.cos(angle), far * np.sin(angle), home[2]],
             [0.999 * far * np.cos(angle + 0.3), 0.999 * far * np.sin(angle + 0.3), home[2]],
         ]
         points = np.round([home, *corners, home], 4)
-        path = rp.waypoints(points, study.task.placement(study.q0).rotation)
-        once, twice = (
-            rp.follow(plain, path, study.q0, cycles=10, steps=steps) for steps in (100, 200)
-        )
-        gaps = np.linalg.norm(once.q[:: once.steps] - twice.q[:: twice.steps], axis=1)
-        assert (gaps[1:] > 0.01 * once.drift).any() == (state == "study")
-        driver.execute_script("repctl.own.open(arguments[0])", points.tolist())
-        assert driver.execute_script("return repctl.own.state") == state
-    assert "singularity on your loop; its drift is not a number" in said(driver)
+        driver.execute_script("repctl.own.open({ points: arguments[0] })", points.tolist())
+        assert driver.execute_script("return repctl.own.state") == "own"
+        assert said(driver).endswith("No arm can follow it to its end.") == lost
+    assert errors(driver) == []
+
+
+def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
+    driver: Any, page: Path, study: rp.Study
+) -> None:
+    """28.11: within limits, the hand at rest to 1e-6; let go, and both arms follow the study's path
+    from there, as rp.follow from that start does; the address gives it again."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    task, q0 = study.task, study.q0
+    qs = np.array(driver.execute_script("return repctl.own.selves.qs.map((q) => Array.from(q))"))
+    zero = driver.execute_script("return repctl.own.selves.zero")
+    assert len(qs) > 20 and np.array_equal(qs[zero], q0)
+    assert np.abs(task.positions(qs) - task.positions(q0[None])).max() < 1e-6
+    assert (task.limit_margin(qs) > 0).all()
+    levels = np.array([study.design.inverse.leaf(q)[0] for q in qs])
+    assert (np.diff(levels) > 0).all() or (np.diff(levels) < 0).all()  # one leaf per place
+    slider = (
+        "const input = document.getElementById('elbow'), [value, kind] = arguments;"
+        "input.value = value; input.dispatchEvent(new Event(kind, { bubbles: true }))"
+    )
+    driver.execute_script(slider, 12, "input")
+    assert "at rest while the arm moves" in said(driver)
+    spots = driver.execute_script(
+        "return repctl.own.arms.map((arm) => [arm.point('tip', 0, 1), arm.point('elbow', 0, 1),"
+        "arm.point('elbow', 0, 0)].map((p) => p.toArray()))"
+    )
+    for tip, elbow, ghost in np.array(spots):  # both panes; the ghost stays at the start
+        assert np.allclose(tip, task.positions(q0[None])[0], atol=1e-6)
+        assert np.linalg.norm(elbow - ghost) > 0.02
+    driver.execute_script(slider, 12, "change")
+    assert said(driver).startswith("After one cycle of the path the hand is back. ")
+    ends = np.array(driver.execute_script(ENDS))
+    path = rp.waypoints(study.path.points(), task.placement(q0).rotation)
+    laws = (rp.Pseudoinverse(task), study.design.inverse)
+    for law, found, most in zip(laws, ends, (1e-6, 1e-8), strict=True):
+        motion = rp.follow(law, path, qs[zero + 12], cycles=10, steps=100)
+        assert np.abs(motion.q[:: motion.steps] - found).max() < most
+    assert np.abs(ends[1] - qs[zero + 12]).max() < 1e-6
+    address = driver.execute_async_script(
+        "const done = arguments[0]; setTimeout(() => done(location.href), 600)"
+    )
+    assert "elbow=12" in address and "loop=" not in address
+    driver.get("about:blank")
+    with asleep(driver):
+        driver.get(address)
+        wait_until_drawn(driver, "a shared elbow")
+    assert np.abs(np.array(driver.execute_script(ENDS)) - ends).max() < 1e-12
+    driver.execute_script("repctl.own.leave()")
+    assert driver.execute_script("return document.getElementById('elbow').value") == "0"
+    assert errors(driver) == []
+
+
+@pytest.fixture(scope="module")
+def two_hands(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a study of both hands of Baxter without its meshes."""
+    text = rp.Robot.load("baxter").description.xml
+    folder = tmp_path_factory.mktemp("two")
+    bones = folder / "bones.urdf"
+    bones.write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text), "utf-8")
+    robot = rp.Robot.load(bones)
+    wanted = rp.Problem(robot, frame=["left_gripper", "right_gripper"])
+    return rp.animation(rp.study(wanted, cycles=2, steps=60, degree=1)).save(folder / "page.html")
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_loop_is_drawn_with_either_hand(driver: Any, two_hands: Path, mirrored: bool) -> None:
+    """28.10: a ring at each hand; the other holds still or mirrors it; the link reproduces it."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, two_hands)
+    caption = driver.find_element("id", "caption").get_attribute("textContent")
+    assert "together 14 joints, 2 redundant" in caption
+    callouts = [
+        e.get_attribute("textContent")
+        for e in driver.find_elements("css selector", ".callout.hand")
+    ]
+    assert callouts == ["left hand 0 off", "right hand 0 off"] * 2
+    assert driver.execute_script("return repctl.own.rings.map((row) => row.length)") == [2, 2]
+    driver.execute_script(
+        "const { own } = repctl; own.mirrored = arguments[0]; own.take(0, null, null, 1);"
+        "const [right, up] = own.axes(), home = own.chain.homes[1];"
+        "for (const [x, y] of [[1, 0], [1, 1], [0, 1]]) own.lead.queue.push("
+        "home.map((v, i) => v + 0.05 * (x * right.getComponent(i) + y * up.getComponent(i))));"
+        "own.letGo()",
+        mirrored,
+    )
+    assert said(driver).startswith("After one cycle of your loop both hands are back. "), said(
+        driver
+    )
+    homes = np.array(driver.execute_script("return repctl.own.chain.homes"))
+    paths = driver.execute_script("return repctl.own.paths()")
+    assert (paths[0] is not None) == mirrored and np.allclose(paths[1][0], homes[1])
+    if mirrored:  # in the plane between the hands: equal ways, and the middle stays in it
+        a, b = (np.array(path) - home for path, home in zip(paths, homes, strict=True))
+        assert np.allclose(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
+        across = (homes[0] - homes[1]) / np.linalg.norm(homes[0] - homes[1])
+        assert np.allclose((a + b) @ across, 0, atol=1e-12)
+        assert np.allclose(np.cross(a - b, across), 0, atol=1e-12)
+    ends = np.array(driver.execute_script(ENDS))
+    assert np.abs(ends[1] - ends[1][0]).max() < 1e-6
+    tips = "const { own } = repctl; return own.arms.map((arm) => [0, 1].map((f) => arm.handOff(f)))"
+    assert np.max(driver.execute_script(tips)) < 1e-5
+    address = driver.execute_async_script(
+        "const done = arguments[0]; setTimeout(() => done(location.href), 600)"
+    )
+    assert "hand=2" in address and ("mirror=1" in address) == mirrored
+    driver.get("about:blank")
+    with asleep(driver):
+        driver.get(address)
+        wait_until_drawn(driver, "a shared loop of two hands")
+    again = np.array(driver.execute_script(ENDS))
+    assert np.abs(again - ends).max() < 1e-3  # points are kept to 0.1 mm
+    assert driver.execute_script("return repctl.own.mirrored") == mirrored
     assert errors(driver) == []
 
 
@@ -402,9 +606,9 @@ def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
     schemes(driver, width=900, height=700)
     open_page(driver, page)
     size = driver.execute_script("return repctl.own.chain.size")
-    home = driver.execute_script("return repctl.own.chain.home")
+    home = driver.execute_script("return repctl.own.chain.homes[0]")
     best = (
-        "const [points] = arguments, { own } = repctl; own.open(points); own.keepBest();"
+        "const [points] = arguments, { own } = repctl; own.open({ points }); own.keepBest();"
         "return own.best ? own.best.off : null"
     )
 

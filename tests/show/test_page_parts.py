@@ -16,7 +16,7 @@ from page_file import COLOURS, matrices, summed
 
 import repctl_pin as rp
 from repctl_pin.model.surfaces import distinct, read_surface, smooth
-from repctl_pin.show.page.html import differences, pack
+from repctl_pin.show.page.html import _SCRIPTS, differences, pack
 from repctl_pin.show.page.scene import choose_frames, poses_of
 from repctl_pin.show.palette import luminance, readable
 
@@ -328,8 +328,40 @@ def test_no_two_scripts_define_the_same_name() -> None:
     declared = r"(?m)^(?:export )?(?:async )?(?:function\*?|class|const|let) (\w+)"
     names = [
         name
-        for script in scripts.glob("*.js")
+        for script in scripts.rglob("*.js")
         for name in re.findall(declared, script.read_text("utf-8"))
     ]
     assert len(names) > 100
     assert sorted(set(names)) == sorted(names)
+
+
+def test_each_script_follows_the_scripts_it_imports() -> None:
+    """Joined in this order, no script uses a name that is not defined yet; the folders import one
+    way: the chrome the arm, the own loop and the live viewer both, and nothing imports these."""
+    scripts = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
+    stems = [file.relative_to(scripts).with_suffix("").as_posix() for file in scripts.rglob("*.js")]
+    assert sorted(stems) == sorted(_SCRIPTS)
+    both = {"arm", "chrome"}
+    allowed = {"arm": set(), "chrome": {"arm"}, "own": both, "live": both}
+    for script in _SCRIPTS:
+        text = (scripts / f"{script}.js").read_text("utf-8")
+        folder = Path(script).parent
+        for name in re.findall(r'(?m)^(?:import .*|}) from "(.*?)\.js"', text):
+            target = Path(os.path.normpath(folder / name)).as_posix()
+            assert _SCRIPTS.index(target) < _SCRIPTS.index(script), (script, target)
+            if folder.name and "/" in target:
+                room = Path(target).parent.name
+                assert room in allowed[folder.name] | {folder.name}, (script, target)
+
+
+def test_lines_of_scripts_and_styles_are_short() -> None:
+    """At most 100 characters; prettier keeps code short, not strings and comments."""
+    assets = Path(rp.__file__).parent / "show" / "page" / "assets"
+    files = [*assets.rglob("*.js"), *assets.rglob("*.css")]
+    long = [
+        f"{file.name}:{k}"
+        for file in files
+        for k, line in enumerate(file.read_text("utf-8").splitlines(), 1)
+        if len(line) > 100
+    ]
+    assert len(files) > 20 and long == []

@@ -64,6 +64,7 @@ def test_page_holds_what_went_in(name: str) -> None:
         expected = drawn.placements(Q[rows])
         np.testing.assert_allclose(arm.of(drawn), expected, atol=1e-6)
         np.testing.assert_allclose(arm.tip[:, 0], task.positions(motion.q[rows]), atol=1e-6)
+        np.testing.assert_allclose(arm.joints, motion.q[rows], atol=1e-4)
         elbow = fastest_in_the_self_motion(task, motion.q[0])
         origins = [task.joint_origins(q)[elbow] for q in motion.q[rows]]
         np.testing.assert_allclose(arm.elbow[:, 0], origins, atol=1e-6)
@@ -279,7 +280,7 @@ def test_no_name_of_the_pages_script_is_declared_twice() -> None:
     (script,) = re.findall(r"(?s)<script>(.*?)</script>", page)
     assert not re.search(r"(?m)^(import|export) ", script)
     folder = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
-    text = "".join(file.read_text("utf-8") for file in folder.glob("*.js"))
+    text = "".join(file.read_text("utf-8") for file in folder.rglob("*.js"))
     declared = r"(?m)^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)"
     names = re.findall(declared, text)
     assert all(name in script for name in names)

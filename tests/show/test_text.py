@@ -93,8 +93,8 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         BACK + "The elbow is not: 32 cm off under the usual control, 0 under the repeatable one."
     )
     assert (
-        notes == "The repeatable one takes 0.3 % more joint speed (rms). "
-        "Joint limits kept. Links stay at least 13 cm apart, in both."
+        notes == "The joints move 0.3 % faster under the repeatable one (root mean square over "
+        "cycle 1). Joint limits are kept. Links stay at least 13 cm apart, in both."
     )
     exact = [span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact]
     assert exact == ["link4: 0.321 m", "link4: 1e-12 m"]
@@ -188,7 +188,7 @@ def test_a_motion_along_an_open_path_is_not_judged_as_a_cycle() -> None:
     told = words(headline_of([replace(USUAL, hand_off=0.12)], 1))
     assert told == (
         "The path is not closed: the hand ends 12 cm from where it began.",
-        "Joint limits kept. Links stay at least 13 cm apart.",
+        "Joint limits are kept. Links stay at least 13 cm apart.",
     )
 
 
@@ -252,6 +252,12 @@ def test_limits_bodies_and_where_it_leads() -> None:
     assert (
         "At this rate joint 2 leaves its range in cycle 17 under the usual control."
         in (words(headline_of([leading, CLOSED], 10))[1])
+    )
+    assert "limits are kept in these 10 cycles." in words(headline_of([leading, CLOSED], 10))[1]
+    slower = words(headline_of([USUAL, replace(CLOSED, speed=0.998 * USUAL.speed)], 10))[1]
+    assert slower.startswith(
+        "The joints move 0.2 % slower under the repeatable one (root mean square over cycle 1). "
+        "The usual control has the smallest joint speed at each instant, not over a whole cycle."
     )
     close = replace(USUAL, body_distance=0.013, near=("link3", "link5"))
     told = headline_of([close, CLOSED], 10)

@@ -41,9 +41,12 @@ from ...base.errors import RepctlError
 from ..text.headline import Headline
 
 _SCRIPTS = (
-    *("dom", "numbers", "viewer", "arm", "eye", "panes", "traces", "stage"),
-    *("callouts", "chart", "clock", "address", "controls", "paper", "save"),
-    *("law", "run", "sentence", "own", "live", "console", "plain", "main"),
+    *("dom", "numbers", "arm/viewer", "arm/arm", "arm/eye", "arm/traces"),
+    *("arm/kinematics", "arm/law"),
+    *("chrome/panes", "chrome/chart", "chrome/callouts", "chrome/clock", "chrome/address"),
+    *("chrome/controls", "chrome/paper", "chrome/save", "chrome/console", "chrome/plain"),
+    *("own/run", "own/sentence", "own/loops", "own/elbow", "own/own"),
+    *("live/live", "stage", "main"),
 )
 """The modules of the page's script, each after the modules that it imports."""
 

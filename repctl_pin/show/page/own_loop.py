@@ -18,16 +18,18 @@ from ...base.certificate import ClosingRadius
 from ...model.arm_links import arm_links, link_origins, other_ends
 from ...model.joint_chain import joint_tree
 from ...model.length import arm_length
+from ...model.several_frames import of_singles
 from ...model.task import Task
 from ...model.visuals import Visuals
 from ...motion import Motion, elbow
+from ...paths.several_paths import paths_of
 from ...potentials.basis import Potentials, SumMap
 from ...potentials.fourier import FourierMap
 from ...potentials.polynomial import PolynomialMap
 from ...strategies import Pseudoinverse, RepeatableInverse, Strategy
 from ...studies.study_result import Study
 from ..text.headline import end_name
-from ..text.parts import part_name
+from ..text.parts import hand_names, part_name
 
 _MOST_TERMS = 2000
 """Maximum number of terms of potentials that a page evaluates: some 10 µs each time."""
@@ -55,15 +57,15 @@ def own_loop(
     Returns
     -------
     dict or None
-        None if the task has several frames, a controller or a potential is user-defined, the chain
-        starts at another ``base``, or the potentials have too many terms: then the page has no
-        ring, by which a visitor drags the hand.
+        None if a controller or a potential is user-defined, a chain starts at another ``base``, or
+        the potentials have too many terms: then the page has no ring, by which a visitor drags the
+        hand.
     """
     task, q0 = motion.task, motion.q[0]
-    if len(task.frames) > 1:
-        return None
     laws = [_law(strategy) for strategy in strategies]
-    if task.robot.base is not None or any(law is None for law in laws):
+    singles = of_singles(task, q0)
+    based = any(single.robot.base is not None for single, _ in singles)
+    if based or any(law is None for law in laws):
         return None
     tree, own = joint_tree(task), arm_links(task)
     lower, upper, speed = task.joint_limits
@@ -82,12 +84,24 @@ def own_loop(
         for j in range(len(tree.parents))
     ]
     return {
-        "kind": str(task.kind) if task.kind.turns else "position",
-        "rows": task.kind.rows.tolist(),
+        "frames": [
+            {
+                "kind": str(single.kind) if single.kind.turns else "position",
+                "rows": single.kind.rows.tolist(),
+                "chain": chain.tolist(),
+                "R": R.ravel().tolist(),
+                "p": p.tolist(),
+                "elbow": int(
+                    tree.first[task.robot_joints.index(single.robot_joints[elbow(single, q)])]
+                ),
+                "hand": hand,
+            }
+            for (single, q), chain, R, p, hand in zip(
+                singles, tree.chains, tree.R_frames, tree.p_frames, hand_names(task), strict=True
+            )
+        ],
+        "path": _path(motion),
         "joints": joints,
-        "chain": tree.chain.tolist(),
-        "frame": {"R": tree.R_frame.ravel().tolist(), "p": tree.p_frame.tolist()},
-        "elbow": int(tree.first[elbow(task, q0)]),
         "first": tree.first.tolist(),
         "laws": laws,
         "start": q0.tolist(),
@@ -156,6 +170,18 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
         return None
     digit = 10.0 ** (np.floor(np.log10(closes.metres)) - 1)
     return float(np.floor(closes.metres / digit) * digit)
+
+
+def _path(motion: Motion) -> list[int | None] | None:
+    """List, for each frame, which of the drawn paths it follows; None for one that holds still.
+
+    From another start, the page follows the same path. None if a frame turns along its path, which
+    the page cannot compute.
+    """
+    paths = paths_of(motion.path)
+    if any(np.abs(path.twist(s)[3:]).max() > 1e-12 for path in paths for s in (0.1, 0.4, 0.7)):
+        return None
+    return [k if path.length > 0 else None for k, path in enumerate(paths)]
 
 
 def _finite(values: Array) -> list[float | None]:

@@ -30,9 +30,9 @@ from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.motion_summary import MotionSummary, motion_summary, with_outlook
-from ..text.parts import part_name
+from ..text.parts import hand_names, part_name
 from .body_points import body_drift
-from .scene import Arm, FirstViolation, Frames, animation_page, frames_for, is_planar
+from .scene import Arm, FirstViolation, Frames, JointRows, animation_page, frames_for, is_planar
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
@@ -220,15 +220,19 @@ def playback_page(
         lines,
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
-        caption="\n".join(
+        caption=";\n".join(
             f"{one.frame}: {one.kind.words}{'' if several else _redundancy(one)}"
             for one in (chain.task for chain in chains)
         )
-        + (_redundancy(task) if several else ""),
+        + (f";\ntogether{_redundancy(task).lstrip(',')}" if several else ""),
         planar=is_planar(np.vstack([*origins, *lines])),
         frames=frames,
         headline=headline,
         part=(link, part_name(task, start, link)),
+        hands=hand_names(task)
+        if len(task.frames) == len(chains)
+        else [c.task.frame for c in chains],
+        joints=JointRows.of(task, [track.Q[frames.index] for track in tracks], frames),
         surfaces=surfaces,
         own=own,
     )

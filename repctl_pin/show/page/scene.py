@@ -19,6 +19,7 @@ from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...model.shapes import Shape
 from ...model.surfaces import Surfaces
+from ...model.task import Task
 from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.headline import NO_HEADLINE, Headline, names_of
@@ -30,6 +31,12 @@ _PER_CYCLE = (61, 126, 251, 501)
 
 _CORNER = 128e-7
 """Resolution of a corner, m: 128 times that of a pose, so that its lowest byte is 0."""
+
+_JOINT = 1e-3
+"""Scale by which joint values are stored, so that the page's resolution is 1e-4 rad or m."""
+
+_JOINT_ROWS = 22
+"""Maximum number of samples of the joints per cycle."""
 
 _SHOWN = 24
 """Maximum number of cycles that are shown."""
@@ -153,6 +160,47 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     return Frames(index, tuple(numbers.tolist()), len(inside))
 
 
+@dataclass(frozen=True, eq=False)
+@read_only
+class JointRows:
+    """The joints of every arm over the shown cycles, for the page's plot of them over time.
+
+    Attributes
+    ----------
+    task : Task
+        Task whose joints they are.
+    rows : tuple of (cycles · per_cycle, n) arrays
+        Joint values of each arm, rad or m.
+    per_cycle : int
+        Number of samples per cycle, both ends included.
+    """
+
+    task: Task
+    rows: tuple[Array, ...]
+    per_cycle: int
+
+    @staticmethod
+    def of(task: Task, shown: Sequence[Array], frames: Frames) -> JointRows:
+        """Choose samples of the shown configurations (T, nq) of every arm, evenly in each cycle."""
+        count = min(_JOINT_ROWS, frames.per_cycle)
+        within = np.rint(np.linspace(0, frames.per_cycle - 1, count)).astype(int)
+        index = (np.arange(len(frames.cycles))[:, None] * frames.per_cycle + within).ravel()
+        rows = tuple(np.array([task.from_robot(q) for q in Q[index]]) for Q in shown)
+        return JointRows(task, rows, count)
+
+    def described(self) -> dict[str, Any]:
+        """Describe the joints in plain types: names, limits (None without), type, samples."""
+        lower, upper, _ = self.task.joint_limits
+        return {
+            "names": list(self.task.robot_joints),
+            "lower": [float(v) if np.isfinite(v) else None for v in lower],
+            "upper": [float(v) if np.isfinite(v) else None for v in upper],
+            "turns": self.task.revolute.tolist(),
+            "perCycle": self.per_cycle,
+            "scale": _JOINT,
+        }
+
+
 def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
     """Choose the samples to show of motions of one robot, more per cycle where they are needed.
 
@@ -209,6 +257,8 @@ def animation_page(
     live: bool = False,
     names: Mapping[str, str] | None = None,
     own: dict[str, Any] | None = None,
+    hands: Sequence[str] = ("hand",),
+    joints: JointRows | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
 
@@ -244,6 +294,10 @@ def animation_page(
     own
         Numbers with which the page follows a closed path that its visitor draws, see
         :func:`.own_loop.own_loop`; None leaves that out.
+    hands
+        Display names of the traced frames.
+    joints
+        Joints of every arm over the shown cycles; None for none.
 
     Returns
     -------
@@ -271,8 +325,11 @@ def animation_page(
         "names": dict(names or {}),
         "arms": described,
         "own": own,
+        "hands": list(hands),
+        "joints": None if joints is None else joints.described(),
     }
     motion = [np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]]
+    motion += [] if joints is None else [rows * _JOINT for rows in joints.rows]
     return page(scene, commands, motion, headline)
 
 

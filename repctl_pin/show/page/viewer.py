@@ -262,8 +262,7 @@ class Viewer:
             )
             for name, colour in zip(self.names, colours, strict=False)
         ]
-        keys = "Drag the target, or move it by arrows, Page Up and Page Down; Home brings it back."
-        caption = f"{task.frame}: {task.kind.words}. {keys}"
+        caption = f"{task.frame}: {task.kind.words}"
         lines = [] if path is None else [path.points()]
         flat = is_planar(np.vstack([*map(task.joint_origins, Q), points, *lines]))
         return animation_page(

@@ -40,6 +40,11 @@ _ABOUT = {
     "path ends in the joint positions with which it began",
 }
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
+LEAST_AT_EACH_INSTANT = (
+    "The usual control has the smallest joint speed at each instant, not over a whole cycle."
+)
+"""Why a motion can need less joint speed over a cycle than J⁺."""
+
 _EITHER = {1: "", 2: " under either control"}
 
 _END_NAMES = (
@@ -157,7 +162,7 @@ def headline_of(
     ]
     if not summaries:
         return Headline(tuple(said), ())
-    notes = tuple(_notes(summaries))
+    notes = tuple(_notes(summaries, cycles))
     if cycles == 1 and all(_is_open(one) for one in summaries):
         way = _whole(metres(max(one.hand_off for one in summaries)))
         words = f"The path is not closed: the hand ends {way} from where it began."
@@ -375,14 +380,14 @@ def _turned(one: MotionSummary) -> Span:
     return Span(value, "bad" if angle >= TURNED else "good")
 
 
-def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
+def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Write the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
 
-    The limits are those violated, and those that will be if the drift goes on.
+    The limits are those violated in these ``cycles``, and those that will be if the drift goes on.
     """
     return [
         *_extra_speed(summaries[0], summaries[-1]),
-        *_limits(summaries),
+        *_limits(summaries, cycles),
         *_bodies(summaries),
         *_unchecked(summaries),
     ]
@@ -397,18 +402,23 @@ def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
     if last is first or not first.speed > 0 or first.path_loss or last.path_loss:
         return []
     cost = percent(last.speed / first.speed - 1)
-    amount = "no more"
-    if not cost.startswith("0"):
-        amount = _whole(cost[1:]) + (" more" if cost[0] == "+" else " less")
-    return [Span(f"{capital(under(last.label))} takes {amount} joint speed (rms).")]
+    by = f"under {under(last.label)}"
+    if cost.startswith("0"):
+        return [Span(f"The joints move no faster {by}.")]
+    change = _whole(cost[1:]) + (" faster" if cost[0] == "+" else " slower")
+    said = f"The joints move {change} {by} (root mean square over cycle 1)."
+    if cost[0] != "+" and first.label == "J⁺":
+        said += f" {LEAST_AT_EACH_INSTANT}"
+    return [Span(said)]
 
 
-def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
+def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Write which joint and speed limits are violated, and which will be if an arm drifts on.
 
     Each is one text, with a tone.
 
-    Without a violation it says that the joint limits are kept, ``so far`` if one will be.
+    Without a violation it says that the joint limits are kept, and in how many ``cycles`` if one
+    will be violated later.
     """
     said = []
     for one in summaries:
@@ -427,7 +437,9 @@ def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
         for one in summaries
         if one.leaves is not None
     ]
-    return [*(said or [Span(f"Joint limits kept{' so far' if later else ''}.")]), *later]
+    times = "this cycle" if cycles == 1 else f"these {cycles} cycles"
+    kept = f"Joint limits are kept{f' in {times}' if later else ''}."
+    return [*(said or [Span(kept)]), *later]
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:

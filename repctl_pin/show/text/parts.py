@@ -59,6 +59,17 @@ def part_name(task: Task, q: Array, link: str) -> str:
     return " ".join(kept) if kept and (whole or numbered) else f"link {link.removesuffix('_link')}"
 
 
+def hand_names(task: Task) -> list[str]:
+    """Name the frames of a task as hands, by their sides: ``left hand``, ``right hand``.
+
+    A task of one frame has a ``hand``. Frames whose names tell no side keep their own names.
+    """
+    if len(task.frames) == 1:
+        return ["hand"]
+    names = [f"{_side(frame)}hand" for frame in task.frames]
+    return names if len(set(names)) == len(names) else list(task.frames)
+
+
 def _side(link: str) -> str:
     """Write on which side a link is, from its name: ``left ``, ``right ``, or an empty text.
 

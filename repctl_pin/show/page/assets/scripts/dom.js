@@ -19,10 +19,11 @@ export async function unpack(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// Series of numbers from the bytes of their third differences: row after row of each series, which are [rows, columns].
+// Series of numbers from the bytes of their third differences: row after row of each series, which
+// are [rows, columns].
 export function summed(bytes, series, resolution) {
-  const n = bytes.length / 4,
-    out = new Float64Array(n);
+  const n = bytes.length / 4;
+  const out = new Float64Array(n);
   let at = 0;
   for (const [rows, columns] of series) {
     const start = at;
@@ -50,9 +51,9 @@ export const forgetTones = () => tones.clear();
 
 // A canvas cleared and ready to draw, in CSS pixels; em: the page's own measure of size.
 export function sharp(canvas) {
-  const scale = window.devicePixelRatio || 1,
-    width = canvas.clientWidth,
-    height = canvas.clientHeight;
+  const scale = window.devicePixelRatio || 1;
+  const width = canvas.clientWidth;
+  const height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * scale)) canvas.width = Math.round(width * scale);
   if (canvas.height !== Math.round(height * scale)) canvas.height = Math.round(height * scale);
   const draw = canvas.getContext("2d");

@@ -1,22 +1,22 @@
 // The page: what is loaded, and what happens when.
 
-import { keep, wishes } from "./address.js";
-import { fullDrift, GAIN, pointAt, referenceOf } from "./arm.js";
-import { Callouts } from "./callouts.js";
-import { Chart } from "./chart.js";
-import { Clock } from "./clock.js";
-import { openConsole } from "./console.js";
-import { connect, rule } from "./controls.js";
+import { keep, wishes } from "./chrome/address.js";
+import { fullDrift, GAIN, pointAt, referenceOf } from "./arm/arm.js";
+import { Callouts } from "./chrome/callouts.js";
+import { Chart } from "./chrome/chart.js";
+import { Clock } from "./chrome/clock.js";
+import { openConsole } from "./chrome/console.js";
+import { connect, rule } from "./chrome/controls.js";
 import { byId, forgetTones } from "./dom.js";
-import { follow } from "./live.js";
+import { follow } from "./live/live.js";
 import { inMetres } from "./numbers.js";
-import { Own } from "./own.js";
-import { printable, still } from "./paper.js";
-import { drawPlain } from "./plain.js";
-import { savable } from "./save.js";
+import { Own } from "./own/own.js";
+import { printable, still } from "./chrome/paper.js";
+import { drawPlain } from "./chrome/plain.js";
+import { savable } from "./chrome/save.js";
 import { setStage } from "./stage.js";
-import { cleared } from "./traces.js";
-import { openViewer } from "./viewer.js";
+import { cleared } from "./arm/traces.js";
+import { openViewer } from "./arm/viewer.js";
 
 const LIVE_FULL = 0.1; // m off, where a body of a running loop is coloured in full
 
@@ -41,16 +41,17 @@ function leaveTheWheel(viewer) {
 
 // Let time pass, a picture at a time; a machine that is late loses pictures, not time.
 function run(clock, viewer, live, resize) {
-  let before = performance.now(),
-    late = 0,
-    plain = false;
+  let before = performance.now();
+  let late = 0;
+  let plain = false;
   document.addEventListener("visibilitychange", () => {
     before = performance.now();
   });
   (function tick(now) {
     const passed = Math.max(now - before, 0) / 1000;
     before = now;
-    // no graphics card: after some late pictures in a row, or two very late ones, do without shadows and draw fewer pixels
+    // no graphics card: after some late pictures in a row, or two very late ones, do without
+    // shadows and draw fewer pixels
     late = (clock.playing || live) && passed > 0.14 ? late + Math.min(passed / 0.14, 4) : 0;
     if (late >= 8 && !plain) {
       plain = true;
@@ -67,9 +68,9 @@ function run(clock, viewer, live, resize) {
 }
 
 async function main() {
-  const scene = JSON.parse(byId("scene").textContent),
-    api = window.repctl,
-    start = performance.now();
+  const scene = JSON.parse(byId("scene").textContent);
+  const api = window.repctl;
+  const start = performance.now();
   if (typeof DecompressionStream === "undefined") {
     say("This page needs a browser of 2023 or newer.", true);
     return;
@@ -93,10 +94,10 @@ async function main() {
     return;
   }
   const { arms, paths, line, leave, extent, eye, points, near, panes } = await setStage(
-      viewer,
-      scene,
-    ),
-    study = { ...scene, last: scene.arms[0].drift.length };
+    viewer,
+    scene,
+  );
+  const study = { ...scene, last: scene.arms[0].drift.length };
 
   const compare = () => {
     const found = scene.live ? null : referenceOf(arms);
@@ -107,28 +108,30 @@ async function main() {
 
   // ---- what is shown at each time
   const clock = Object.assign(new Clock(scene.cycles.length, scene.seconds, () => show()), {
-      last: study.last,
-    }),
-    box = (name) => byId(`show-${name}`);
+    last: study.last,
+  });
+  const box = (name) => byId(`show-${name}`);
   const chart = scene.live
     ? null
     : new Chart(arms, scene, (time) => {
         clock.play(false);
         clock.seek(time);
       });
-  const callouts = scene.live ? null : new Callouts(panes, scene),
-    wish = wishes();
-  let tell = () => {},
-    ways = scene.live ? [] : leave(),
-    own = null;
+  const callouts = scene.live ? null : new Callouts(panes, scene);
+  const wish = wishes();
+  let tell = () => {};
+  let ways = scene.live ? [] : leave();
+  let own = null;
   function show() {
-    const { cycles } = clock,
-      leading = own && own.lead,
-      full = scene.live ? LIVE_FULL : fullDrift(arms);
-    byId("drift-to").textContent = `${inMetres(full)} off${scene.live ? " or more" : ""}`;
-    const cycle = Math.min(Math.floor(clock.time), cycles - 1),
-      part = clock.time - cycle,
-      done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
+    const { cycles } = clock;
+    const leading = own && own.lead;
+    const full = scene.live ? LIVE_FULL : fullDrift(arms);
+    byId("drift-to").textContent = scene.live
+      ? `from ${inMetres(full)} off`
+      : `${inMetres(full)} off`;
+    const cycle = Math.min(Math.floor(clock.time), cycles - 1);
+    const part = clock.time - cycle;
+    const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (leading) arm.stand(1, 0);
       else if (!scene.live || !api.received) arm.stand(cycle, part);
@@ -137,10 +140,12 @@ async function main() {
       arm.showFan(box("fan").checked);
       arm.showDrift(box("drift").checked, full);
       if (scene.live) continue;
-      const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
-      arm.notice.textContent = past ? arm.data.broken.words : "";
+      const { broken } = arm.data;
+      const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= broken.at;
+      arm.notice.textContent = past ? broken.words : "";
       if (!arm.past) continue;
-      arm.past.node.visible = past;
+      // the place where a motion ends is marked from the beginning
+      arm.past.node.visible = past || arm.data.lost < Infinity;
       arm.mark(arm.past.node.position);
     }
     if (scene.live || leading) {
@@ -157,10 +162,11 @@ async function main() {
       clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null,
     );
     tell(done, part);
-    keep(clock, eye, own && own.points);
+    keep(clock, eye, own ? own.wish() : []);
     viewer.set_dirty();
   }
-  const small = window.matchMedia("(max-width: 640px), (max-height: 480px)"); // there the arm is seen, not all of its robot
+  // there the arm is seen, not all of its robot
+  const small = window.matchMedia("(max-width: 640px), (max-height: 480px)");
   function resize() {
     panes.layout();
     if (own) own.reserve();
@@ -183,6 +189,10 @@ async function main() {
     },
     turn(...way) {
       eye.turn(...way);
+    },
+    joints(on) {
+      document.body.classList.toggle("joints", on);
+      resize();
     },
     enlarge(on) {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
@@ -232,7 +242,7 @@ async function main() {
         result.perCycle,
         result.seconds,
         result.runs.map((one) => [one]),
-        [result.path.map((p) => new MeshCat.THREE.Vector3(...p))],
+        result.paths.map((path) => path.map((p) => new MeshCat.THREE.Vector3(...p))),
       ),
     study() {
       scene.part = study.part;
@@ -248,7 +258,7 @@ async function main() {
     },
     show,
   };
-  if (scene.own) own = new Own(scene.own, { arms, panes, scene, clock, extent, player });
+  if (scene.own) own = new Own(scene.own, { arms, panes, scene, clock, extent, player, paths });
   document.body.classList.toggle("live", Boolean(scene.live));
   if (scene.live) follow(arms, panes, scene, extent, show);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -264,7 +274,7 @@ async function main() {
       callouts.place();
       if (own) own.place();
     };
-  viewer.controls.addEventListener("end", () => keep(clock, eye, own && own.points));
+  viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.wish() : []));
   savable(viewer, clock, scene.live);
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);
@@ -272,7 +282,7 @@ async function main() {
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
   if (wish.view) eye.stand(wish.view);
-  if (own && wish.loop) own.open(wish.loop);
+  if (own && wish.own) own.open(wish.own);
 
   run(clock, viewer, scene.live, resize);
   openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });
@@ -297,7 +307,7 @@ async function main() {
     !window.matchMedia("(prefers-reduced-motion: reduce)").matches &&
     !wish.paused &&
     wish.time === null &&
-    !wish.loop &&
+    !wish.own &&
     !scene.live
   )
     clock.open();

@@ -15,6 +15,12 @@ export function inMetres(value) {
   return `${Number((scale * value).toPrecision(2))} ${unit}`;
 }
 
+// The smallest of 1, 2, 5, 10, … that is no shorter than this.
+export function stepAbove(length) {
+  const power = 10 ** Math.floor(Math.log10(length));
+  return [1, 2, 5, 10].map((k) => k * power).find((step) => step >= length * 0.9999);
+}
+
 // The largest of 1, 2, 5, 10, … that is no longer than this.
 export function niceStep(length) {
   const power = 10 ** Math.floor(Math.log10(length));

@@ -1,18 +1,18 @@
 // What stands on the stage: the arms, their ways, the light, and a camera that sees them all.
 
-import { ArmView, cornersOf, pointAt } from "./arm.js";
+import { ArmView, cornersOf, pointAt } from "./arm/arm.js";
 import { byId, summed, unpack } from "./dom.js";
-import { clearest, Eye, towards } from "./eye.js";
+import { clearest, Eye, towards } from "./arm/eye.js";
 import { inMetres } from "./numbers.js";
-import { Panes } from "./panes.js";
-import { drawPaths, drawWays } from "./traces.js";
-import { floor, light } from "./viewer.js";
+import { Panes } from "./chrome/panes.js";
+import { drawPaths, drawWays } from "./arm/traces.js";
+import { floor, light } from "./arm/viewer.js";
 
 export async function setStage(viewer, scene) {
-  const T = MeshCat.THREE,
-    motion = summed(await unpack("motion"), scene.series, scene.resolution);
-  const F = scene.perCycle,
-    frames = F * scene.cycles.length;
+  const T = MeshCat.THREE;
+  const motion = summed(await unpack("motion"), scene.series, scene.resolution);
+  const F = scene.perCycle;
+  const frames = F * scene.cycles.length;
   let at = 0;
   const arms = scene.arms.map((data) => {
     const arm = new ArmView(viewer, data, motion, at, frames, F);
@@ -27,6 +27,17 @@ export async function setStage(viewer, scene) {
       return p;
     }),
   );
+
+  if (scene.joints)
+    for (const arm of arms) {
+      const { names, perCycle, scale } = scene.joints;
+      const n = names.length;
+      const count = scene.cycles.length * perCycle * n;
+      const values = motion.subarray(at, at + count).map((v) => v / scale);
+      arm.study.run.joints = { count: perCycle, n, values };
+      arm.use(arm.run, arm.study.start);
+      at += count;
+    }
 
   const tips = arms.flatMap((arm) =>
     Array.from({ length: arm.chains }, (_, k) => [
@@ -48,15 +59,15 @@ export async function setStage(viewer, scene) {
     scene.planar,
   );
   const { points, near, extent, ground } = inSight(arms, paths.flat(), eye);
-  const shown = new T.Box3().setFromPoints(points),
-    center = shown.getCenter(new T.Vector3());
+  const shown = new T.Box3().setFromPoints(points);
+  const center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
   const line = (ways) => drawPaths(arms, ways, extent);
   line(paths);
   const leave = () => drawWays(arms, scene, extent);
-  const [left, right] = eye.span(points, "right"),
-    [low, high] = eye.span(points, "up");
+  const [left, right] = eye.span(points, "right");
+  const [low, high] = eye.span(points, "up");
   return {
     arms,
     paths,
@@ -70,24 +81,24 @@ export async function setStage(viewer, scene) {
   };
 }
 
-// The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is
-// not a hall, and what is near the arm.
+// The points that the camera must see: all of the robot, where that leaves the arm large; else its
+// whole width, if it is not a hall, and what is near the arm.
 function inSight(arms, path, eye) {
-  const T = MeshCat.THREE,
-    reach = arms.map((arm) => arm.reach()),
-    moving = reach.flatMap((c) => c.moving),
-    still = reach[0].still;
-  const near = new T.Box3().setFromPoints([...moving, ...path]),
-    whole = new T.Box3().setFromPoints([...moving, ...still]);
+  const T = MeshCat.THREE;
+  const reach = arms.map((arm) => arm.reach());
+  const moving = reach.flatMap((c) => c.moving);
+  const still = reach[0].still;
+  const near = new T.Box3().setFromPoints([...moving, ...path]);
+  const whole = new T.Box3().setFromPoints([...moving, ...still]);
   if (near.isEmpty()) near.setFromPoints([...still, new T.Vector3()]);
   const extent = near.getSize(new T.Vector3()).length() || 1;
   const across = (box, axis) => {
     const [a, b] = eye.span(cornersOf(box), axis);
     return b - a;
   };
-  const room = near.clone().expandByScalar(0.2 * extent),
-    [low, high] = eye.span(cornersOf(room), "up"),
-    wide = across(whole, "right") < 3 * extent;
+  const room = near.clone().expandByScalar(0.2 * extent);
+  const [low, high] = eye.span(cornersOf(room), "up");
+  const wide = across(whole, "right") < 3 * extent;
   const all =
     across(whole, "up") <
     Math.max(

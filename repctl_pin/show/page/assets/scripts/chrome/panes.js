@@ -1,7 +1,7 @@
 // One pane an arm, all drawn by one camera: turning one turns all.
 
-import { PIXEL } from "./arm.js";
-import { byId, element, tone } from "./dom.js";
+import { PIXEL } from "../arm/arm.js";
+import { byId, element, tone } from "../dom.js";
 
 const LOW = 360; // px
 
@@ -34,10 +34,11 @@ export class Panes {
     viewer.set_3d_pane_size = () => {};
   }
 
-  // Stack a few panes in portrait; else give the stage as many columns as make their pictures largest.
+  // Stack a few panes in portrait; else give the stage as many columns as make their pictures
+  // largest.
   layout() {
-    const { clientWidth: width, clientHeight: height } = byId("panes"),
-      count = this.arms.length;
+    const { clientWidth: width, clientHeight: height } = byId("panes");
+    const count = this.arms.length;
     const size = (columns) =>
       Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
     let best = height > width && count < 4 ? 1 : count;
@@ -54,7 +55,8 @@ export class Panes {
     this.colour();
   }
 
-  // Decide whether all panes have room for what is said of the part beside their labels, in this run.
+  // Decide whether all panes have room for what is said of the part beside their labels, in this
+  // run.
   inRows() {
     this.beside =
       this.frames[0].clientHeight < LOW &&
@@ -63,9 +65,9 @@ export class Panes {
 
   // Whether a pane's label and what is said of the part fit into one row at all times.
   inOneRow(frame, { data, notice }) {
-    const label = frame.firstChild,
-      box = frame.querySelector(".callout:not(.hand)"),
-      value = box && box.firstChild;
+    const label = frame.firstChild;
+    const box = frame.querySelector(".callout:not(.hand)");
+    const value = box && box.firstChild;
     if (!box) return true;
     const words = [notice.textContent, value.textContent];
     notice.textContent = data.broken ? data.broken.words : "";
@@ -75,12 +77,13 @@ export class Panes {
     return fits;
   }
 
-  // What a pane keeps free above the arm, for its label and what is said of the part, and below it, px.
+  // What a pane keeps free above the arm, for its label and what is said of the part, and below it,
+  // px.
   room() {
-    const label = this.frames[0].firstChild.clientHeight * 1.5,
-      low = this.frames[0].clientHeight < LOW;
-    const box = this.frames[0].querySelector(".callout:not(.hand)"),
-      above = box ? box.offsetHeight : 0;
+    const label = this.frames[0].firstChild.clientHeight * 1.5;
+    const low = this.frames[0].clientHeight < LOW;
+    const box = this.frames[0].querySelector(".callout:not(.hand)");
+    const above = box ? box.offsetHeight : 0;
     const legend = byId("below").offsetHeight;
     return {
       above: this.beside ? Math.max(label, above + 12) : label + above,
@@ -93,7 +96,8 @@ export class Panes {
     this.viewer.set_dirty();
   }
 
-  // Where a pane is on the stage: left, top, width, height, in pixels; as measured last, since to ask lays the page out.
+  // Where a pane is on the stage: left, top, width, height, in pixels; as measured last, since to
+  // ask lays the page out.
   measure() {
     this.places = this.frames.map(
       ({ offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height }) => ({
@@ -108,17 +112,18 @@ export class Panes {
     return this.places[k];
   }
 
-  // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such a place, robot axes.
+  // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such
+  // a place, robot axes.
   seen(k, p) {
-    const { width, height } = this.place(k),
-      { camera } = this.viewer;
+    const { width, height } = this.place(k);
+    const { camera } = this.viewer;
     camera.updateMatrixWorld();
     const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); // three's y is up
     return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height };
   }
   sight(k, { x, y }) {
-    const { width, height } = this.place(k),
-      T = MeshCat.THREE;
+    const { width, height } = this.place(k);
+    const T = MeshCat.THREE;
     const at = (depth) => {
       const v = new T.Vector3((2 * x) / width - 1, 1 - (2 * y) / height, depth).unproject(
         this.viewer.camera,
@@ -129,13 +134,13 @@ export class Panes {
   }
 
   render() {
-    const { renderer, scene, camera, controls } = this.viewer,
-      tall = byId("panes").clientHeight;
+    const { renderer, scene, camera, controls } = this.viewer;
+    const tall = byId("panes").clientHeight;
     controls.update();
     renderer.setScissorTest(true);
     this.arms.forEach((arm, k) => {
-      const { left, top, width, height } = this.place(k),
-        low = tall - top - height;
+      const { left, top, width, height } = this.place(k);
+      const low = tall - top - height;
       this.arms.forEach((other) => {
         other.group.visible = other === arm;
       });

@@ -1,8 +1,9 @@
 // Hands: buttons, the slider, and keys, which work wherever the focus is.
 
-import { byId, element } from "./dom.js";
+import { byId, element } from "../dom.js";
 
-// Gives a function that makes them say where time is: `done` cycles finished, and the part of the next.
+// Gives a function that makes them say where time is: `done` cycles finished, and the part of the
+// next.
 export function connect(clock, view) {
   rule(clock);
   const seek = (time) => {
@@ -27,14 +28,17 @@ export function connect(clock, view) {
     currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")),
   );
   byId("help").addEventListener("click", keys);
+  const menus = ["looks", "save", "loops"].map(byId);
   document.addEventListener("pointerdown", (event) => {
-    for (const menu of ["looks", "save", "loops"])
-      if (!event.target.closest(`#${menu}`)) byId(menu).open = false;
+    for (const menu of menus) if (!menu.contains(event.target)) menu.open = false;
   });
+  for (const menu of menus) menu.addEventListener("toggle", () => insideWindow(menu));
+  window.addEventListener("resize", () => menus.forEach(insideWindow));
   byId("view").addEventListener("click", view.reset);
   byId("enlarge").addEventListener("click", ({ currentTarget }) =>
     view.enlarge(currentTarget.getAttribute("aria-pressed") !== "true"),
   );
+  byId("show-joints").addEventListener("change", ({ target }) => view.joints(target.checked));
   for (const name of ["traces", "ghost", "fan", "drift", "callouts"])
     byId(`show-${name}`).addEventListener("change", (event) =>
       view.set(name, event.target.checked),
@@ -47,15 +51,16 @@ export function connect(clock, view) {
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog")) return;
-    if (key === " " && target.closest("button, summary, input[type=checkbox]")) return; // it is what presses them
+    // it is what presses them
+    if (key === " " && target.closest("button, summary, input[type=checkbox]")) return;
     const turns = {
-        ArrowLeft: [-0.1, 0],
-        ArrowRight: [0.1, 0],
-        ArrowUp: [0, -0.1],
-        ArrowDown: [0, 0.1],
-      },
-      hop = clock.stepping || target.id === "chart" ? 1 : 1 / 60,
-      whole = target.id === "chart" ? Math.round : Number;
+      ArrowLeft: [-0.1, 0],
+      ArrowRight: [0.1, 0],
+      ArrowUp: [0, -0.1],
+      ArrowDown: [0, 0.1],
+    };
+    const hop = clock.stepping || target.id === "chart" ? 1 : 1 / 60;
+    const whole = target.id === "chart" ? Math.round : Number;
     const does =
       event.shiftKey && turns[key]
         ? () => view.turn(...turns[key])
@@ -78,9 +83,13 @@ export function connect(clock, view) {
   });
 
   return (done, part) => {
-    const { last } = clock,
-      inside = part > 0 && part < 1,
-      words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
+    const { last } = clock;
+    const inside = part > 0 && part < 1;
+    const words = inside
+      ? `cycle ${done + 1} of ${last}`
+      : done
+        ? `after ${done} of ${last}`
+        : "start";
     document.body.classList.toggle("playing", clock.playing);
     byId("play").setAttribute("aria-label", clock.playing ? "Pause" : "Play");
     byId("stepping").checked = clock.stepping;
@@ -91,6 +100,15 @@ export function connect(clock, view) {
       inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
     );
   };
+}
+
+// Shift an open menu, and let it scroll, so that all of it can be reached.
+function insideWindow(menu) {
+  if (!menu.open) return;
+  const { style } = menu.lastElementChild;
+  style.right = "0";
+  style.maxHeight = `${menu.getBoundingClientRect().top - 16}px`;
+  style.right = `${Math.min(menu.lastElementChild.getBoundingClientRect().left - 8, 0)}px`;
 }
 
 // The slider's length and its marks.

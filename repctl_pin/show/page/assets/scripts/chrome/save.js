@@ -1,16 +1,16 @@
 // What is seen, as a file: a PNG, or a film of it.
 
-import { byId, element, tone } from "./dom.js";
+import { byId, element, tone } from "../dom.js";
 
 const LEFT_OUT = "#tools, .track, #play, #notice, #own, .ring, #keys, #paper, .unseen";
 
 // Draw the page without its buttons on a canvas.
 export function seen(viewer, canvas = element("canvas"), scale = window.devicePixelRatio || 1) {
-  const { left, bottom } = byId("chart").getBoundingClientRect(),
-    foot = byId("stage").getBoundingClientRect().bottom;
-  const width = window.innerWidth,
-    height = Math.max(bottom, foot) + (bottom > foot ? 4 : 0),
-    draw = canvas.getContext("2d");
+  const { left, bottom } = byId("chart").getBoundingClientRect();
+  const foot = byId("stage").getBoundingClientRect().bottom;
+  const width = window.innerWidth;
+  const height = Math.max(bottom, foot) + (bottom > foot ? 4 : 0);
+  const draw = canvas.getContext("2d");
   for (const [side, size] of [
     ["width", width],
     ["height", height],
@@ -39,8 +39,8 @@ function drawNode(draw, node) {
     node.matches("script, style, dialog")
   )
     return;
-  const style = getComputedStyle(node),
-    box = node.getBoundingClientRect();
+  const style = getComputedStyle(node);
+  const box = node.getBoundingClientRect();
   if (style.display === "none" || style.visibility === "hidden") return;
   if (node.matches(".leader")) {
     drawRule(draw, node, style);
@@ -66,8 +66,8 @@ function drawGround(draw, style, { left, top, width, height }, whole) {
     Math.min(parseFloat(style.borderRadius) || 0, height / 2),
   );
   if (style.backgroundImage.startsWith("linear-gradient")) {
-    const [from, to] = style.backgroundImage.match(/rgba?\([^)]*\)/g),
-      fill = draw.createLinearGradient(left, 0, left + width, 0);
+    const [from, to] = style.backgroundImage.match(/rgba?\([^)]*\)/g);
+    const fill = draw.createLinearGradient(left, 0, left + width, 0);
     fill.addColorStop(0, from);
     fill.addColorStop(1, to);
     draw.fillStyle = fill;
@@ -86,9 +86,9 @@ function drawGround(draw, style, { left, top, width, height }, whole) {
 // The line from a callout to what it speaks of.
 function drawRule(draw, { line, hidden, parentElement }, style) {
   if (hidden || !line) return;
-  const { left, top } = parentElement.getBoundingClientRect(),
-    [x, y, toX, toY] = line;
-  draw.strokeStyle = style.backgroundColor;
+  const { left, top } = parentElement.getBoundingClientRect();
+  const [x, y, toX, toY] = line;
+  draw.strokeStyle = style.color;
   draw.lineWidth = 1.5;
   draw.beginPath();
   draw.moveTo(left + x, top + y);
@@ -99,8 +99,8 @@ function drawRule(draw, { line, hidden, parentElement }, style) {
 // Words, each where the page has it.
 function drawWords(draw, text) {
   if (!text.data.trim()) return;
-  const style = getComputedStyle(text.parentElement),
-    range = document.createRange();
+  const style = getComputedStyle(text.parentElement);
+  const range = document.createRange();
   draw.font = `${style.fontStyle} ${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
   draw.letterSpacing = style.letterSpacing === "normal" ? "0px" : style.letterSpacing;
   draw.fillStyle = style.color;
@@ -108,20 +108,21 @@ function drawWords(draw, text) {
   for (const { 0: word, index } of text.data.matchAll(/\S+/g)) {
     range.setStart(text, index);
     range.setEnd(text, index + word.length);
-    const { left, top, height } = range.getBoundingClientRect(),
-      { fontBoundingBoxAscent: up, fontBoundingBoxDescent: down } = draw.measureText(word);
+    const { left, top, height } = range.getBoundingClientRect();
+    const { fontBoundingBoxAscent: up, fontBoundingBoxDescent: down } = draw.measureText(word);
     if (height) draw.fillText(word, left, top + (height - up - down) / 2 + up);
   }
 }
 
-// A film from now on, for at most `seconds`, or until `stop`: {stop, done}, done a promise of what was filmed.
+// A film from now on, for at most `seconds`, or until `stop`: {stop, done}, done a promise of what
+// was filmed.
 export function record(viewer, clock, seconds = Infinity) {
-  const canvas = seen(viewer, undefined, 1),
-    stream = canvas.captureStream(30),
-    kept = [];
+  const canvas = seen(viewer, undefined, 1);
+  const stream = canvas.captureStream(30);
+  const kept = [];
   const kind = ["video/webm", "video/mp4"].find((one) => MediaRecorder.isTypeSupported(one));
-  const recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 8e6 }),
-    end = performance.now() + 1000 * seconds;
+  const recorder = new MediaRecorder(stream, { mimeType: kind, videoBitsPerSecond: 8e6 });
+  const end = performance.now() + 1000 * seconds;
   recorder.addEventListener("dataavailable", ({ data }) => kept.push(data));
   const done = new Promise((tell) => {
     recorder.addEventListener("stop", () => {
@@ -150,9 +151,9 @@ export function download(blob, name) {
 
 // The two buttons: a picture, and a film of the motion once through, or until it is pressed again.
 export function savable(viewer, clock, live) {
-  const picture = byId("save-picture"),
-    film = byId("save-film"),
-    words = film.textContent;
+  const picture = byId("save-picture");
+  const film = byId("save-film");
+  const words = film.textContent;
   const name = () =>
     byId("title")
       .textContent.replace(/[^\w.]+/g, "-")

@@ -1,29 +1,30 @@
 // For print: the end of the motion on white, in the light colours, each arm under its own name.
 
-import { byId, element, forgetTones } from "./dom.js";
-import { inMetres } from "./numbers.js";
+import { byId, element, forgetTones } from "../dom.js";
+import { inMetres } from "../numbers.js";
 
 const WIDE = 1800; // px
-const SHEET = "position: fixed; left: 0; top: 0; width: 1400px; height: 640px"; // the stage, whatever the window
+// the stage, whatever the window
+const SHEET = "position: fixed; left: 0; top: 0; width: 1400px; height: 640px";
 
 export function still(viewer, clock, arms, panes, resize) {
   byId("stage").style.cssText = SHEET;
   resize();
-  const { renderer } = viewer,
-    { domElement } = renderer,
-    { time } = clock,
-    { width, height } = panes.place(0),
-    before = renderer.getPixelRatio();
-  const columns = width > 1.2 * height ? Math.min(2, arms.length) : Math.min(3, arms.length),
-    rows = Math.ceil(arms.length / columns);
-  const scale = Math.max(before, WIDE / (columns * width)),
-    text = (columns * width * scale) / 80,
-    head = 2.2 * text;
+  const { renderer } = viewer;
+  const { domElement } = renderer;
+  const { time } = clock;
+  const { width, height } = panes.place(0);
+  const before = renderer.getPixelRatio();
+  const columns = width > 1.2 * height ? Math.min(2, arms.length) : Math.min(3, arms.length);
+  const rows = Math.ceil(arms.length / columns);
+  const scale = Math.max(before, WIDE / (columns * width));
+  const text = (columns * width * scale) / 80;
+  const head = 2.2 * text;
   const paper = element("canvas", {
-      width: Math.round(columns * width * scale),
-      height: Math.round(rows * (height * scale + head)),
-    }),
-    draw = paper.getContext("2d");
+    width: Math.round(columns * width * scale),
+    height: Math.round(rows * (height * scale + head)),
+  });
+  const draw = paper.getContext("2d");
   draw.fillStyle = "#ffffff";
   draw.fillRect(0, 0, paper.width, paper.height);
   const light = (on) => {
@@ -36,9 +37,9 @@ export function still(viewer, clock, arms, panes, resize) {
   renderer.setClearColor("#ffffff", 1);
   viewer.render();
   arms.forEach(({ data }, k) => {
-    const { left, top, width: w, height: h } = panes.place(k),
-      x = (k % columns) * width * scale,
-      y = Math.floor(k / columns) * (height * scale + head);
+    const { left, top, width: w, height: h } = panes.place(k);
+    const x = (k % columns) * width * scale;
+    const y = Math.floor(k / columns) * (height * scale + head);
     draw.drawImage(
       domElement,
       left * scale,

@@ -3,7 +3,8 @@
 import { displaced } from "./arm.js";
 
 export class Eye {
-  // `out`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as a drawing
+  // `out`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as
+  // a drawing
   constructor(viewer, out, flat) {
     const T = MeshCat.THREE;
     this.viewer = viewer;
@@ -31,8 +32,8 @@ export class Eye {
 
   // Go where all points are in a pane of this size, with room for what is said above and below.
   fit(points, { width, height, above, below }) {
-    const { camera, controls } = this.viewer,
-      T = MeshCat.THREE;
+    const { camera, controls } = this.viewer;
+    const T = MeshCat.THREE;
     const free = {
       x: 0.92,
       top: 1 - Math.min(0.5, (2 * above) / height),
@@ -42,9 +43,9 @@ export class Eye {
     const center = new T.Vector3();
     let distance;
     if (camera.isOrthographicCamera) {
-      const [left, right] = this.span(points, "right"),
-        [low, high] = this.span(points, "up"),
-        depth = this.span(points, "out");
+      const [left, right] = this.span(points, "right");
+      const [low, high] = this.span(points, "up");
+      const depth = this.span(points, "out");
       const half =
         Math.max(
           (high - low) / (free.top + free.bottom),
@@ -57,14 +58,14 @@ export class Eye {
       center.addScaledVector(this.up, (low + high - half * (free.top - free.bottom)) / 2);
       distance = 4 * half + depth[1] - depth[0];
     } else {
-      const tall = Math.tan((camera.fov * Math.PI) / 360),
-        wide = (tall * width) / height;
+      const tall = Math.tan((camera.fov * Math.PI) / 360);
+      const wide = (tall * width) / height;
       for (const p of points) center.addScaledVector(p, 1 / points.length);
       for (let round = 0; round < 12; round++) {
         distance = 0.01;
         for (const p of points) {
-          const v = p.clone().sub(center),
-            y = v.dot(this.up);
+          const v = p.clone().sub(center);
+          const y = v.dot(this.up);
           distance = Math.max(
             distance,
             v.dot(this.out) +
@@ -77,8 +78,8 @@ export class Eye {
         }
         const spread = { right: [Infinity, -Infinity], up: [Infinity, -Infinity] };
         for (const p of points) {
-          const v = p.clone().sub(center),
-            depth = distance - v.dot(this.out);
+          const v = p.clone().sub(center);
+          const depth = distance - v.dot(this.out);
           for (const axis of ["right", "up"]) {
             const at = v.dot(this[axis]) / depth;
             spread[axis] = [Math.min(spread[axis][0], at), Math.max(spread[axis][1], at)];
@@ -126,8 +127,8 @@ export class Eye {
 
   // Go round by these angles, and nearer by this factor.
   turn(across, upward, nearer = 1) {
-    const T = MeshCat.THREE,
-      { camera, controls } = this.viewer;
+    const T = MeshCat.THREE;
+    const { camera, controls } = this.viewer;
     const way = new T.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
     way.theta -= across;
     way.phi -= upward;
@@ -141,11 +142,11 @@ export class Eye {
 
 // Look at the arm from the front, from the side on which it works, a little from above.
 export function towards(tip, whole) {
-  const middle = whole.getCenter(new MeshCat.THREE.Vector3()),
-    reach = { x: tip.x - middle.x, y: tip.y - middle.y };
+  const middle = whole.getCenter(new MeshCat.THREE.Vector3());
+  const reach = { x: tip.x - middle.x, y: tip.y - middle.y };
   const heading = Math.hypot(reach.x, reach.y) > 0.05 ? Math.atan2(reach.y, reach.x) : 0;
-  const turn = heading > 0.15 ? 0.75 : -0.75,
-    rise = 0.33;
+  const turn = heading > 0.15 ? 0.75 : -0.75;
+  const rise = 0.33;
   const azimuth = Math.abs(heading) > 1.2 ? heading + (heading > 0 ? -0.75 : 0.75) : turn;
   return new MeshCat.THREE.Vector3(
     Math.cos(azimuth) * Math.cos(rise),
@@ -154,42 +155,43 @@ export function towards(tip, whole) {
   );
 }
 
-// Look at the arm from where its drift is seen best: at the largest gap on the screen, in parts of the picture, between where
-// the place that is off most stands at the end and where it stood at the start, as far as nothing hides either, nor the hand.
-// `usual`: the direction that counts where views are alike, or nothing is off
+// Look at the arm from where its drift is seen best: at the largest gap on the screen, in parts of
+// the picture, between where the place that is off most stands at the end and where it stood at the
+// start, as far as nothing hides either, nor the hand. `usual`: the direction that counts where
+// views are alike, or nothing is off
 export function clearest(arms, usual) {
-  const T = MeshCat.THREE,
-    { arm, before, after } = displaced(arms);
+  const T = MeshCat.THREE;
+  const { arm, before, after } = displaced(arms);
   if (!(arm.data.off.at(-1)[1] > 1e-4) || !arm.spot) return usual;
   const spotAt = (i) => {
-      arm.pose(i, 0);
-      return arm.partSpot();
-    },
-    start = spotAt(0),
-    end = spotAt(arm.frames - 1);
-  const centre = (points) => new T.Box3().setFromPoints(points).getCenter(new T.Vector3()),
-    was = centre(before),
-    is = centre(after),
-    tip = arm.point("tip", 0, arm.frames - 1);
+    arm.pose(i, 0);
+    return arm.partSpot();
+  };
+  const start = spotAt(0);
+  const end = spotAt(arm.frames - 1);
+  const centre = (points) => new T.Box3().setFromPoints(points).getCenter(new T.Vector3());
+  const was = centre(before);
+  const is = centre(after);
+  const tip = arm.point("tip", 0, arm.frames - 1);
   const others = [...arm.moving, ...arm.still]
-      .filter((place) => !arm.part.includes(arm.moving.indexOf(place)))
-      .flatMap(boxOf),
-    all = others.flatMap(({ corners: c }) => c);
+    .filter((place) => !arm.part.includes(arm.moving.indexOf(place)))
+    .flatMap(boxOf);
+  const all = others.flatMap(({ corners: c }) => c);
   const own = arm.part.flatMap((k) => boxOf(arm.moving[k]));
   const plan = Math.atan2(usual.y, usual.x);
   let best = { score: -1 };
   for (const rise of [0.2, 0.5])
     for (let k = 0; k < 24; k++) {
-      const turn = (k * Math.PI) / 12,
-        out = new T.Vector3(
-          Math.cos(plan + turn) * Math.cos(rise),
-          Math.sin(plan + turn) * Math.cos(rise),
-          Math.sin(rise),
-        );
-      const across = (v) => Math.sqrt(Math.max(0, v.lengthSq() - v.dot(out) ** 2)),
-        gap = (p, q) => across(p.clone().sub(q));
-      const size = Math.max(...all.map((p) => gap(p, is))),
-        seen = after.filter((p) => !hidden(p, out, others)).length / after.length;
+      const turn = (k * Math.PI) / 12;
+      const out = new T.Vector3(
+        Math.cos(plan + turn) * Math.cos(rise),
+        Math.sin(plan + turn) * Math.cos(rise),
+        Math.sin(rise),
+      );
+      const across = (v) => Math.sqrt(Math.max(0, v.lengthSq() - v.dot(out) ** 2));
+      const gap = (p, q) => across(p.clone().sub(q));
+      const size = Math.max(...all.map((p) => gap(p, is)));
+      const seen = after.filter((p) => !hidden(p, out, others)).length / after.length;
       const shown =
         (0.15 + 0.85 * seen) *
         (hidden(end, out, others) ? 0.3 : hidden(end, out, own) ? 0.7 : 1) *
@@ -209,8 +211,8 @@ function boxOf(place) {
     .filter((mesh) => mesh.isMesh && !mesh.geometry.boundingBox.isEmpty())
     .map((mesh) => {
       mesh.updateMatrix();
-      const { min, max } = mesh.geometry.boundingBox,
-        matrix = new T.Matrix4().multiplyMatrices(place.matrix, mesh.matrix);
+      const { min, max } = mesh.geometry.boundingBox;
+      const matrix = new T.Matrix4().multiplyMatrices(place.matrix, mesh.matrix);
       const box = new T.Box3(min.clone().lerp(max, 0.1), max.clone().lerp(min, 0.1));
       return {
         box,
@@ -226,7 +228,8 @@ function boxOf(place) {
     });
 }
 
-// Whether a body stands between a point and a camera far out; what surrounds the point itself does not count.
+// Whether a body stands between a point and a camera far out; what surrounds the point itself does
+// not count.
 function hidden(point, out, boxes) {
   const ray = new MeshCat.THREE.Ray();
   return boxes.some(({ box, inverse }) => {

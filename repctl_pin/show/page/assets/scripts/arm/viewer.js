@@ -1,7 +1,7 @@
 // meshcat's viewer: opened, filled with the bodies, lit, and set on a floor.
 
-import { byId, unpack } from "./dom.js";
-import { niceStep } from "./numbers.js";
+import { byId, unpack } from "../dom.js";
+import { niceStep } from "../numbers.js";
 
 export async function openViewer(errors, progress) {
   const code = document.createElement("script");
@@ -11,8 +11,8 @@ export async function openViewer(errors, progress) {
   viewer.gui.domElement.remove();
   const stream = await unpack("commands");
   const lengths = new DataView(stream.buffer);
-  let start = 0,
-    done = 0;
+  let start = 0;
+  let done = 0;
   while (start < stream.length) {
     const length = lengths.getUint32(start, true);
     try {
@@ -32,17 +32,18 @@ export async function openViewer(errors, progress) {
 
 // From over the viewer's shoulder: shadows fall behind the arm.
 export function light(viewer, center, size, eye) {
-  const T = MeshCat.THREE,
-    from = (right, back, up) =>
-      new T.Vector3(0, 0, up * size)
-        .addScaledVector(eye.right, right * size)
-        .addScaledVector(eye.out, back * size)
-        .add(center);
-  const above = Math.abs(eye.out.z) > 0.9; // then the light comes slanting, or nothing would have form
+  const T = MeshCat.THREE;
+  const from = (right, back, up) =>
+    new T.Vector3(0, 0, up * size)
+      .addScaledVector(eye.right, right * size)
+      .addScaledVector(eye.out, back * size)
+      .add(center);
+  // then the light comes slanting, or nothing would have form
+  const above = Math.abs(eye.out.z) > 0.9;
   const sky = new T.HemisphereLight(0xffffff, 0xc3ccd6, above ? 0.6 : 0.7);
   sky.position.set(0, 0, 1);
-  const key = new T.DirectionalLight(0xffffff, 0.36),
-    fill = new T.DirectionalLight(0xe6eeff, 0.2);
+  const key = new T.DirectionalLight(0xffffff, 0.36);
+  const fill = new T.DirectionalLight(0xe6eeff, 0.2);
   key.position.copy(
     above ? from(-1.5, -0.2, 1.9).addScaledVector(eye.up, 1.1 * size) : from(-0.25, 1.1, 2),
   );
@@ -67,10 +68,10 @@ export function light(viewer, center, size, eye) {
 
 // A floor at height z, its grid fit for an arm of this size; gives the grid's step, m.
 export function floor(viewer, center, z, size) {
-  const T = MeshCat.THREE,
-    step = niceStep(size / 7),
-    cells = 60,
-    pixels = 2048;
+  const T = MeshCat.THREE;
+  const step = niceStep(size / 7);
+  const cells = 60;
+  const pixels = 2048;
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = pixels;
   const draw = canvas.getContext("2d");

@@ -1,20 +1,21 @@
-// Without WebGL: each arm as a line from its first body over the elbow to the hand, at the start and at the end, and the chart.
+// Without WebGL: each arm as a line from its first body over the elbow to the hand, at the start
+// and at the end, and the chart.
 
 import { Chart } from "./chart.js";
-import { byId, element, sharp, summed, tone, unpack } from "./dom.js";
-import { inMetres } from "./numbers.js";
+import { byId, element, sharp, summed, tone, unpack } from "../dom.js";
+import { inMetres } from "../numbers.js";
 
 export async function drawPlain(scene) {
-  const motion = summed(await unpack("motion"), scene.series, scene.resolution),
-    last = scene.cycles.length * scene.perCycle - 1;
+  const motion = summed(await unpack("motion"), scene.series, scene.resolution);
+  const last = scene.cycles.length * scene.perCycle - 1;
   let at = 0;
   const arms = scene.arms.map((data) => {
-    const moving = data.shapes.filter(({ pose }) => !pose),
-      frames = last + 1,
-      ways = Array.from({ length: data.chains }, (_, k) => k);
-    const start = at,
-      tip = start + frames * 7 * moving.length,
-      elbow = tip + frames * 3 * data.chains;
+    const moving = data.shapes.filter(({ pose }) => !pose);
+    const frames = last + 1;
+    const ways = Array.from({ length: data.chains }, (_, k) => k);
+    const start = at;
+    const tip = start + frames * 7 * moving.length;
+    const elbow = tip + frames * 3 * data.chains;
     at =
       elbow +
       frames * 3 * data.chains +
@@ -39,12 +40,15 @@ export async function drawPlain(scene) {
   );
   document.body.classList.add("plain-view");
   byId("drift-note").textContent =
-    `No 3D view: WebGL is off here. First link, elbow and hand; grey: at the start, in colour: after ${scene.cycles.at(-1)} cycles.`;
+    "No 3D view: WebGL is off here. First link, elbow and hand; grey: at the start, in colour: " +
+    `after ${scene.cycles.at(-1)} cycles.`;
   byId("scale-note").hidden = true;
   const canvases = arms.map(({ data }) => {
     const canvas = element("canvas", {
       role: "img",
-      "aria-label": `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ${inMetres(data.off.at(-1)[1])} off`,
+      "aria-label":
+        `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ` +
+        `${inMetres(data.off.at(-1)[1])} off`,
     });
     byId("panes").append(
       element(
@@ -79,16 +83,17 @@ export async function drawPlain(scene) {
 
 function drawArm(canvas, { data, before, after }, arms, paths, planar) {
   const seen = ([x, y, z]) =>
-    planar ? [x, -y] : [0.68 * x - 0.73 * y, 0.24 * x + 0.22 * y - 0.94 * z]; // from the front, a little from above
+    // from the front, a little from above
+    planar ? [x, -y] : [0.68 * x - 0.73 * y, 0.24 * x + 0.22 * y - 0.94 * z];
   const all = [...arms.flatMap((arm) => [arm.before, arm.after]).flat(2), ...paths.flat()].map(
-      seen,
-    ),
-    ends = [0, 1]
-      .map((i) => all.map((p) => p[i]))
-      .map((v) => [v.reduce((a, b) => Math.min(a, b)), v.reduce((a, b) => Math.max(a, b))]);
-  const { draw, width, height, em } = sharp(canvas),
-    [[left, right], [top, bottom]] = ends,
-    room = [width - 4 * em, height - 9 * em];
+    seen,
+  );
+  const ends = [0, 1]
+    .map((i) => all.map((p) => p[i]))
+    .map((v) => [v.reduce((a, b) => Math.min(a, b)), v.reduce((a, b) => Math.max(a, b))]);
+  const { draw, width, height, em } = sharp(canvas);
+  const [[left, right], [top, bottom]] = ends;
+  const room = [width - 4 * em, height - 9 * em];
   const scale = Math.min(
     room[0] / Math.max(right - left, 1e-9),
     room[1] / Math.max(bottom - top, 1e-9),

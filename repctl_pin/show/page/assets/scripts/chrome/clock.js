@@ -1,8 +1,9 @@
-// Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still and the elbow walks.
-// It opens on the end for three seconds, goes through the cycles' ends once, invites to draw, as long, and then runs.
+// Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still
+// and the elbow walks. It opens on the end for three seconds, goes through the cycles' ends once,
+// invites to draw, as long, and then runs.
 
-const END = 3,
-  HOLD = 1.4; // s
+const END = 3;
+const HOLD = 1.4; // s
 
 export class Clock {
   constructor(cycles, seconds, changed) {
@@ -70,9 +71,9 @@ export class Clock {
       this.seek(0);
     } else if (this.stepping) {
       this.rest += seconds * this.speed;
-      const hold = Math.min(Math.max(4 / this.cycles, 0.2), 0.5),
-        count = Math.floor(this.rest / hold),
-        left = this.rest - count * hold;
+      const hold = Math.min(Math.max(4 / this.cycles, 0.2), 0.5);
+      const count = Math.floor(this.rest / hold);
+      const left = this.rest - count * hold;
       if (!count) return;
       this.seek(Math.floor(this.time) + count);
       this.rest = left;

@@ -1,15 +1,15 @@
-// One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm stands at the same instant, or
-// else where this arm stood in cycle 1.
+// One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm
+// stands at the same instant, or else where this arm stood in cycle 1.
 
-import { tone } from "./dom.js";
+import { tone } from "../dom.js";
 
 const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
 const OUTLINE = 1.6; // px, of a ghost, at least
 const OUTLINE_SHARE = 1 / 500; // of the height of a pane, at least
-const OF_ARM = 1,
-  OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
+const OF_ARM = 1;
+const OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
 
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
@@ -71,7 +71,7 @@ export class ArmView {
     // the points by which each moving body is measured
     this.corners = [];
     let row = 0;
-    data.shapes.forEach((shape, s) => {
+    data.shapes.forEach((shape) => {
       if (shape.pose) return;
       const points = Array.from({ length: shape.points }, (_, k) =>
         new T.Vector3().fromArray(motion, at + 3 * k),
@@ -111,7 +111,8 @@ export class ArmView {
       if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + 7 * k, this.stride, near);
   }
 
-  // What frame i is compared with: that frame of the reference, or the same one of cycle 1; a cycle's end is the start.
+  // What frame i is compared with: that frame of the reference, or the same one of cycle 1; a
+  // cycle's end is the start.
   against(i) {
     const F = this.perCycle;
     return this.reference
@@ -121,14 +122,20 @@ export class ArmView {
 
   // Stand as at this part of a shown cycle, and the ghost where it is compared with.
   stand(cycle, part) {
-    const F = this.perCycle,
-      row = Math.min(part * (F - 1), F - 1),
-      i = Math.min(Math.floor(row + 1e-9), F - 1),
-      f = Math.max(0, row - i);
+    const F = this.perCycle;
+    const row = Math.min(part * (F - 1), F - 1);
+    const i = Math.min(Math.floor(row + 1e-9), F - 1);
+    const f = Math.max(0, row - i);
     this.now = { frame: cycle * F + i, f, ...this.against(cycle * F + i) };
     this.pose(this.now.frame, f);
     this.now.base.pose(this.now.first, f, this.ghosts);
     this.measure();
+    // where a motion ends before the others, it is compared with nothing
+    this.lost = cycle + part > this.data.lost;
+    if (this.lost) {
+      this.off.fill(0);
+      for (const shade of this.shades) shade.visible = false;
+    }
     if (this.gain > 1) {
       this.enlarge(this.moving, this.shades);
       this.shades.forEach((shade, k) => {
@@ -144,9 +151,9 @@ export class ArmView {
       const { position, quaternion } = others[k];
       place.position.sub(position).multiplyScalar(this.gain).add(position);
       turn.copy(quaternion).invert().premultiply(place.quaternion);
-      const half = Math.acos(Math.min(1, Math.abs(turn.w))),
-        side = Math.sign(turn.w) || 1,
-        sine = Math.sin(half);
+      const half = Math.acos(Math.min(1, Math.abs(turn.w)));
+      const side = Math.sign(turn.w) || 1;
+      const sine = Math.sin(half);
       if (sine > 1e-9) {
         const share = (side * Math.sin(this.gain * half)) / sine;
         turn.set(turn.x * share, turn.y * share, turn.z * share, Math.cos(this.gain * half));
@@ -179,9 +186,9 @@ export class ArmView {
   partOff() {
     return this.part.reduce((most, k) => Math.max(most, this.off[k]), 0);
   }
-  handOff() {
+  handOff(chain) {
     const { frame, base, first, f } = this.now;
-    return this.point("tip", 0, frame, f).distanceTo(base.point("tip", 0, first, f));
+    return this.point("tip", chain, frame, f).distanceTo(base.point("tip", chain, first, f));
   }
 
   // The corners of that part, as it stands.
@@ -230,21 +237,21 @@ export class ArmView {
 
   // The same point, as far from what it is compared with as the arm is drawn.
   drawn(which, chain, i, f = 0) {
-    const p = this.point(which, chain, i, f),
-      { base, first } = this.against(i);
+    const p = this.point(which, chain, i, f);
+    const { base, first } = this.against(i);
     return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
-  // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the arm does not cover it; it
-  // stands behind what it nearly coincides with.
+  // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the
+  // arm does not cover it; it stands behind what it nearly coincides with.
   makeGhost() {
-    const T = MeshCat.THREE,
-      shared = {
-        transparent: true,
-        polygonOffset: true,
-        polygonOffsetFactor: 2,
-        polygonOffsetUnits: 256,
-      };
+    const T = MeshCat.THREE;
+    const shared = {
+      transparent: true,
+      polygonOffset: true,
+      polygonOffsetFactor: 2,
+      polygonOffsetUnits: 256,
+    };
     const bare = {
       stencilWrite: true,
       stencilRef: OF_GHOST,
@@ -290,17 +297,18 @@ export class ArmView {
     this.group.add(this.ghost);
   }
 
-  // The arm at the ends of all cycles at once, see-through, from pale to its colour; made when it is first asked for.
+  // The arm at the ends of all cycles at once, see-through, from pale to its colour; made when it
+  // is first asked for.
   showFan(on) {
     if (this.fan && this.fan.gain !== this.gain) {
       this.group.remove(this.fan);
       this.fan = null;
     }
     if (on && !this.fan) {
-      const T = MeshCat.THREE,
-        full = new T.Color(this.data.color),
-        count = this.frames / this.perCycle,
-        ends = [this.moving.map(() => new T.Group())];
+      const T = MeshCat.THREE;
+      const full = new T.Color(this.data.color);
+      const count = this.frames / this.perCycle;
+      const ends = [this.moving.map(() => new T.Group())];
       this.fan = Object.assign(new T.Group(), { gain: this.gain });
       this.pose(
         0,
@@ -308,13 +316,13 @@ export class ArmView {
         this.rows.map((place) => ends[0][this.moving.indexOf(place)]),
       );
       for (let c = 0; c < count; c++) {
-        const color = full.clone().lerp(new T.Color(1, 1, 1), 0.7 * (1 - (c + 1) / count)),
-          shared = {
-            transparent: true,
-            polygonOffset: true,
-            polygonOffsetFactor: 1,
-            polygonOffsetUnits: 128,
-          };
+        const color = full.clone().lerp(new T.Color(1, 1, 1), 0.7 * (1 - (c + 1) / count));
+        const shared = {
+          transparent: true,
+          polygonOffset: true,
+          polygonOffsetFactor: 1,
+          polygonOffsetUnits: 128,
+        };
         const tint = new T.MeshLambertMaterial({
           ...shared,
           color,
@@ -341,9 +349,9 @@ export class ArmView {
 
   // Corners of the bodies: those that move, over the motion, and those that do not.
   reach() {
-    const moving = [],
-      still = [],
-      step = Math.max(1, Math.floor(this.frames / 36));
+    const moving = [];
+    const still = [];
+    const step = Math.max(1, Math.floor(this.frames / 36));
     for (let i = 0; i < this.frames; i += step) {
       this.pose(i, 0);
       this.moving.forEach((p) => boxCorners(p, this.group, moving));
@@ -357,25 +365,42 @@ export class ArmView {
 
   // How far body k is off its ghost, m: the way of its farthest point.
   drift(k) {
-    const here = this.moving[k],
-      there = this.shades[k];
+    const here = this.moving[k];
+    const there = this.shades[k];
     for (const place of [here, there]) place.updateMatrix();
     const D = here.matrix.elements.map((v, i) => v - there.matrix.elements[i]);
     let most = 0;
     for (const { x, y, z } of this.corners[k]) {
-      const a = D[0] * x + D[4] * y + D[8] * z + D[12],
-        b = D[1] * x + D[5] * y + D[9] * z + D[13],
-        c = D[2] * x + D[6] * y + D[10] * z + D[14];
+      const a = D[0] * x + D[4] * y + D[8] * z + D[12];
+      const b = D[1] * x + D[5] * y + D[9] * z + D[13];
+      const c = D[2] * x + D[6] * y + D[10] * z + D[14];
       most = Math.max(most, a * a + b * b + c * c);
     }
     return Math.sqrt(most);
   }
 
-  // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the robot's own colours.
+  // The largest displacement of a body at the end of a cycle of this run, m.
+  mostOff() {
+    if (this.run.most === undefined) {
+      this.pose(0, 0, this.ghosts);
+      const ends = this.data.off.flatMap(([, off], c) => (off === null ? [] : [c]));
+      this.run.most = Math.max(
+        0,
+        ...ends.flatMap((c) => {
+          this.pose((c + 1) * this.perCycle - 1, 0);
+          return this.moving.map((_, k) => this.drift(k));
+        }),
+      );
+    }
+    return this.run.most;
+  }
+
+  // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the
+  // robot's own colours.
   showDrift(on, most) {
-    const T = MeshCat.THREE,
-      grey = new T.Color(tone("--body")),
-      full = new T.Color(tone("--drift"));
+    const T = MeshCat.THREE;
+    const grey = new T.Color(tone("--body"));
+    const full = new T.Color(tone("--drift"));
     this.tint.color.set(tone("--ghost"));
     this.edge.uniforms.color.value.set(tone("--ghost"));
     for (const place of [...this.moving, ...this.still])
@@ -391,10 +416,13 @@ export class ArmView {
   }
 }
 
-// The arm that the others are compared with, frame by frame: the last one that is back after each cycle, if all begin where it
-// begins and their hands go where its hand goes; null without. It is itself compared with its cycle 1.
+// The arm that the others are compared with, frame by frame: the last one that is back after each
+// cycle, if all begin where it begins and their hands go where its hand goes; null without. It is
+// itself compared with its cycle 1.
 export function referenceOf(arms) {
-  const found = arms.findLast(({ data }) => data.off.flat().every((off) => off < SAME));
+  const found = arms.findLast(({ data }) =>
+    data.off.flat().every((off) => off !== null && off < SAME),
+  );
   if (!found || arms.length < 2) return null;
   const near = (arm, i) =>
     Array.from({ length: arm.chains }, (_, k) =>
@@ -402,7 +430,10 @@ export function referenceOf(arms) {
     ).every((way) => way < 1e-3);
   const alike = (arm) => {
     if (arm.rows.length !== found.rows.length) return false;
-    for (let i = 0; i < arm.frames; i++) if (!near(arm, i)) return false;
+    // as far as its motion goes
+    const { lost = Infinity } = arm.data;
+    const last = Math.min(arm.frames, Math.floor(lost) * arm.perCycle + 1);
+    for (let i = 0; i < last; i++) if (!near(arm, i)) return false;
     arm.pose(0, 0);
     found.pose(0, 0);
     return arm.rows.every(
@@ -416,13 +447,13 @@ export function referenceOf(arms) {
 export function pointAt(arms, isPart) {
   for (const arm of arms)
     arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
-  const { arm: worst, before, after } = displaced(arms),
-    ways = after.map((p, i) => p.distanceTo(before[i])),
-    most = Math.max(...ways);
-  const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c])),
-    [k] = corners[ways.indexOf(most)] || [];
-  const point = new MeshCat.THREE.Vector3(),
-    way = point.clone();
+  const { arm: worst, before, after } = displaced(arms);
+  const ways = after.map((p, i) => p.distanceTo(before[i]));
+  const most = Math.max(...ways);
+  const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c]));
+  const [k] = corners[ways.indexOf(most)] || [];
+  const point = new MeshCat.THREE.Vector3();
+  const way = point.clone();
   let all = 0;
   corners.forEach(([body, c], i) => {
     if (body !== k) return;
@@ -431,25 +462,28 @@ export function pointAt(arms, isPart) {
     way.addScaledVector(after[i], weight).addScaledVector(before[i], -weight);
     all += weight;
   });
-  // the middle of a body that turns about itself hardly moves: then its farthest corner is pointed at
+  // the middle of a body that turns about itself hardly moves: then its farthest corner is pointed
+  // at
   const place =
     way.length() < 0.8 * most * all ? corners[ways.indexOf(most)][1] : point.divideScalar(all || 1);
   for (const arm of arms) arm.spot = all ? { k, point: place } : null;
 }
 
-// The arm that is off most after all cycles, and where the corners of its part are before and after them.
+// The arm that is off most after all cycles, and where the corners of its part are before and after
+// them.
 export function displaced(arms) {
-  const arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a)),
-    at = (i) => {
-      arm.pose(i, 0);
-      return arm.partCorners();
-    };
+  const arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a));
+  const at = (i) => {
+    arm.pose(i, 0);
+    return arm.partCorners();
+  };
   return { arm, before: at(0), after: at(arm.frames - 1) };
 }
 
-// How far off a body of these arms is coloured in full, m: as far as one is after any cycle.
+// How far off a body of these arms is coloured in full, m: as far as one is after any cycle, also
+// one beside the arm, such as the head.
 export function fullDrift(arms) {
-  const most = Math.max(...arms.flatMap(({ data }) => data.off.flat()));
+  const most = Math.max(...arms.map((arm) => arm.mostOff()));
   return arms[0].gain > 1 ? most : Math.max(most, LEAST_FULL);
 }
 
@@ -502,8 +536,9 @@ function elsewhere({ position, quaternion }, other) {
   );
 }
 
-// The frames, and their weights, that give what is a part f on the way from frame i to the next: the cubic through four
-// of the same cycle (Catmull and Rom), its ends extrapolated; a line where there are fewer.
+// The frames, and their weights, that give what is a part f on the way from frame i to the next:
+// the cubic through four of the same cycle (Catmull and Rom), its ends extrapolated; a line where
+// there are fewer.
 function between(i, f, F) {
   if (!(f > 0)) return [[i, 1]];
   if (F < 4)
@@ -511,9 +546,9 @@ function between(i, f, F) {
       [i, 1 - f],
       [i + 1, f],
     ];
-  const at = i % F,
-    ff = f * f,
-    fff = ff * f;
+  const at = i % F;
+  const ff = f * f;
+  const fff = ff * f;
   let [a, b, c, d] = [
     (-f + 2 * ff - fff) / 2,
     (2 - 5 * ff + 3 * fff) / 2,

@@ -1,6 +1,6 @@
 // For tests, and for anyone at the browser's console: window.repctl.
 
-import { byId } from "./dom.js";
+import { byId } from "../dom.js";
 import { record, seen } from "./save.js";
 
 export function openConsole(api, { viewer, clock, view, arms, panes, still, own }) {
@@ -34,8 +34,8 @@ export function openConsole(api, { viewer, clock, view, arms, panes, still, own 
     record: (seconds) => record(viewer, clock, seconds),
     // where a pane is in the picture: left, top, width, height, in parts of the whole
     pane: (k) => {
-      const { clientWidth: w, clientHeight: h } = byId("panes"),
-        { left: a, top: b, width: c, height: d } = panes.place(k);
+      const { clientWidth: w, clientHeight: h } = byId("panes");
+      const { left: a, top: b, width: c, height: d } = panes.place(k);
       return [a / w, b / h, c / w, d / h];
     },
     // how far a body is off where it was in cycle 1, m, and its colour

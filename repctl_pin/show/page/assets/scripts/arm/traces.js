@@ -7,19 +7,19 @@ const THICK = 0.0026; // of a way, in parts of the picture's extent
 export class Trace {
   // cycles: arrays of points, one a cycle; shade(c, p): a colour
   constructor(parent, cycles, radius, shade) {
-    const T = MeshCat.THREE,
-      position = [],
-      color = [],
-      index = [];
-    const tangent = new T.Vector3(1, 0, 0),
-      normal = new T.Vector3(),
-      side = new T.Vector3(),
-      ring = new T.Vector3();
+    const T = MeshCat.THREE;
+    const position = [];
+    const color = [];
+    const index = [];
+    const tangent = new T.Vector3(1, 0, 0);
+    const normal = new T.Vector3();
+    const side = new T.Vector3();
+    const ring = new T.Vector3();
     this.perCycle = (cycles[0].length - 1) * SIDES * 6;
     cycles.forEach((points, c) => {
       points.forEach((point, i) => {
-        const ahead = points[Math.min(i + 1, points.length - 1)],
-          behind = points[Math.max(i - 1, 0)];
+        const ahead = points[Math.min(i + 1, points.length - 1)];
+        const behind = points[Math.max(i - 1, 0)];
         const step = new T.Vector3().subVectors(ahead, behind);
         if (step.lengthSq() > 1e-18) tangent.copy(step).normalize();
         normal.addScaledVector(tangent, -normal.dot(tangent));
@@ -38,8 +38,8 @@ export class Trace {
           color.push(tone.r, tone.g, tone.b);
         }
         if (i === 0) return;
-        const b = position.length / 3 - SIDES,
-          a = b - SIDES;
+        const b = position.length / 3 - SIDES;
+        const a = b - SIDES;
         for (let k = 0; k < SIDES; k++) {
           const l = (k + 1) % SIDES;
           index.push(a + k, b + k, a + l, a + l, b + k, b + l);
@@ -104,18 +104,19 @@ export class Marker {
   }
 }
 
-// The colour grows from pale to full with the drift, where there is any; an arm that does not drift has one colour.
+// The colour grows from pale to full with the drift, where there is any; an arm that does not drift
+// has one colour.
 export function driftShade(arm, scene) {
-  const T = MeshCat.THREE,
-    full = new T.Color(arm.color),
-    pale = full.clone().lerp(new T.Color(1, 1, 1), 0.62);
-  const largest = Math.max(...scene.arms.flatMap((a) => a.drift)),
-    mine = Math.max(...arm.drift);
+  const T = MeshCat.THREE;
+  const full = new T.Color(arm.color);
+  const pale = full.clone().lerp(new T.Color(1, 1, 1), 0.62);
+  const largest = Math.max(...scene.arms.flatMap((a) => a.drift));
+  const mine = Math.max(...arm.drift);
   return (c, p) => {
     if (!(mine > 0.02 * largest)) return full;
-    const n = scene.cycles[c],
-      before = n > 1 ? arm.drift[n - 2] : 0,
-      after = arm.drift[n - 1];
+    const n = scene.cycles[c];
+    const before = n > 1 ? arm.drift[n - 2] : 0;
+    const after = arm.drift[n - 1];
     return pale.clone().lerp(full, Math.min(1, (before + p * (after - before)) / mine));
   };
 }
@@ -133,8 +134,8 @@ export function cleared(parent, old) {
 
 // Each arm's path, in place of an earlier one, and a mark where it goes beyond what it can do.
 export function drawPaths(arms, paths, extent) {
-  const thick = THICK * extent,
-    ink = new MeshCat.THREE.Color("#6b7784");
+  const thick = THICK * extent;
+  const ink = new MeshCat.THREE.Color("#6b7784");
   for (const arm of arms) {
     arm.paths = cleared(arm.group, arm.paths);
     for (const way of paths)
@@ -143,14 +144,15 @@ export function drawPaths(arms, paths, extent) {
   }
 }
 
-// The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the arm is drawn.
+// The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the
+// arm is drawn.
 export function drawWays(arms, scene, extent) {
-  const F = scene.perCycle,
-    thick = THICK * extent,
-    ways = [];
+  const F = scene.perCycle;
+  const thick = THICK * extent;
+  const ways = [];
   for (const arm of arms) {
-    const shade = driftShade(arm.data, scene),
-      full = new MeshCat.THREE.Color(arm.data.color);
+    const shade = driftShade(arm.data, scene);
+    const full = new MeshCat.THREE.Color(arm.data.color);
     const point = (which, chain, c, i) => arm.drawn(which, chain, c * F + i);
     const pieces = (which, chain) =>
       scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => point(which, chain, c, i)));

@@ -1,38 +1,38 @@
 // A running loop: its poses come over a socket, sixty times a second; keys move its target.
 
-import { tint } from "./chart.js";
-import { byId, element } from "./dom.js";
-import { inMetres, inWords } from "./numbers.js";
-import { cleared, Marker, Trail } from "./traces.js";
+import { tint } from "../chrome/chart.js";
+import { byId, element } from "../dom.js";
+import { inMetres, inWords } from "../numbers.js";
+import { cleared, Marker, Trail } from "../arm/traces.js";
 
 const STEP = 0.01; // m a key press
 const MOST = 0.1; // m a message
 
-// `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go by
+// `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go
+// by
 export function follow(arms, panes, scene, extent, shown) {
-  const { camera } = panes.viewer,
-    goals = arms.map((arm) => new Goal(arm, extent));
+  const { camera } = panes.viewer;
+  const goals = arms.map((arm) => new Goal(arm, extent));
   for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
   const trails = arms.map((arm) =>
     ["tip", "elbow"].map(() => new Trail(arm.traces, arm.data.color)),
   );
-  const socket = new WebSocket(`ws://${location.host}/poses`),
-    api = window.repctl;
+  const socket = new WebSocket(`ws://${location.host}/poses`);
+  const api = window.repctl;
   socket.binaryType = "arraybuffer";
-  byId("verdict").textContent =
-    "All start in one configuration. What is off is said after each cycle.";
+  byId("verdict").textContent = "Waiting for the first configurations of the control loop.";
   api.received = 0;
   let newest = null;
   function draw() {
-    const numbers = new Float32Array(newest),
-      stride = arms[0].stride,
-      count = arms.length,
-      flag = 2 * count * (stride + 1);
-    const waiting = numbers[flag] ? ", target out of reach" : "",
-      cycles = numbers[flag + 4],
-      rest = flag + 5;
-    const at = (k) => new MeshCat.THREE.Vector3().fromArray(numbers, rest + 3 * k),
-      hands = arms.map((arm, k) => at(k).distanceTo(at(count + k)));
+    const numbers = new Float32Array(newest);
+    const stride = arms[0].stride;
+    const count = arms.length;
+    const flag = 2 * count * (stride + 1);
+    const waiting = numbers[flag] ? ", target out of reach" : "";
+    const cycles = numbers[flag + 4];
+    const rest = flag + 5;
+    const at = (k) => new MeshCat.THREE.Vector3().fromArray(numbers, rest + 3 * k);
+    const hands = arms.map((arm, k) => at(k).distanceTo(at(count + k)));
     goals.forEach((goal) => goal.show(numbers, flag + 1, Boolean(waiting)));
     trails.forEach(([tip, elbow], k) => {
       tip.add(at(k));
@@ -41,17 +41,22 @@ export function follow(arms, panes, scene, extent, shown) {
     byId("clock").textContent = `cycle ${cycles + 1}`;
     arms.forEach((arm, k) => {
       arm.standAs(numbers, k * stride, (count + k) * stride);
-      const drift = numbers[2 * count * stride + k],
-        past = numbers[2 * count * stride + count + k];
-      arm.notice.textContent = `${inWords(drift)} ${arm.data.unit} off cycle 1${past ? ", past a limit" : ""}${waiting}`;
+      const drift = numbers[2 * count * stride + k];
+      const past = numbers[2 * count * stride + count + k];
+      const limit = past ? ", past a limit" : "";
+      const off = `${inWords(drift)} ${arm.data.unit} off cycle 1`;
+      arm.notice.textContent = `${off}${limit}${waiting}`;
     });
-    if (cycles) judge(arms, scene, Math.max(...hands), cycles);
+    const target = goals.some(({ place }) => place);
+    if (cycles) judge(arms, scene, { hand: Math.max(...hands), cycles, target });
+    else byId("verdict").textContent = waitingFor(target);
     newest = null;
     api.received += 1;
     shown();
   }
   socket.addEventListener("message", ({ data }) => {
-    if (newest === null) requestAnimationFrame(draw); // of what comes between two pictures, the last is drawn
+    // of what comes between two pictures, the last is drawn
+    if (newest === null) requestAnimationFrame(draw);
     newest = data;
   });
   socket.addEventListener("close", () => {
@@ -78,7 +83,8 @@ export function follow(arms, panes, scene, extent, shown) {
   );
 }
 
-// Which way a key moves the target, m: along the robot's axis that lies most as the key says on the screen.
+// Which way a key moves the target, m: along the robot's axis that lies most as the key says on the
+// screen.
 function moved(key, camera) {
   if (key === "Home") return "home";
   const way = {
@@ -92,42 +98,47 @@ function moved(key, camera) {
   if (!way) return null;
   const taken = [];
   const axes = [0, 1, 2].map((column) => {
-    const v = new MeshCat.THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, column),
-      robot = [v.x, -v.z, v.y]; // three's y is up
+    const v = new MeshCat.THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, column);
+    const robot = [v.x, -v.z, v.y]; // three's y is up
     const axis = robot
       .map((size, k) => (taken.includes(k) ? -1 : Math.abs(size)))
       .reduce((best, size, k, all) => (size > all[best] ? k : best), 0);
     taken.push(axis);
     return [axis, Math.sign(robot[axis])];
   });
-  const [axis, sign] = axes[way[0]],
-    move = [0, 0, 0];
+  const [axis, sign] = axes[way[0]];
+  const move = [0, 0, 0];
   move[axis] = STEP * way[1] * sign;
   return move;
 }
 
+// What is said before the first cycle has ended; how to move the target, where there is one.
+function waitingFor(target) {
+  const keys =
+    "Drag the target, or move it by the arrow keys, Page Up and Page Down; Home brings it back. ";
+  return `${target ? keys : ""}After each cycle it is said here what is off.`;
+}
+
 // The verdict so far: what is off where the hand was in cycle 1.
-function judge(arms, scene, hand, cycles) {
+function judge(arms, scene, { hand, cycles, target }) {
   const most = arms.map((arm) =>
     arm.off.reduce((best, off, k) => (off > best[0] ? [off, arm.moving[k].name] : best), [0, ""]),
   );
-  const [, worst] = most.reduce((a, b) => (b[0] > a[0] ? b : a)),
-    name = scene.names[worst] || worst,
-    times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
+  const [, worst] = most.reduce((a, b) => (b[0] > a[0] ? b : a));
+  const name = scene.names[worst] || worst;
+  const times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
   const off = arms.flatMap((arm, k) => [
     k ? ", " : "",
     element("b", { class: tint(most[k][0]) }, `${inMetres(most[k][0])} off`),
     ` under ${arm.data.under}`,
   ]);
+  const article = /\d$/.test(name) ? "" : "the ";
   const words =
     hand < 1e-3
-      ? [
-          `After ${times} the hand is where it was in cycle 1; ${/\d$/.test(name) ? "" : "the "}${name} is `,
-          ...off,
-          ".",
-        ]
+      ? [`After ${times} the hand is where it was in cycle 1; ${article}${name} is `, ...off, "."]
       : [
-          `The hand is ${inMetres(hand)} from where it was in cycle 1: bring the target back (Home) to compare.`,
+          `The hand is ${inMetres(hand)} from where it was in cycle 1`,
+          target ? ": bring the target back (Home) to compare." : ".",
         ];
   if (!byId("verdict")) return;
   byId("verdict").replaceChildren(...words);
@@ -155,15 +166,16 @@ class Goal {
   }
 }
 
-// A finger or the mouse takes the target where it is seen, in any pane, and moves it across the screen.
+// A finger or the mouse takes the target where it is seen, in any pane, and moves it across the
+// screen.
 function draggable(arms, goals, panes, send) {
-  const stage = byId("picture"),
-    { camera } = panes.viewer;
+  const stage = byId("picture");
+  const { camera } = panes.viewer;
   let held = null;
   const inside = (event) => {
-    const { left, top } = stage.getBoundingClientRect(),
-      x = event.clientX - left,
-      y = event.clientY - top;
+    const { left, top } = stage.getBoundingClientRect();
+    const x = event.clientX - left;
+    const y = event.clientY - top;
     const k = arms.findIndex((arm, i) => {
       const p = panes.place(i);
       return x >= p.left && x < p.left + p.width && y >= p.top && y < p.top + p.height;
@@ -178,11 +190,11 @@ function draggable(arms, goals, panes, send) {
     (event) => {
       const at = inside(event);
       if (!at || !goals[at.k].place) return;
-      const v = seen(goals[at.k].place),
-        away = Math.hypot(
-          ((v.x + 1) / 2) * at.pane.width - at.x,
-          ((1 - v.y) / 2) * at.pane.height - at.y,
-        );
+      const v = seen(goals[at.k].place);
+      const away = Math.hypot(
+        ((v.x + 1) / 2) * at.pane.width - at.x,
+        ((1 - v.y) / 2) * at.pane.height - at.y,
+      );
       if (away > (event.pointerType === "mouse" ? 22 : 36)) return;
       event.stopPropagation();
       event.preventDefault();
@@ -200,10 +212,10 @@ function draggable(arms, goals, panes, send) {
         1 - (2 * y) / at.pane.height,
         held.depth,
       ).unproject(camera);
-    const way = world(at).sub(world(held)),
-      move = [way.x, -way.z, way.y].map((v) =>
-        Math.max(-MOST, Math.min(MOST, Number(v.toFixed(5)))),
-      );
+    const way = world(at).sub(world(held));
+    const move = [way.x, -way.z, way.y].map((v) =>
+      Math.max(-MOST, Math.min(MOST, Number(v.toFixed(5)))),
+    );
     Object.assign(held, { x: at.x, y: at.y });
     if (move.some(Boolean)) send(move);
   });

@@ -1,0 +1,152 @@
+// What is off, said at the arm: the part that is farthest off, and the hand.
+
+import { tint } from "./chart.js";
+import { byId, element } from "../dom.js";
+import { inMetres } from "../numbers.js";
+
+const RIM = 13; // px from the hand to the rim of its ring
+
+export class Callouts {
+  constructor(panes, scene) {
+    Object.assign(this, { panes, scene });
+    this.sets = panes.arms.map((arm, k) => ({
+      arm,
+      part: made(panes.frames[k], ""),
+      hands: scene.hands.map(() => made(panes.frames[k], " hand")),
+      gap: gapLine(panes.frames[k]),
+    }));
+    for (const { part } of this.sets) {
+      part.value.widest = this.words(0.88e-3);
+    }
+  }
+
+  words(off) {
+    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`;
+  }
+
+  // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far
+  // it was off, m, and when.
+  say(read = null) {
+    const { leading, hands: names } = this.scene;
+    for (const { arm, part, hands } of this.sets) {
+      const grey = arm.ghostSpot() ? ", in grey" : "";
+      const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+      const same = leading ? "" : "the same in every cycle";
+      const compared = arm.repeats ? same : `from ${base}${grey}`;
+      const from = leading === "slides" ? `from the start${grey}` : compared;
+      const [off, when] = read ? read(arm) : [arm.partOff(), from];
+      const lost = Boolean(arm.lost) && !leading;
+      part.box.style.visibility = lost ? "hidden" : "";
+      write(part.note, when);
+      write(part.value, this.words(off || 0));
+      part.value.className = tint(off || 0);
+      part.box.title = `${(off || 0).toPrecision(3)} m`;
+      hands.forEach((hand, f) => {
+        const away = arm.handOff(f);
+        hand.box.style.visibility = lost ? "hidden" : "";
+        write(hand.value, `${names[f]} ${inMetres(away)} off`);
+        hand.box.title = `${away.toPrecision(3)} m ${from}`;
+      });
+    }
+    if (!this.scene.leading) this.place(); // else the picture that follows places them
+  }
+
+  // The part's above the arm, the hand's below it; each with a line to what it speaks of.
+  place() {
+    const { panes } = this;
+    const rim = this.scene.own ? RIM : 0;
+    if (byId("panes").classList.contains("quiet")) return;
+    const size = ({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({
+      x,
+      y,
+      w,
+      h,
+    });
+    // all are read before any is moved
+    const sizes = this.sets.map(({ part, hands }, k) => ({
+      label: size(panes.frames[k].firstChild),
+      box: size(part.box),
+      below: hands.map(({ box }) => size(box)),
+    }));
+    this.sets.forEach(({ arm, part, hands, gap }, k) => {
+      const { width, height } = panes.place(k);
+      const { label, box, below } = sizes[k];
+      const { beside } = panes;
+      const at = arm.lost ? null : panes.seen(k, arm.partSpot());
+      const ghost = at && arm.ghostSpot();
+      drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
+      const top = beside ? 8 : label.y + label.h + 6;
+      const left = beside ? label.x + label.w + 8 : 8;
+      put(part, box, at, top, width, height, left);
+      hands.forEach((hand, f) => {
+        const tip = at && panes.seen(k, arm.point("tip", f, arm.now.frame, arm.now.f));
+        const low = at && Math.min(tip.y + 0.09 * height, height - below[f].h - 34);
+        put(hand, below[f], tip && { x: tip.x, y: tip.y + rim }, low, width, height, 8, at);
+      });
+    });
+  }
+}
+
+function made(pane, kind) {
+  const value = element("b");
+  const note = element("small");
+  const box = element("div", { class: `callout${kind}` }, value, note);
+  const leader = element("i", { class: `leader${kind}` });
+  if (kind) note.remove();
+  pane.append(leader, box);
+  return { box, leader, value, note };
+}
+
+// Text that stays is not written again: a page lays out what was written.
+function write(node, words) {
+  if (node.textContent !== words) node.textContent = words;
+}
+
+// `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room
+// for it begins; `free`: a point to leave free, the box stands beside it, on the side that it stood
+// on before
+function put(callout, { w, h }, at, y, width, height, left, free) {
+  const { box, leader } = callout;
+  if (!at) {
+    drawLine(leader, null, null);
+    return;
+  }
+  const top = Math.min(Math.max(y, 4), height - h - 4);
+  const beside = (side) =>
+    Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
+  const clear = (side) =>
+    !free ||
+    free.y < top - 8 ||
+    free.y > top + h + 8 ||
+    free.x < beside(side) - 8 ||
+    free.x > beside(side) + w + 8;
+  callout.side = [callout.side || 0, 0, 1, -1].find(clear) || 0;
+  // the line to a part slants, so that it lies on no straight link
+  const x = beside(free ? callout.side : -1);
+  box.style.transform = `translate(${x}px, ${top}px)`;
+  const from = {
+    x: free ? Math.min(Math.max(at.x, x + 6), x + w - 6) : x + w / 2,
+    y: at.y > top + h ? top + h : at.y < top ? top : NaN,
+  };
+  drawLine(leader, from, at, width, height);
+}
+
+// Draw a line between two points of the window; none if there is no first point, or the second is
+// beside the pane.
+function drawLine(line, from, at, width, height) {
+  const length = from && at ? Math.hypot(at.x - from.x, at.y - from.y) : NaN;
+  const inside = at && at.x >= 0 && at.x <= width && at.y >= 0 && at.y <= height;
+  line.hidden = !(length > 4) || !inside;
+  line.style.width = line.hidden ? "0" : `${length}px`;
+  if (line.hidden) return;
+  line.line = [from.x, from.y, at.x, at.y]; // for a picture of it
+  const angle = Math.atan2(at.y - from.y, at.x - from.x);
+  line.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${angle}rad)`;
+}
+
+// From where the place that is off most was, to where it is.
+function gapLine(pane) {
+  const line = element("i", { class: "leader gap", hidden: "" });
+  pane.append(line);
+  return line;
+}

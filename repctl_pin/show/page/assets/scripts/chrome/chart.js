@@ -1,0 +1,264 @@
+// The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
+
+import { byId, element, sharp, tone } from "../dom.js";
+import { inMetres, inWords, stepAbove } from "../numbers.js";
+
+const INSET = 8; // px: the slider's thumb is as far inside its ends
+const LEAST = 1e-3; // m, which the axis reaches up to at least
+
+export class Chart {
+  // `seek`: goes to the end of a shown cycle
+  constructor(arms, scene, seek) {
+    const canvas = byId("chart");
+    Object.assign(this, { arms, scene, canvas, gain: 1 });
+    canvas.addEventListener("click", ({ offsetX }) => {
+      const last = scene.cycles.length;
+      seek(
+        Math.min(
+          last,
+          Math.max(1, Math.ceil(((offsetX - INSET) / (canvas.clientWidth - 2 * INSET)) * last)),
+        ),
+      );
+    });
+    this.values = arms.map(({ data }) => {
+      const value = element("b");
+      byId("readings").append(
+        element(
+          "p",
+          { class: "reading", style: `--arm: ${data.color}` },
+          element("span", { class: "chip" }),
+          ` ${data.title}: `,
+          value,
+        ),
+      );
+      return value;
+    });
+  }
+
+  // Give the readings the room of their longest words, so that nothing moves while time goes.
+  reserve() {
+    const box = byId("readings");
+    const { cycles } = this.scene;
+    box.style.minWidth = "";
+    this.canvas.setAttribute("aria-valuemax", cycles.at(-1));
+    const { values } = this;
+    const most = values.map(() => 0);
+    for (const value of values) value.style.minWidth = "";
+    const widths = [0, ...cycles.keys()].map((c, k) => {
+      this.say(k ? cycles[c] : 0, c, k ? 1 : 0);
+      values.forEach((value, i) => {
+        most[i] = Math.max(most[i], value.offsetWidth);
+      });
+      return box.scrollWidth;
+    });
+    if (this.scene.own)
+      // numbers of any loop find room
+      values.forEach((value, i) => {
+        value.textContent = "0.88 mm off";
+        most[i] = Math.max(most[i], value.offsetWidth);
+        widths.push(box.scrollWidth);
+      });
+    values.forEach((value, i) => {
+      value.style.minWidth = `${most[i] + 1}px`;
+    });
+    box.style.minWidth = `${Math.max(...widths)}px`;
+  }
+
+  // How far an arm is off after the cycles that are finished when time is here, m.
+  after(arm, cycle, part) {
+    return arm.data.off[cycle][part >= 1 ? 1 : 0];
+  }
+
+  // `done`: number of the last cycle that is finished, 0 at the start; `cycle`, `part`: where time
+  // is; gives the words of say()
+  show(done, cycle, part) {
+    const times = this.say(done, cycle, part);
+    this.canvas.setAttribute("aria-valuenow", done);
+    this.canvas.setAttribute(
+      "aria-valuetext",
+      this.arms
+        .map((arm, k) => `${arm.data.title}: ${this.values[k].textContent} ${times}`)
+        .join("; "),
+    );
+    this.draw(cycle, part);
+    return times;
+  }
+
+  // Write the readings; gives the words for when they hold.
+  say(done, cycle, part) {
+    const times = done ? `after ${done === 1 ? "1 cycle" : `${done} cycles`}` : "at the start";
+    byId("done").textContent = `${times[0].toUpperCase()}${times.slice(1)}`;
+    this.values.forEach((value, k) => {
+      const arm = this.arms[k];
+      const { data } = arm;
+      const off = this.after(arm, cycle, part);
+      value.textContent = off === null ? "not known" : `${inMetres(off)} off`;
+      value.className = off === null ? "" : tint(off);
+      if (off === null) {
+        value.title = "Close to a singularity the drift cannot be computed reliably";
+        return;
+      }
+      const drift = done ? data.drift[done - 1] : 0;
+      const joints = `${drift < 1e-6 ? 0 : inWords(drift)} ${data.unit}`;
+      value.title = `${off.toPrecision(3)} m; joints ${joints}, root of the sum of squares`;
+    });
+    return times;
+  }
+
+  draw(cycle, part) {
+    if (!this.canvas.clientWidth) return;
+    const { draw, width, height, em } = sharp(this.canvas);
+    const count = this.scene.cycles.length;
+    const pitch = (width - 2 * INSET) / count;
+    const foot = height - 1.15 * em;
+    draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
+    draw.lineWidth = 1;
+    const sheet = { draw, width, height, em, count, pitch, foot, at: (c) => INSET + c * pitch };
+    if (document.body.classList.contains("joints")) this.drawJoints(sheet, cycle, part);
+    else this.drawBars(sheet, cycle, part);
+    // where time is
+    draw.strokeStyle = tone("--ink");
+    draw.lineWidth = 1.5;
+    line(draw, sheet.at(cycle + part), 0, sheet.at(cycle + part), foot, []);
+  }
+
+  // How far each arm is off at the end of each cycle; the axis ends at a step of 1, 2 or 5.
+  drawBars({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
+    const { arms, scene } = this;
+    const room = foot - 0.5 * em;
+    const group = Math.min(0.66 * pitch, 4.5 * em);
+    const wide = group / arms.length;
+    const offs = arms.flatMap(({ data }) => data.off.flat());
+    const top = stepAbove(Math.max(LEAST, ...offs));
+    const level = (v) => foot - (v / top) * room;
+    draw.strokeStyle = tone("--edge");
+    line(draw, INSET, level(top), width - INSET, level(top), [3, 4]);
+    line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
+    for (let c = 0; c < count; c++) {
+      const finished = c < cycle || (c === cycle && part >= 1);
+      arms.forEach((arm, k) => {
+        const off = arm.data.off[c][1];
+        if (off === null) return;
+        const x = at(c + 1) - group + k * wide;
+        // a zero is a hairline
+        const tall = Math.max(off < 1e-4 ? 1 : 2, foot - level(off));
+        draw.fillStyle = arm.data.color;
+        draw.globalAlpha = finished ? 1 : 0.3;
+        draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
+        const { broken } = arm.data;
+        if (broken && scene.cycles[c] >= broken.cycle)
+          hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
+        draw.globalAlpha = 1;
+      });
+    }
+    this.number({ draw, height, em, count, pitch, at }, group);
+    // in the line of the axis, or under it
+    const beside = room < 2 * em ? 0.3 : 0.95;
+    if (room > 0.8 * em)
+      haloed(draw, inMetres(top), INSET + 2, Math.max(level(top) + beside * em, 0.75 * em), em);
+  }
+
+  // The numbers of the cycles, each under its group of bars, this wide.
+  number({ draw, height, em, count, pitch, at }, group) {
+    const { cycles } = this.scene;
+    const every = Math.ceil((1.6 * em) / pitch);
+    draw.fillStyle = tone("--soft");
+    draw.textAlign = "center";
+    for (let c = (count - 1) % every; c < count; c += every)
+      draw.fillText(cycles[c], at(c + 1) - group / 2, height - 0.25 * em);
+    draw.textAlign = "left";
+    if (draw.measureText("cycle").width + 1.2 * em < pitch - group / 2)
+      draw.fillText("cycle", INSET + 2, height - 0.25 * em);
+  }
+
+  // Each joint over all cycles in a row of its own, between its limits, and its value now.
+  drawJoints({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
+    const { arms, scene } = this;
+    const { names, lower, upper, turns, perCycle } = scene.joints;
+    const values = arms.map((arm) => arm.run.joints.values);
+    const n = names.length;
+    const tall = foot / n;
+    const value = (k, c, row, i) => values[k][(c * perCycle + row) * n + i];
+    for (let i = 0; i < n; i++) {
+      // from limit to limit; a joint without limits over what it moves
+      const seen =
+        lower[i] === null || upper[i] === null ? values.flatMap((all) => range(all, i, n)) : [];
+      const low = lower[i] ?? Math.min(...seen) - 0.5;
+      const high = upper[i] ?? Math.max(...seen) + 0.5;
+      const level = (v) => (i + 1) * tall - 2 - ((v - low) / (high - low)) * (tall - 4);
+      draw.lineWidth = 1;
+      draw.strokeStyle = tone("--line");
+      line(draw, INSET, (i + 1) * tall, width - INSET, (i + 1) * tall, []);
+      arms.forEach((arm, k) => {
+        draw.strokeStyle = arm.data.color;
+        draw.lineWidth = 1.5;
+        draw.beginPath();
+        for (let c = 0; c < count; c++)
+          for (let row = 0; row < perCycle; row++)
+            draw.lineTo(at(c + row / (perCycle - 1)), level(value(k, c, row, i)));
+        draw.stroke();
+        draw.lineWidth = 1;
+      });
+      const row = Math.round(part * (perCycle - 1));
+      const now = arms.map((_, k) => value(k, cycle, row, i).toFixed(2)).join(" and ");
+      const words = `${names[i]} ${now} ${turns[i] ? "rad" : "m"}`;
+      draw.fillStyle = tone("--paper");
+      draw.fillRect(INSET, i * tall + 1, draw.measureText(words).width + 6, tall - 2);
+      draw.fillStyle = tone("--soft");
+      draw.fillText(words, INSET + 2, (i + 0.5) * tall + 0.28 * em);
+    }
+    this.number({ draw, height, em, count, pitch, at }, 0);
+  }
+}
+
+// The smallest and the largest value of joint i of n.
+function range(values, i, n) {
+  let low = Infinity;
+  let high = -Infinity;
+  for (let k = i; k < values.length; k += n) {
+    low = Math.min(low, values[k]);
+    high = Math.max(high, values[k]);
+  }
+  return [low, high];
+}
+
+// What is off by a centimetre and more is wrong; what is back is right.
+export const tint = (off) => (off >= 0.01 ? "bad" : off < 1e-4 ? "good" : "");
+
+function line(draw, x0, y0, x1, y1, dash) {
+  draw.setLineDash(dash);
+  draw.beginPath();
+  draw.moveTo(x0, y0);
+  draw.lineTo(x1, y1);
+  draw.stroke();
+  draw.setLineDash([]);
+}
+
+// Text that stays legible where bars pass behind it.
+function haloed(draw, words, x, y, em) {
+  Object.assign(draw, {
+    textAlign: "left",
+    lineJoin: "round",
+    lineWidth: 0.3 * em,
+    strokeStyle: tone("--paper"),
+    fillStyle: tone("--soft"),
+  });
+  draw.strokeText(words, x, y);
+  draw.fillText(words, x, y);
+}
+
+function hatch(draw, x, y, width, height, step) {
+  draw.save();
+  draw.beginPath();
+  draw.rect(x, y, width, height);
+  draw.clip();
+  draw.strokeStyle = tone("--paper");
+  draw.lineWidth = 0.35 * step;
+  draw.beginPath();
+  for (let s = -height; s < width; s += step) {
+    draw.moveTo(x + s, y + height);
+    draw.lineTo(x + s + height, y);
+  }
+  draw.stroke();
+  draw.restore();
+}

@@ -1,0 +1,88 @@
+// Shapes of loops, from the hand on, and what is kept of one that was drawn.
+
+const POINTS = 40; // of a loop, as it is kept
+
+export const gap = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
+
+const round = (f) =>
+  Array.from({ length: POINTS - 1 }, (_, i) => f((2 * Math.PI * (i + 1)) / POINTS));
+
+// In a plane, in parts of a size.
+export const FORMS = {
+  circle: round((a) => [1 - Math.cos(a), Math.sin(a)]),
+  eight: round((a) => [Math.sin(a), Math.sin(2 * a) / 2]),
+  square: [
+    [0, 1.6],
+    [1.6, 1.6],
+    [1.6, 0],
+  ],
+};
+
+// A closed loop of at most POINTS points, to a tenth of a millimetre, that begins and ends at home.
+export function kept(points, home) {
+  let few = points;
+  for (let most = 5e-4; few.length > POINTS || most === 5e-4; most *= 1.3)
+    few = simpler(points, most);
+  return closed(few, home);
+}
+
+export function closed(points, first) {
+  const inside = points.slice(1).map((p) => p.map((v) => Number(v.toFixed(4))));
+  const last = inside.at(-1);
+  if (Math.hypot(...last.map((v, i) => v - first[i])) < 1e-3) inside.pop();
+  return [Array.from(first), ...inside, Array.from(first)];
+}
+
+// Douglas and Peucker: leave out points that are this near to the line without them.
+function simpler(points, most) {
+  const [a, b] = [points[0], points.at(-1)];
+  const d = b.map((v, i) => v - a[i]);
+  const size = d.reduce((sum, v) => sum + v * v, 0);
+  let worst = 0;
+  let at = 0;
+  points.forEach((p, k) => {
+    const w = p.map((v, i) => v - a[i]);
+    const t =
+      size > 0 ? Math.min(1, Math.max(0, w.reduce((sum, v, i) => sum + v * d[i], 0) / size)) : 0;
+    const off = Math.hypot(...w.map((v, i) => v - t * d[i]));
+    if (off > worst) {
+      worst = off;
+      at = k;
+    }
+  });
+  return worst > most
+    ? [...simpler(points.slice(0, at + 1), most).slice(0, -1), ...simpler(points.slice(at), most)]
+    : [a, b];
+}
+
+// The length of a loop without the ways that it goes there and back, m: 0 where it encloses
+// nothing.
+export function enclosing(points) {
+  const sizes = points.slice(1).map((p, i) => gap(p, points[i]));
+  const step = sizes.reduce((sum, v) => sum + v, 0) / 80;
+  const way = [points[0]];
+  let left = step;
+  points.slice(1).forEach((p, i) => {
+    for (; left <= sizes[i] + 1e-12; left += step) {
+      const at = points[i].map((v, k) => v + (left / sizes[i]) * (p[k] - v));
+      if (way.length > 1 && gap(at, way.at(-2)) < 1.5 * step) way.pop();
+      else if (gap(at, way.at(-1)) > 0.5 * step) way.push(at);
+    }
+    left -= sizes[i];
+  });
+  return way.length > 4 ? (way.length - 1) * step : 0;
+}
+
+// How often a loop goes round the axis of the first joint.
+export function windings(about, points) {
+  if (!about) return 0;
+  const T = MeshCat.THREE;
+  const axis = new T.Vector3(...about.axis);
+  const flat = points.map((p) =>
+    new T.Vector3(...p).sub(new T.Vector3(...about.origin)).projectOnPlane(axis),
+  );
+  const angles = flat
+    .slice(1)
+    .map((p, i) => Math.atan2(new T.Vector3().crossVectors(flat[i], p).dot(axis), flat[i].dot(p)));
+  return Math.round(angles.reduce((sum, v) => sum + v, 0) / (2 * Math.PI));
+}

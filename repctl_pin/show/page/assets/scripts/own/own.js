@@ -1,0 +1,870 @@
+// The visitor's own loop: take a hand at its ring, draw, let go; both arms follow, and the page
+// says what has happened. And the slider of the elbow, from where they then start.
+
+import { pointAt } from "../arm/arm.js";
+import { Chain } from "../arm/kinematics.js";
+import { Law, stepped } from "../arm/law.js";
+import { dots, Trail } from "../arm/traces.js";
+import { download } from "../chrome/save.js";
+import { byId, element, tone } from "../dom.js";
+import { inMetres } from "../numbers.js";
+import { selfMotion } from "./elbow.js";
+import { closed, enclosing, FORMS, gap, kept, windings } from "./loops.js";
+import { computed, drawnAt } from "./run.js";
+import { answer } from "./sentence.js";
+
+const CYCLES = 10;
+const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
+const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
+const DRAW = [["Draw a loop and let go. Both arms follow."]];
+const HOW = ["The dotted line closes the loop."];
+const DOTS = 200; // of that line, at most
+const RACE = 4; // times the joint speed at the start, or the limit, at which it stops
+// part of the smallest sine between the rows of J at the start, below which it stops
+const FLAT = 0.35;
+const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
+const BUDGET = 5; // ms of steps between two pictures
+const OUT_OF_REACH = "That is out of reach.";
+
+export class Own {
+  // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
+  // computed(), or the study again; `paths`: those of the study, as they are drawn
+  constructor(data, { arms, panes, scene, clock, extent, player, paths }) {
+    Object.assign(this, { arms, panes, scene, clock, extent, player });
+    this.chain = new Chain(data);
+    this.laws = data.laws.map((parts) => new Law(this.chain, parts));
+    this.calm = this.laws.map((law) => ({ speed: quickest(law, data.start), sine: law.sine() }));
+    this.stride = this.chain.size / 250;
+    this.studied =
+      data.path && data.path.map((k) => k !== null && paths[k].map((p) => p.toArray()));
+    this.texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
+    this.rings = panes.frames.map((frame, k) =>
+      this.chain.frames.map((_, f) => this.ring(frame, k, f)),
+    );
+    // the loop: points of the hand that is led, and what the other hands do meanwhile
+    Object.assign(this, { state: "study", points: null, lead: null, mirrored: false });
+    this.led = 0;
+    this.listen();
+    this.slider();
+  }
+
+  // ---- what a hand can touch
+
+  listen() {
+    window.addEventListener("pointermove", (event) => this.move(event));
+    for (const end of ["pointerup", "pointercancel"])
+      window.addEventListener(end, (event) => {
+        if (!this.lead || event.pointerId !== this.lead.id) return;
+        document.activeElement.blur();
+        this.letGo();
+      });
+    const pressed = (id, does) => byId(id).addEventListener("click", does);
+    pressed("again", () => this.repeat());
+    pressed("back", () => this.leave());
+    pressed("loop-csv", () => download(new Blob([this.csv()], { type: "text/csv" }), "loop.csv"));
+    pressed("copy", ({ currentTarget }) => {
+      const done = () => {
+        currentTarget.textContent = "Copied";
+      };
+      navigator.clipboard.writeText(location.href).then(done, () => {});
+    });
+    pressed("best", () => {
+      byId("loops").open = false;
+      this.open(this.best);
+    });
+    for (const button of byId("loops").querySelectorAll("[data-loop]"))
+      button.addEventListener("click", () => {
+        byId("loops").open = false;
+        this.preset(button.dataset.loop);
+      });
+    byId("mirror").parentElement.hidden = this.chain.frames.length < 2;
+    byId("mirror").addEventListener("change", ({ target }) => {
+      this.mirrored = target.checked;
+      if (this.points) this.follow(this.points, 1);
+    });
+    byId("loops").hidden = false;
+    this.clock.invite = () => {
+      if (this.state === "study") this.rings[0][0].classList.add("pulse");
+    };
+  }
+
+  ring(frame, k, f) {
+    const { hand } = this.chain.frames[f];
+    const more = element("i", {}, ": draw a loop");
+    const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me", more);
+    const ring = element(
+      "button",
+      {
+        class: f ? "ring other" : "ring",
+        type: "button",
+        "aria-label": `Drag me: lead the ${hand} by the pointer, or by the arrow keys and Enter`,
+        title: `Drag the ${hand} to draw a loop`,
+      },
+      words,
+    );
+    if (k) ring.tabIndex = -1;
+    ring.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      event.preventDefault();
+      this.take(k, event.pointerId, this.at(k, event), f);
+    });
+    ring.addEventListener("keydown", (event) => this.key(k, event, f));
+    ring.addEventListener("blur", () => {
+      if (this.lead && this.lead.id === null) this.letGo();
+    });
+    frame.append(ring);
+    return ring;
+  }
+
+  // ---- the elbow's slider
+
+  slider() {
+    const repeatable = this.laws.find(({ r }) => r);
+    const input = byId("elbow");
+    this.level = 0;
+    this.elbowAt = 0;
+    if (!repeatable) return;
+    const menu = byId("level");
+    for (let k = 1; k <= repeatable.r; k++)
+      menu.append(element("option", { value: k - 1 }, `level ${k} of ${repeatable.r}`));
+    menu.parentElement.hidden = repeatable.r < 2;
+    menu.addEventListener("change", () => {
+      this.stand(0, Number(menu.value));
+      this.settle();
+    });
+    input.addEventListener("input", () => this.slide(Number(input.value)));
+    input.addEventListener("change", () => this.settle());
+    // keys move the slider alone, not the time
+    input.addEventListener("keydown", (event) => {
+      if (/^(Arrow|Home|End|Page)/.test(event.key)) event.stopPropagation();
+    });
+    this.stand(0, 0);
+    byId("elbow-box").hidden = this.selves.qs.length < 4;
+  }
+
+  // Begin from place i of the slider, along level k: all controls, and what is drawn next.
+  stand(i, k = this.level) {
+    const { chain, laws } = this;
+    if (!laws.some(({ r }) => r)) {
+      this.elbowAt = 0;
+      for (const law of laws) law.stand(chain.start);
+      return;
+    }
+    if (k !== this.level || !this.selves) {
+      const free = laws.find(({ r }) => r);
+      const calm = this.calm[laws.indexOf(free)];
+      for (const law of laws) law.stand(chain.start);
+      this.level = k;
+      this.selves = selfMotion(free, chain.start, k, (law, q) => {
+        const { margin } = chain.nearest(q);
+        return margin > NEAR_LIMIT && law.margin() > LEAST_MARGIN && law.sine() > FLAT * calm.sine;
+      });
+      const { qs, zero } = this.selves;
+      Object.assign(byId("elbow"), { min: -zero, max: qs.length - 1 - zero });
+    }
+    const { qs, zero } = this.selves;
+    this.elbowAt = Math.min(Math.max(i, -zero), qs.length - 1 - zero);
+    for (const law of laws) law.stand(qs[zero + this.elbowAt]);
+    byId("elbow").value = this.elbowAt;
+    byId("level").value = this.level;
+    byId("elbow").setAttribute("aria-valuetext", this.elbowWords());
+    byId("elbow-off").textContent = inMetres(this.elbowOff());
+  }
+
+  // How far the elbow is from where the study starts, m.
+  elbowOff() {
+    const { chain } = this;
+    const { elbow } = chain.frames[0];
+    const [a, b] = [chain.start, this.laws[0].start].map((q) => {
+      chain.place(q);
+      return Array.from(chain.places[elbow].p);
+    });
+    return gap(a, b);
+  }
+
+  elbowWords() {
+    return `elbow ${inMetres(this.elbowOff())} from the start of the study`;
+  }
+
+  // Show both arms at a place of the slider, with the hands at rest; the ghost stays at the start.
+  slide(i) {
+    if (!this.lead || !this.lead.slides) {
+      this.put();
+      this.hold({ slides: true, hands: this.chain.homes, ghost: this.chain.start });
+    }
+    this.stand(i);
+    this.lead.qs = this.laws.map((law) => law.start);
+    this.drawArms();
+    const text = this.chain.frames.length > 1 ? "The hands stay" : "The hand stays";
+    this.write(
+      [[`${text} at rest while the arm moves: this is what redundancy is.`]],
+      [["Let go, and both arms follow the path from here, the repeatable one on the leaf chosen."]],
+      "elbow moved",
+    );
+    this.player.show();
+  }
+
+  // Follow the loop, or the study's path, from where the slider stands.
+  settle() {
+    this.put();
+    if (this.points) this.follow(this.points, 1);
+    else if (!this.elbowAt && !this.level) this.leave();
+    else if (this.studied) this.follow(null, 1);
+    else this.preset("circle");
+  }
+
+  // ---- the gesture
+
+  at(k, event) {
+    const { left, top } = this.panes.frames[k].getBoundingClientRect();
+    return { x: event.clientX - left, y: event.clientY - top };
+  }
+
+  // Where all hands are when the one that is led is here: the others still, or its mirror image in
+  // the plane halfway between their starts.
+  hands(point) {
+    const { homes } = this.chain;
+    const home = homes[this.led];
+    return homes.map((other, f) => {
+      if (f === this.led) return point;
+      if (!this.mirrored) return other;
+      const across = other.map((v, i) => v - home[i]);
+      const square = across.reduce((sum, v) => sum + v * v, 0) || 1;
+      const moved = point.map((v, i) => v - home[i]);
+      const share = (2 * moved.reduce((sum, v, i) => sum + v * across[i], 0)) / square;
+      return other.map((v, i) => v + moved[i] - share * across[i]);
+    });
+  }
+
+  // The paths of all frames, null for one that holds still.
+  paths() {
+    if (!this.points) return this.studied.map((path) => path || null);
+    const along = this.points.map((p) => this.hands(p));
+    return this.chain.homes.map((_, f) =>
+      f === this.led || this.mirrored ? along.map((hands) => hands[f]) : null,
+    );
+  }
+
+  // Take hand f in pane k, in the plane through it that faces the camera, or in the task's own.
+  take(k, id, at, f = 0) {
+    const T = MeshCat.THREE;
+    const { chain, panes } = this;
+    const home = chain.homes[f];
+    const { rows } = chain.frames[f];
+    const missing = [0, 1, 2].filter((row) => !rows.includes(row));
+    this.led = f;
+    chain.led = f;
+    const seen = panes.seen(k, new T.Vector3(...home));
+    const grip = at ? { x: seen.x - at.x, y: seen.y - at.y } : { x: 0, y: 0 };
+    const normal = missing.length
+      ? new T.Vector3().setComponent(missing[0], 1)
+      : panes.sight(k, seen).direction;
+    const plane = new T.Plane().setFromNormalAndCoplanarPoint(normal, new T.Vector3(...home));
+    this.stand(this.elbowAt);
+    this.hold({
+      k,
+      id,
+      grip,
+      plane,
+      queue: [],
+      hand: home.slice(),
+      hands: chain.homes,
+      trail: [home.slice()],
+      qs: this.laws.map((law) => law.start.slice()),
+      worst: this.laws.map(() => ({})),
+      refusal: "",
+    });
+    this.leaveMarks(plane);
+    this.write(DRAW, this.how(), "your loop");
+    this.draw();
+  }
+
+  // Stop time, and show both arms as they are led from now on.
+  hold(lead) {
+    this.clock.play(false);
+    this.player.plain();
+    this.lead = lead;
+    for (const arm of this.arms) {
+      const data = { ...arm.study.run.data, broken: null, lost: Infinity };
+      const motion = new Float64Array(2 * (arm.stride + 6 * arm.chains));
+      const { joints } = arm.study.run;
+      arm.use({ data, motion, frames: 2, perCycle: 1, joints, most: arm.mostOff() });
+      // the slider shows how far the arm is from the start, in both panes
+      if (lead.slides) arm.reference = null;
+      arm.notice.textContent = "";
+    }
+    this.player.clear();
+    this.state = "leading";
+    document.body.classList.add("leading", "own");
+    byId("own").hidden = true;
+    this.scene.leading = lead.slides ? "slides" : "leads";
+  }
+
+  // What each arm leaves behind while its hand is led: trails, the way home, the proved disc.
+  leaveMarks(plane) {
+    const T = MeshCat.THREE;
+    const { chain } = this;
+    this.lead.shown = this.arms.map((arm) => {
+      const { color } = arm.data;
+      const positions = new T.Float32BufferAttribute(3 * DOTS, 3);
+      const line = dots(new T.BufferGeometry().setAttribute("position", positions), color);
+      arm.traces.add(line);
+      if (chain.proved)
+        arm.traces.add(disc(new T.Vector3(...chain.homes[this.led]), plane.normal, chain.proved));
+      const trails = chain.frames.map(() => [
+        new Trail(arm.traces, color),
+        new Trail(arm.traces, color),
+      ]);
+      return { line, trails };
+    });
+  }
+
+  move(event) {
+    const { lead, chain } = this;
+    if (!lead || event.pointerId !== lead.id) return;
+    const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
+    const home = new MeshCat.THREE.Vector3(...chain.homes[this.led]);
+    for (const one of events.length ? events : [event]) {
+      const { x, y } = this.at(lead.k, one);
+      const sight = this.panes.sight(lead.k, { x: x + lead.grip.x, y: y + lead.grip.y });
+      const hit = sight.intersectPlane(lead.plane, new MeshCat.THREE.Vector3());
+      if (hit && hit.distanceTo(home) < 4 * chain.size) lead.queue.push(hit.toArray());
+    }
+    this.soon();
+  }
+
+  key(k, event, f) {
+    const { key, ctrlKey, metaKey, altKey } = event;
+    const directions = {
+      ArrowRight: [1, 0],
+      ArrowLeft: [-1, 0],
+      ArrowUp: [0, 1],
+      ArrowDown: [0, -1],
+    };
+    const direction = directions[key];
+    const known = direction || key === "Enter" || (key === "Escape" && this.lead);
+    if (ctrlKey || metaKey || altKey || !known) return;
+    event.preventDefault();
+    event.stopPropagation();
+    if (key === "Escape") this.leave();
+    else if (key === "Enter" && this.lead) this.letGo();
+    else {
+      if (!this.lead) this.take(k, null, null, f);
+      if (direction) this.nudge(direction);
+      else this.write([["Draw a loop by the arrow keys; Enter lets go."]], this.how(), "your loop");
+    }
+  }
+
+  // Lead the hand a little right or up on the screen.
+  nudge(direction) {
+    const { hand, queue } = this.lead;
+    const goal = new MeshCat.THREE.Vector3(...(queue.at(-1) || hand));
+    const step = 0.015 * this.chain.size;
+    this.axes().forEach((axis, i) => goal.addScaledVector(axis, direction[i] * step));
+    queue.push(goal.toArray());
+    this.soon();
+  }
+
+  // Right and up on the screen, in the plane in which the hand is led.
+  axes() {
+    const { elements } = this.panes.viewer.camera.matrixWorld;
+    const { normal } = this.lead.plane;
+    return [0, 4].map((k) =>
+      new MeshCat.THREE.Vector3(elements[k], -elements[k + 2], elements[k + 1])
+        .projectOnPlane(normal)
+        .normalize(),
+    );
+  }
+
+  // Step towards the points that the hand was led to, as many as there is time for until the next
+  // picture.
+  soon() {
+    if (this.waiting) return;
+    this.waiting = requestAnimationFrame(() => {
+      this.waiting = 0;
+      if (!this.lead) return;
+      this.catchUp(performance.now() + BUDGET);
+      this.draw();
+      if (this.lead.queue.length) this.soon();
+    });
+  }
+
+  catchUp(until = Infinity) {
+    const { lead } = this;
+    while (lead.queue.length && performance.now() < until) {
+      const goal = lead.queue[0];
+      const far = gap(goal, lead.hand);
+      if (far < 1e-6) {
+        lead.queue.shift();
+        continue;
+      }
+      const share = Math.min(1, this.stride / far);
+      const next = lead.hand.map((v, i) => v + share * (goal[i] - v));
+      lead.refusal = this.step(lead, next);
+      if (!lead.refusal) {
+        lead.hand = next;
+        lead.hands = this.hands(next);
+        lead.trail.push(next);
+        this.extendTrails();
+      }
+      if (lead.refusal || share === 1) lead.queue.shift();
+    }
+  }
+
+  extendTrails() {
+    const { chain, lead } = this;
+    const T = MeshCat.THREE;
+    this.laws.forEach((_, k) => {
+      chain.place(lead.qs[k], chain.all);
+      chain.frames.forEach(({ elbow }, f) => {
+        const [tip, behind] = lead.shown[k].trails[f];
+        tip.add(new T.Vector3(...lead.hands[f]));
+        behind.add(new T.Vector3(...chain.places[elbow].p));
+      });
+    });
+  }
+
+  // Step all arms of {hand, qs, worst} to the next place of the hand; or say why one of them
+  // cannot, and stay.
+  step(from, next) {
+    const targets = this.hands(next);
+    const length = gap(next, from.hand);
+    const found = [];
+    for (let k = 0; k < this.laws.length; k++) {
+      const { refusal, ...state } = this.advanced(k, from, targets, length);
+      if (refusal) return refusal;
+      found.push(state);
+    }
+    from.qs = found.map(({ q }) => q);
+    from.worst = found;
+    return "";
+  }
+
+  // Arm k after a step of this length to the targets: {q, limit, leaf, sine}, or {refusal}.
+  advanced(k, from, targets, length) {
+    const { chain } = this;
+    const law = this.laws[k];
+    const q = stepped(law, from.qs[k], targets);
+    if (!q) return { refusal: OUT_OF_REACH };
+    const leaf = law.margin();
+    const sine = law.sine();
+    const { joint, margin } = chain.nearest(q);
+    const moved = q.map((v, i) => v - from.qs[k][i]);
+    const state = { q, limit: margin, leaf, sine };
+    // what already was near may come away again
+    const { limit = Infinity, leaf: leafBefore = 1, sine: sineBefore = 1 } = from.worst[k];
+    if (margin < NEAR_LIMIT && margin < limit)
+      return { refusal: `${chain.names[joint]} is at its limit.` };
+    const fast = chain.hurried(moved.map((v) => (v * chain.speed) / length));
+    if (fast.share > RACE)
+      return { refusal: `${chain.names[fast.joint]} would have to be faster than it can.` };
+    const races = Math.hypot(...moved) > RACE * this.calm[k].speed * length;
+    if (races || (sine < FLAT * this.calm[k].sine && sine < sineBefore))
+      return { refusal: "The arm comes near a singularity, where its joints would race." };
+    if (leaf < LEAST_MARGIN && leaf < leafBefore)
+      return { refusal: "The repeatable control is near a singularity." };
+    chain.place(q);
+    const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
+    return off > 0.2 * this.stride + 1e-5 ? { refusal: OUT_OF_REACH } : state;
+  }
+
+  // Follow points in small steps, and gather where the hand has been; {refusal} where it cannot go
+  // on.
+  walk(from, points, trail = []) {
+    for (const goal of points)
+      for (;;) {
+        const far = gap(goal, from.hand);
+        if (far < 1e-9) break;
+        const share = this.stride / far;
+        const next = share > 1 ? goal : from.hand.map((v, i) => v + share * (goal[i] - v));
+        const refusal = this.step(from, next);
+        if (refusal) return { refusal, trail };
+        from.hand = next;
+        trail.push(next);
+      }
+    return { refusal: "", trail };
+  }
+
+  // Draw both arms where they have been led, and say what holds them.
+  draw() {
+    const { lead } = this;
+    const home = this.chain.homes[this.led];
+    this.drawArms();
+    for (const { line } of lead.shown) {
+      const { geometry } = line;
+      const { position } = geometry.attributes;
+      const count = Math.min(DOTS, Math.floor(gap(lead.hand, home) / (0.018 * this.extent)));
+      for (let i = 0; i < count; i++) {
+        const share = (i + 0.5) / count;
+        position.setXYZ(i, ...lead.hand.map((v, c) => v + share * (home[c] - v)));
+      }
+      geometry.setDrawRange(0, count);
+      position.needsUpdate = true;
+    }
+    const beyond = this.beyond(lead.trail);
+    if (lead.refusal !== lead.said || beyond !== lead.beyond) {
+      Object.assign(lead, { said: lead.refusal, beyond });
+      const sentence = lead.refusal
+        ? [[lead.refusal, "bad"], [" Go another way, or let go."]]
+        : DRAW;
+      this.write(sentence, this.how(beyond), "your loop");
+    }
+    this.player.show();
+  }
+
+  // Put both arms where they have been led; the ghost is the last of them, or as `lead` says.
+  drawArms() {
+    const { lead } = this;
+    this.arms.forEach((arm, k) => {
+      drawnAt(this.chain, arm, lead.ghost || lead.qs.at(-1), arm.run, 0);
+      drawnAt(this.chain, arm, lead.qs[k], arm.run, 1);
+    });
+  }
+
+  // Close the loop: straight home, or along the way it came where that is blocked.
+  letGo() {
+    const { lead, chain } = this;
+    this.catchUp();
+    this.put();
+    const home = chain.homes[this.led];
+    const open = lead.trail;
+    if (Math.max(...open.map((p) => gap(p, home))) < 0.01 * chain.size) {
+      this.leave([["That was no loop yet: drag the ring around, and let go."]]);
+      return;
+    }
+    const from = { hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst };
+    const { refusal } = this.walk(from, [home]);
+    const back = refusal ? open.slice(0, -1).reverse() : [];
+    const also = "Straight home was blocked; the loop goes back along the way it came.";
+    this.follow(kept([...open, ...back, home], home), 1, refusal ? also : "");
+    this.keepBest();
+  }
+
+  // Put the hand down: nothing of the gesture is left.
+  put() {
+    if (!this.lead) return;
+    this.scene.leading = "";
+    cancelAnimationFrame(this.waiting);
+    Object.assign(this, { lead: null, waiting: 0 });
+    document.body.classList.remove("leading");
+    for (const ring of this.rings.flat()) ring.classList.remove("pulse");
+  }
+
+  // ---- the loop
+
+  // Compute the cycles of a closed loop, or of the study's path without points, and show the end of
+  // this one of them. An arm that comes close to a singularity goes as far as it can.
+  follow(points, cycle, also = "") {
+    this.put();
+    this.points = points;
+    const paths = this.paths();
+    const result = computed(this.laws, this.arms, paths, CYCLES);
+    const lead = paths.find(Boolean);
+    const shape = {
+      encloses: enclosing(lead) > 0,
+      turns: points ? windings(this.chain.axis, lead) : 0,
+      whose: points ? "your loop" : "the path",
+    };
+    Object.assign(this, { result, length: result.length, also, shape, state: "own" });
+    document.body.classList.add("own");
+    byId("own").hidden = false;
+    byId("loop-csv").hidden = !points;
+    const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
+    byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
+    this.player.play({ ...result, paths: paths.filter(Boolean) });
+    this.tell(Math.min(cycle, result.cycles));
+    this.clock.seek(this.shown);
+  }
+
+  // Say what has happened after a number of cycles.
+  tell(cycles) {
+    const { chain, arms, result, shape, also, points } = this;
+    const { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
+    this.shown = cycles;
+    this.scene.part = part;
+    pointAt(arms, (s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
+    notes.push(...this.said());
+    const far = this.elbowOff();
+    const moved = far > 1e-4 ? `, elbow moved by ${inMetres(far)}` : "";
+    const title = points
+      ? `your loop, ${inMetres(this.length)} long${moved}`
+      : `the study’s path${moved}`;
+    this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1)] : notes, title);
+    byId("again").textContent =
+      cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
+    this.player.show();
+  }
+
+  // Whether points are beyond the proved radius around the start of the study.
+  beyond(points) {
+    const { proved, homes } = this.chain;
+    return Boolean(proved) && points.some((p) => gap(p, homes[this.led]) >= proved);
+  }
+
+  // What is said under the sentence while the hand is led.
+  how(beyond = false) {
+    const { proved } = this.chain;
+    if (!proved || this.elbowAt) return [HOW];
+    const far = inMetres(proved);
+    return [
+      HOW,
+      beyond
+        ? [` You are more than ${far} from the start: there, closing is not proved.`, "near"]
+        : [` Within the pale disc, ${far} around the start, the repeatable arm closes: proved.`],
+    ];
+  }
+
+  // What is said of a loop beside its motion: whether it was proved to close, and the best so far.
+  said() {
+    const { best, points } = this;
+    const { proved, size } = this.chain;
+    const words = [];
+    if (proved && points && !this.elbowAt)
+      words.push(
+        this.beyond(points)
+          ? [` Closing is proved within ${inMetres(proved)} of the start; this loop was computed.`]
+          : [` It is proved that the repeatable arm closes this loop.`, "good"],
+      );
+    if (best && points) {
+      const long = inMetres(LEAST_LENGTH * size);
+      words.push([` Can you draw one, ${long} or longer, under which the usual arm drifts less?`]);
+      words.push([` Your best: ${this.bestWords()}.`]);
+    }
+    return words;
+  }
+
+  bestWords() {
+    return `${inMetres(this.best.off)} off after ${CYCLES} cycles`;
+  }
+
+  // Keep the drawn loop under which the usual control drifts least, of those that are long enough
+  // where they enclose something.
+  keepBest() {
+    const { result, chain, laws, points, best } = this;
+    const k = laws.findIndex(({ r }) => !r);
+    if (this.state !== "own" || !points || k < 0) return;
+    const complete = result.cycles === CYCLES && result.runs[k].data.lost === Infinity;
+    if (!complete || enclosing(points) < LEAST_LENGTH * chain.size) return;
+    const off = Math.max(...result.runs[k].ends.at(-1));
+    const { led, mirrored, elbowAt, level } = this;
+    if (!best || off < best.off)
+      this.best = { off, points, hand: led, mirrored, elbow: elbowAt, level };
+    byId("best").hidden = false;
+    byId("best").textContent = `Your best: ${this.bestWords()}`;
+    this.tell(this.shown);
+  }
+
+  // From one cycle to all of them, by their ends, when only what drifts is seen to move; and again.
+  repeat() {
+    this.clock.seek(this.shown < this.result.cycles ? this.shown : 0);
+    const done = () => this.tell(this.result.cycles);
+    if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      this.clock.seek(this.result.cycles);
+      done();
+    } else this.clock.finish(done);
+  }
+
+  // Back to the study, with something to say or with its own sentence.
+  leave(words) {
+    this.put();
+    this.stand(0, 0);
+    Object.assign(this, { state: "study", points: null });
+    document.body.classList.remove("own");
+    byId("own").hidden = true;
+    for (const [node, children] of this.texts) node.replaceChildren(...children);
+    if (words) this.write(words, null, null);
+    this.player.study();
+  }
+
+  // A loop of this kind through the hand, in the plane that faces the camera: the largest that the
+  // arms can follow.
+  preset(kind) {
+    this.put();
+    this.take(0, null, null, this.led);
+    const { size } = this.chain;
+    const home = this.chain.homes[this.led];
+    const start = { hand: this.lead.hand, qs: this.lead.qs, worst: this.lead.worst };
+    for (let wide = 0.16 * size; wide > 0.004 * size; wide *= 0.8)
+      for (let turn = 0; turn < 8; turn++) {
+        const points = this.placed(FORMS[kind], wide, (turn * Math.PI) / 4);
+        if (this.walk({ ...start }, [...points, home]).refusal) continue;
+        this.put();
+        this.follow(kept([home, ...points, home], home), 1);
+        return;
+      }
+    this.leave([["There is no room for such a loop here.", "bad"]]);
+  }
+
+  // Points of a form, turned and this wide, from the hand on in the plane in which it is led.
+  placed(form, wide, angle) {
+    const [right, up] = this.axes();
+    const home = new MeshCat.THREE.Vector3(...this.chain.homes[this.led]);
+    const c = wide * Math.cos(angle);
+    const s = wide * Math.sin(angle);
+    return form.map(([x, y]) =>
+      home
+        .clone()
+        .addScaledVector(right, c * x - s * y)
+        .addScaledVector(up, s * x + c * y)
+        .toArray(),
+    );
+  }
+
+  // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
+  open({ points, hand = 0, mirrored = false, elbow = 0, level = 0 }) {
+    const { chain, laws } = this;
+    this.put();
+    this.led = Math.min(hand, chain.frames.length - 1);
+    this.mirrored = mirrored && chain.frames.length > 1;
+    chain.led = this.led;
+    byId("mirror").checked = this.mirrored;
+    this.stand(elbow, level);
+    if (!points) {
+      this.settle();
+      return;
+    }
+    const home = chain.homes[this.led];
+    const first = gap(points[0], home) < 1e-3 ? home : points[0];
+    if (first !== home) {
+      const qs = laws.map(() => laws.at(-1).start);
+      const from = { hand: home, qs, worst: laws.map(() => ({})) };
+      const { refusal } = this.walk(from, [first]);
+      if (refusal) {
+        this.leave([[`The loop in the address cannot be reached. ${refusal}`, "bad"]]);
+        return;
+      }
+      for (const law of laws) law.start = from.qs.at(-1);
+    }
+    this.follow(closed(points, first), CYCLES);
+  }
+
+  // What the address keeps of all this.
+  wish() {
+    const { points, led, mirrored, elbowAt, level } = this;
+    if (this.state !== "own") return [];
+    const number = (v) => Number(v.toFixed(4));
+    return [
+      points && `loop=${points.map((p) => p.map(number).join(",")).join(";")}`,
+      points && led && `hand=${led + 1}`,
+      points && mirrored && "mirror=1",
+      elbowAt && `elbow=${elbowAt}`,
+      level && `level=${level + 1}`,
+    ].filter(Boolean);
+  }
+
+  csv() {
+    const rows = this.points.map((p) => p.map((v) => Number(v.toFixed(9))).join(","));
+    return `${["x,y,z", ...rows].join("\n")}\n`;
+  }
+
+  // ---- what is written and where
+
+  write(sentence, notes, title) {
+    const part = ([text, kind]) =>
+      kind === undefined ? text : element("b", { class: kind }, text);
+    byId("verdict").replaceChildren(...sentence.map(part));
+    const note = ([text, kind]) => element("span", { class: kind || "" }, text);
+    if (notes) byId("notes").replaceChildren(...notes.map(note));
+    if (title) byId("title").textContent = `${this.scene.title.split(":")[0]}: ${title}`;
+  }
+
+  // Give sentence and notes the room of their longest words, so that nothing moves when they
+  // change.
+  reserve() {
+    const [[ring]] = this.rings;
+    // there the words are shorter
+    ring.classList.remove("under");
+    const words = ring.firstChild.offsetWidth;
+    this.wide = words ? ring.offsetWidth / 2 + 4 + words : this.wide;
+    for (const [id, text] of Object.entries(LONGEST_WORDS)) {
+      const node = byId(id);
+      node.style.minHeight = "";
+      // no words, or folded
+      if (document.body.classList.contains("inside") || !node.clientWidth) continue;
+      const style = "position: absolute; visibility: hidden; left: 0; top: 0";
+      const sample = element(node.tagName, { id, style }, text);
+      sample.style.width = `${node.clientWidth}px`;
+      node.after(sample);
+      const [, children] = this.texts.find(([one]) => one === node);
+      const now = [...node.childNodes];
+      node.replaceChildren(...children);
+      const tall = Math.max(sample.offsetHeight, node.offsetHeight);
+      node.replaceChildren(...now);
+      sample.remove();
+      node.style.minHeight = `${tall}px`;
+    }
+  }
+
+  // Put the rings where the hands are; they are not there while they go round without them.
+  place() {
+    const { chain, lead, panes } = this;
+    const hands = lead ? lead.hands : this.points ? this.hands(this.points[0]) : chain.homes;
+    this.rings.forEach((row, k) =>
+      row.forEach((ring, f) => {
+        const hand = new MeshCat.THREE.Vector3(...hands[f]);
+        const { x, y } = panes.seen(k, hand);
+        ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
+        ring.classList.toggle("away", this.clock.playing && this.isAway(k, f, hand));
+        const over = x + this.wide > panes.place(k).width;
+        ring.classList.toggle("left", over && x > this.wide);
+        ring.classList.toggle("under", over && x <= this.wide);
+      }),
+    );
+  }
+
+  isAway(k, f, hand) {
+    const { now } = this.arms[k];
+    if (this.lead || this.clock.time % 1 === 0) return false;
+    const tip = this.arms[k].point("tip", f, now.frame, now.f);
+    return tip.distanceTo(hand) > 0.02 * this.extent;
+  }
+}
+
+const LONGEST_WORDS = {
+  verdict:
+    "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the " +
+    "usual control, 0 under the repeatable one.",
+  notes:
+    "The joints move 0.8 % faster under the repeatable one (root mean square over cycle 1). " +
+    "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
+    "best, 0 fails). Collisions are not checked. Closing is proved within 1.1 cm of the start; " +
+    "this loop was computed. Can you draw one, 25 cm or longer, under which the usual arm drifts " +
+    "less? Your best: 0.88 mm off after 10 cycles.",
+};
+
+// The largest joint speed of a control for a hand that moves by 1 m/s along an axis, at q.
+function quickest(law, q) {
+  const { n, m, frames } = law.chain;
+  const rates = frames.flatMap(({ rows, row }) =>
+    rows.slice(0, 3).map((_, axis) => {
+      const xdot = new Float64Array(m);
+      xdot[row + axis] = 1;
+      law.solve(q, xdot);
+      return Math.hypot(...law.x.subarray(0, n));
+    }),
+  );
+  return Math.max(...rates);
+}
+
+// A pale disc around the start, within which a proof holds.
+function disc(home, normal, radius) {
+  const T = MeshCat.THREE;
+  const pale = new T.Group();
+  const material = (opacity) =>
+    new T.MeshBasicMaterial({
+      color: tone("--good"),
+      transparent: true,
+      opacity,
+      side: T.DoubleSide,
+      depthWrite: false,
+    });
+  const edge = new T.Mesh(
+    new T.RingGeometry(0.94 * radius, radius, 72),
+    Object.assign(material(0.8), { depthTest: false }),
+  ); // seen through the arm
+  edge.renderOrder = 7;
+  pale.add(new T.Mesh(new T.RingGeometry(0, radius, 72), material(0.12)), edge);
+  pale.quaternion.setFromUnitVectors(new T.Vector3(0, 0, 1), normal.clone().normalize());
+  pale.position.copy(home);
+  return pale;
+}

@@ -1,0 +1,282 @@
+// A visitor's loop, followed by each arm for some cycles, in the form in which the player plays a
+// study.
+
+import { followed, pieces } from "../arm/law.js";
+
+const SAMPLES = 126; // of a cycle
+const TOO_FAST = 1 + 1e-9;
+const RESOLVED = 0.01; // of the drift, within which the ends of cycles are with twice the steps
+const CLOSED = 1e-5; // or this near, rad or m
+const LOST = 1e-3; // of the arm, from which a hand is not back: the steps were too long
+
+// What the arms do on these paths, see pieces(): {cycles, perCycle, seconds, length, runs,
+// motions}, a run per arm. An arm that comes close to a singularity stands still from there on; its
+// run says so by data.lost, in cycles.
+export function computed(laws, arms, paths, wanted) {
+  const { chain } = laws[0];
+  const path = pieces(paths, chain.speed, chain.steps);
+  const fine = pieces(paths, chain.speed, 2 * chain.steps);
+  const motions = laws.map((law) => followed(law, law.start, path, wanted));
+  const { perCycle } = motions[0];
+  motions.forEach((motion, k) => {
+    motion.last = criticalRow(laws[k], motion, fine);
+    if (motion.last !== null) standStill(motion, chain.n, wanted);
+  });
+  // as many cycles as one arm completes
+  const done = ({ last }) => (last === null ? wanted : Math.ceil((last + 1) / perCycle));
+  const cycles = Math.max(...motions.map(done));
+  // so much slower that all rates of cycle 1 are allowed
+  const kept = motions.filter(({ last }) => last === null || last >= perCycle);
+  const slower = Math.max(1, ...kept.map(({ V }) => busiest(chain, V, perCycle)));
+  for (const { V } of motions) for (let i = 0; i < V.length; i++) V[i] /= slower;
+  const F = Math.min(SAMPLES, perCycle + 1);
+  const rows = evenly(F, perCycle);
+  const length = path.reduce((sum, { count, h }) => sum + count * h, 0) * chain.speed;
+  const runs = motions.map((motion, k) => runOf(laws[k], arms[k], motion, rows, cycles));
+  return { cycles, perCycle: F, seconds: (slower * length) / chain.speed, length, runs, motions };
+}
+
+const evenly = (count, last) =>
+  Array.from({ length: count }, (_, i) => Math.round((i * last) / (count - 1)));
+
+// The row of a motion from which on it cannot be computed: where a joint would jump, or where the
+// joints are fastest, near a singularity, if twice the steps lead elsewhere. Null without.
+function criticalRow(law, motion, fine) {
+  if (motion.stopped !== null) return motion.stopped;
+  const cycle = unresolvedCycle(law, motion, fine);
+  if (cycle === null) return null;
+  const { n } = law.chain;
+  const speed = (row) => Math.hypot(...motion.V.subarray(row * n, (row + 1) * n));
+  let critical = (cycle - 1) * motion.perCycle;
+  for (let row = critical; row < cycle * motion.perCycle; row++)
+    if (speed(row) > speed(critical)) critical = row;
+  return critical;
+}
+
+// The first cycle at whose end a hand is not back, or an arm elsewhere with twice the steps; null
+// without. If an arm
+// that is back after cycle 1, all cycles are alike.
+function unresolvedCycle(law, motion, fine) {
+  const { n } = law.chain;
+  const back = gapAt(law, motion, 1) < CLOSED;
+  const again = followed(law, law.start, fine, back ? 1 : motion.cycles);
+  const end = ({ Q, perCycle }, c) => Q.subarray(c * perCycle * n, (c * perCycle + 1) * n);
+  const apart = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
+  for (let c = 1; c <= (back ? 1 : motion.cycles); c++) {
+    const q = end(motion, c);
+    if (handOff(law.chain, motion.Q, q) > LOST * law.chain.size) return c;
+    const off = c > again.cycles ? Infinity : apart(q, end(again, c));
+    if (off > Math.max(RESOLVED * gapAt(law, motion, c), CLOSED)) return c;
+  }
+  return null;
+}
+
+// How far the joints are from the start at the end of a cycle.
+function gapAt({ chain, start }, { Q, perCycle }, c) {
+  const at = c * perCycle * chain.n;
+  return Math.hypot(...start.map((v, i) => Q[at + i] - v));
+}
+
+// How far a hand is at q from where it is at the start of a motion, m.
+function handOff(chain, Q, q) {
+  const [from, to] = [Q.subarray(0, chain.n), q].map((one) => {
+    chain.place(one);
+    return chain.frames.map(({ p }) => [...p]);
+  });
+  return Math.max(...from.map((p, f) => Math.hypot(...p.map((v, c) => v - to[f][c]))));
+}
+
+// Leave a motion where it is from its last row on.
+function standStill({ Q, V, perCycle, last }, n, cycles) {
+  for (let row = last + 1; row <= cycles * perCycle; row++)
+    Q.copyWithin(row * n, last * n, (last + 1) * n);
+  V.fill(0, last * n);
+}
+
+// The largest share of a rate's limit in cycle 1.
+function busiest(chain, V, steps) {
+  let most = 0;
+  for (let row = 0; row < steps; row++)
+    most = Math.max(most, chain.hurried(V.subarray(row * chain.n, (row + 1) * chain.n)).share);
+  return most;
+}
+
+function runOf(law, arm, { Q, V, perCycle, margin, last }, rows, cycles) {
+  const { chain, start } = law;
+  const { n } = chain;
+  const F = rows.length;
+  const frames = F * cycles;
+  const at = (row) => Q.subarray(row * n, (row + 1) * n);
+  const ends = Array.from({ length: cycles }, (_, c) => at((c + 1) * perCycle));
+  // the bodies, the hands, the elbows and the mark at each sample
+  const broken =
+    last === null
+      ? firstBroken(chain, Q, V, perCycle, cycles)
+      : lostAt(chain, at(last), last, perCycle);
+  const lost = last === null ? Infinity : last / perCycle;
+  const data = { ...arm.study.run.data, broken, lost };
+  const motion = new Float64Array(frames * (arm.stride + 6 * arm.chains + 3));
+  const run = { data, motion, frames, perCycle: F };
+  for (let c = 0, i = 0; c < cycles; c++)
+    for (const row of rows) drawnAt(chain, arm, at(c * perCycle + row), run, i++);
+  run.joints = jointRows(arm, at, perCycle, cycles);
+  // how far each body is off after each cycle
+  data.drift = ends.map((q) => Math.hypot(...q.map((v, j) => v - start[j])));
+  arm.use(run);
+  const off = ends.map((_, c) => offAt(arm, (c + 1) * F - 1, chain));
+  const most = off.map((each, c) => (c + 1 > lost ? null : Math.max(0, ...each)));
+  data.off = most.map((v, c) => [c ? most[c - 1] : 0, v]);
+  let squares = 0;
+  for (let i = 0; i < perCycle * n; i++) squares += V[i] * V[i];
+  const first = chain.own(start);
+  const turned = ends.map((q) =>
+    chain.own(q).map((v, i) => (chain.turns[i] ? Math.abs(v - first[i]) : 0)),
+  );
+  const others = ends.map((q) => othersOff(chain, at(0), q));
+  const speed = Math.sqrt(squares / perCycle);
+  return Object.assign(run, { ends: off, others, turned, margin, speed });
+}
+
+// The joints at the samples of the study's plot of them.
+function jointRows(arm, at, perCycle, cycles) {
+  const { count, n } = arm.study.run.joints;
+  const index = evenly(count, perCycle);
+  const values = new Float64Array(cycles * count * n);
+  for (let c = 0, i = 0; c < cycles; c++)
+    for (const row of index) values.set(at(c * perCycle + row), n * i++);
+  return { count, n, values };
+}
+
+// What is marked where a motion ends close to a singularity.
+function lostAt(chain, q, row, perCycle) {
+  chain.place(q);
+  return {
+    at: row / perCycle,
+    cycle: Math.floor(row / perCycle) + 1,
+    words: "close to a singularity: cannot be computed reliably from here",
+    place: Array.from(chain.frames[chain.led || 0].p),
+  };
+}
+
+// Write where an arm's bodies, its hands, its elbows, and what breaks a limit are at q into frame i
+// of a run.
+export function drawnAt(chain, arm, q, { motion, frames, data }, i) {
+  const { stride } = arm;
+  const rides = ridesOf(chain, arm);
+  chain.place(q, chain.all);
+  const turns = chain.places.map(({ R }) => quaternion(R));
+  rides.forEach((ride, k) => {
+    if (ride) drawBody(motion, i * stride + 7 * k, i ? stride : 0, ride, chain, turns);
+  });
+  let at = frames * stride;
+  const write = (points, from = at + 3 * points.length * i) => {
+    points.forEach((p, k) => motion.set(p, from + 3 * k));
+    at += 3 * points.length * frames;
+  };
+  write(chain.frames.map(({ p }) => p));
+  write(chain.frames.map(({ elbow }) => chain.places[elbow].p));
+  const { broken } = data;
+  if (broken) write([broken.place || chain.places[chain.first[broken.joint]].p]);
+}
+
+// Write the pose of a body that rides on a joint; `back` numbers before is that of the last frame.
+function drawBody(motion, at, back, ride, chain, turns) {
+  const T = MeshCat.THREE;
+  const { R, p } = chain.places[ride.joint];
+  const turn = ride.turn.clone().premultiply(turns[ride.joint]);
+  const [x, y, z] = ride.point;
+  for (let c = 0; c < 3; c++)
+    motion[at + c] = p[c] + R[3 * c] * x + R[3 * c + 1] * y + R[3 * c + 2] * z;
+  // a rotation has two quaternions: the one nearer to the last
+  const last = back ? new T.Quaternion().fromArray(motion, at - back + 3) : turn;
+  if (last.dot(turn) < 0) turn.set(-turn.x, -turn.y, -turn.z, -turn.w);
+  turn.toArray(motion, at + 3);
+}
+
+// On which joint each body of an arm rides, and where on it: from the study's first frame. Null for
+// one that stands.
+function ridesOf(chain, arm) {
+  if (arm.rides) return arm.rides;
+  const { run, start } = arm.study;
+  const T = MeshCat.THREE;
+  chain.place(chain.start, chain.all);
+  const moving = run.data.shapes
+    .map((shape, s) => ({ shape, s }))
+    .filter(({ shape }) => !shape.pose);
+  arm.rides = moving.map(({ s }, k) => {
+    const link = chain.links[s];
+    if (!link || link[0] < 0) return null;
+    const { R, p } = chain.places[link[0]];
+    const at = start + 7 * k;
+    const [x, y, z] = [0, 1, 2].map((c) => run.motion[at + c] - p[c]);
+    const turn = new T.Quaternion()
+      .fromArray(run.motion, at + 3)
+      .normalize()
+      .premultiply(quaternion(R).conjugate());
+    return {
+      joint: link[0],
+      point: [0, 1, 2].map((c) => R[c] * x + R[3 + c] * y + R[6 + c] * z),
+      turn,
+    };
+  });
+  return arm.rides;
+}
+
+function quaternion(R) {
+  const T = MeshCat.THREE;
+  return new T.Quaternion().setFromRotationMatrix(
+    new T.Matrix4().set(R[0], R[1], R[2], 0, R[3], R[4], R[5], 0, R[6], R[7], R[8], 0, 0, 0, 0, 1),
+  );
+}
+
+// How far each end of another branch is at q from where it is at the start, m.
+function othersOff(chain, start, q) {
+  const local = chain.ends.map(({ joint, at }) => {
+    chain.place(chain.start, chain.all);
+    const { R, p } = chain.places[joint];
+    return [0, 1, 2].map(
+      (c) => R[c] * (at[0] - p[0]) + R[3 + c] * (at[1] - p[1]) + R[6 + c] * (at[2] - p[2]),
+    );
+  });
+  const [from, to] = [start, q].map((one) => {
+    chain.place(one, chain.all);
+    return chain.ends.map(({ joint }, k) => {
+      const { R, p } = chain.places[joint];
+      const [x, y, z] = local[k];
+      return [0, 1, 2].map((c) => p[c] + R[3 * c] * x + R[3 * c + 1] * y + R[3 * c + 2] * z);
+    });
+  });
+  return from.map((p, k) => Math.hypot(...p.map((v, c) => v - to[k][c])));
+}
+
+// How far each moving body is at frame i from where it is at the start, m; 0 for what is not part
+// of the arm.
+function offAt(arm, i, chain) {
+  arm.pose(i, 0);
+  arm.pose(0, 0, arm.ghosts);
+  return arm.moving.map(({ shape }, k) =>
+    chain.links[shape] && chain.links[shape][1] ? arm.drift(k) : 0,
+  );
+}
+
+// The first limit that a motion breaks, of a position or of a rate.
+function firstBroken(chain, Q, V, perCycle, cycles) {
+  const { n, names } = chain;
+  for (let row = 0; row <= cycles * perCycle; row++) {
+    const { joint, margin } = chain.nearest(Q.subarray(row * n, (row + 1) * n));
+    const fast = chain.hurried(V.subarray(row * n, (row + 1) * n));
+    const at = row / perCycle;
+    const cycle = Math.min(Math.floor(at) + 1, cycles);
+    if (margin < -1e-9)
+      return { joint, at, cycle, words: `${names[joint]} past its limit`, name: names[joint] };
+    if (fast.share > TOO_FAST)
+      return {
+        joint: fast.joint,
+        at,
+        cycle,
+        words: `${names[fast.joint]} past its speed limit`,
+        share: fast.share,
+      };
+  }
+  return null;
+}

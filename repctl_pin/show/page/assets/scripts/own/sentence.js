@@ -1,0 +1,183 @@
+// What is said of a visitor's loop: as show/text/headline.py says it of a study.
+
+import { inMetres, inWords } from "../numbers.js";
+
+const SMALL = 0.01; // m, below which a part has hardly drifted
+const BACK = 1e-4; // m, below which it is back
+const TURNED = 0.1; // rad, from which a joint is named although no part is off
+const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
+const HANDS = { 1: "the hand is", 2: "both hands are" };
+
+// {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop"
+// or "the path"; whether it encloses anything, and how often it turns around the first joint.
+export function answer(chain, arms, { runs }, cycles, shape) {
+  // an arm that has come close to a singularity is named first, the others are compared
+  const lost = arms.flatMap((arm, k) => (runs[k].data.lost < cycles ? [k] : []));
+  const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
+  const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data.broken, shape));
+  if (!kept.length) {
+    sentence.push([" No arm can follow it to its end."]);
+    return { sentence, notes: notesOf(arms, runs, cycles), part: "hand" };
+  }
+  const context = {
+    chain,
+    arms: kept.map((k) => arms[k]),
+    runs: kept.map((k) => runs[k]),
+    alone: lost.length > 0,
+    times: cycles === 1 ? "one cycle" : `${cycles} cycles`,
+    k: cycles - 1,
+  };
+  const found = comparison(context, shape);
+  return {
+    sentence: [...sentence, ...found.sentence],
+    notes: notesOf(context.arms, context.runs, cycles),
+    part: found.part,
+  };
+}
+
+function lostWords({ data }, { cycle }, { whose }) {
+  return [
+    [
+      `${capital(data.under)} comes close to a singularity in cycle ${cycle} of ${whose}, at the ` +
+        "red mark: its drift cannot be computed reliably from there.",
+      "bad",
+    ],
+    [" "],
+  ];
+}
+
+// Who is back and who is not, of the arms that have gone all the way.
+function comparison(context, { encloses, turns, whose }) {
+  const { chain, arms, runs, alone, times, k } = context;
+  const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k]));
+  const most = worst.reduce((a, b) => (b.off > a.off ? b : a));
+  const joints = runs.map(({ turned }) => Math.max(...turned[k]));
+  const back = worst.every(({ off }, i) => off < BACK && joints[i] < TURNED);
+  const under = (i) => (runs.length > 1 ? ` under ${arms[i].data.under}` : "");
+  const listed = (say) => runs.flatMap((run, i) => [[i ? ", " : ""], say(i), [under(i)]]);
+  const sentence = [];
+  if (turns && !back)
+    sentence.push([
+      `${capital(whose)} winds around the axis of ${chain.axis.name}, ` +
+        "so it need not close under any control. ",
+    ]);
+  const hands = HANDS[chain.frames.length] || `all ${chain.frames.length} hands are`;
+  const by = alone ? ` under ${aloneUnder(arms[0])}` : "";
+  sentence.push([`After ${times} of ${whose} ${hands} back${by}. `]);
+  const value = (i, unit) => {
+    const { off, part } = worst[i];
+    const zero = off < BACK;
+    const also = zero || part === most.part ? "" : ` (${part})`;
+    return [unbroken(`${inMetres(off)}${zero && i ? "" : unit}${also}`), toneOf(off)];
+  };
+  if (back && !encloses)
+    sentence.push(
+      ["A way there and back encloses nothing: "],
+      ["0", "good"],
+      [runs.length === 2 ? " off under both." : " off."],
+    );
+  else if (back)
+    sentence.push([`So is every part of the ${armWord(chain)}: `], ["0", "good"], [" off."]);
+  else if (most.off >= SMALL) {
+    const offs = listed((i) => value(i, " off"));
+    sentence.push([`${capital(partWords(most.part))} is not: `], ...offs, ["."]);
+  } else if (Math.max(...joints) >= TURNED) {
+    const angles = listed((i) => angleWords(joints[i]));
+    sentence.push([`The joint ${mostTurned(chain, runs, k)} is not: `], ...angles, ["."]);
+  } else {
+    const offs = listed((i) => value(i, ""));
+    sentence.push([`${capital(partWords(most.part))} has hardly drifted: `], ...offs, ["."]);
+  }
+  sentence.push(...othersOf(chain, arms, runs, k));
+  return { sentence, part: most.part };
+}
+
+const armWord = ({ frames }) => (frames.length > 1 ? "arms" : "arm");
+const aloneUnder = ({ data }) => data.under.replace("repeatable one", "repeatable control");
+const unbroken = (words) => words.replaceAll(" ", "\u00a0");
+
+function partWords(part) {
+  if (!/\d/.test(part)) return `the ${part}`;
+  return part.startsWith("arm ") ? part : `${part} of the arm`;
+}
+
+function angleWords(angle) {
+  const words = angle < 1e-5 ? "0" : `${inWords(Number(angle.toPrecision(2)))}\u00a0rad`;
+  return [words, angle >= TURNED ? "bad" : "good"];
+}
+
+// The joint that has turned most under any control.
+function mostTurned({ names }, runs, k) {
+  const most = (all) => Math.max(...all);
+  const worst = runs.map(({ turned }) => turned[k]).reduce((a, b) => (most(b) > most(a) ? b : a));
+  return names[worst.indexOf(most(worst))];
+}
+
+// Which ends of other branches are not back, hands first.
+function othersOf({ ends }, arms, runs, k) {
+  const most = (i) => Math.max(...runs.map(({ others }) => others[k][i]));
+  const last = ({ name }) => Number(name !== "other hand");
+  const away = ends
+    .map((end, i) => ({ ...end, off: most(i) }))
+    .filter(({ off }) => off >= SMALL)
+    .sort((a, b) => last(a) - last(b) || b.off - a.off);
+  if (!away.length) return [];
+  const moved = arms.filter((_, j) => Math.max(...runs[j].others[k]) >= SMALL);
+  const one = moved.length === 1 && runs.length > 1;
+  const upTo = moved.length > 1 ? "up to " : "";
+  const named = ({ name, link }, i) => {
+    const plain = name !== "other end" && away.filter((end) => end.name === name).length === 1;
+    const article = one || i ? "the" : "The";
+    const words = `${article} ${plain ? name : `${name} ${link}`}`;
+    return i ? `, ${words} ${upTo}` : `${words} is ${upTo}`;
+  };
+  return [
+    [one ? ` Under ${moved[0].data.under} ` : " "],
+    ...away.flatMap((end, i) => [
+      [named(end, i)],
+      [unbroken(`${inMetres(end.off)}${i ? "" : " off"}`), "bad"],
+    ]),
+    ["."],
+  ];
+}
+
+const toneOf = (off) => (off < BACK ? "good" : off >= SMALL ? "bad" : "");
+const capital = (words) => words[0].toUpperCase() + words.slice(1);
+
+// The part of an arm that is off most, and how far.
+function mostOff(chain, arm, off) {
+  const k = off.reduce((best, v, i) => (v > off[best] ? i : best), 0);
+  const named = arm.moving.find(({ shape }) => chain.links[shape] && chain.links[shape][1]);
+  const place = off[k] > 0 ? arm.moving[k] : named || arm.moving[k];
+  return { off: off[k], part: chain.links[place.shape][1] || "hand" };
+}
+
+function notesOf(arms, runs, cycles) {
+  const notes = runs.length > 1 ? [[speedWords(runs.at(-1).speed / runs[0].speed - 1)]] : [];
+  const violations = runs.flatMap(({ data }) => {
+    const { broken, under, lost } = data;
+    if (!broken || lost < Infinity || broken.cycle > cycles) return [];
+    const what = broken.name ? `${broken.name} leaves its range` : broken.words;
+    return [[` ${what} in cycle ${broken.cycle} under ${under}.`, "bad"]];
+  });
+  notes.push(...(violations.length ? violations : [[" Joint limits are kept."]]));
+  const margin = Math.min(...runs.map((run) => run.margin));
+  const where = margin >= FAR ? "stays far from" : "comes near to";
+  const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
+  if (arms.some(({ data }) => data.under === "the repeatable one"))
+    notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
+  notes.push([" Collisions are not checked."]);
+  return notes;
+}
+
+// How much faster the joints move under the repeatable control than under the usual one.
+function speedWords(cost) {
+  if (Math.abs(cost) < 5e-4) return "The joints move no faster under the repeatable one.";
+  const share = Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0);
+  const change = `${share}\u00a0% ${cost > 0 ? "faster" : "slower"}`;
+  const least =
+    "The usual control has the smallest joint speed at each instant, not over a whole cycle.";
+  const what = "(root mean square over cycle 1)";
+  const said = `The joints move ${change} under the repeatable one ${what}.`;
+  return cost > 0 ? said : `${said} ${least}`;
+}
