@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")  # a terminal that cannot show ⁺ gets a ?
-    arguments = _join_values(list(sys.argv[1:] if argv is None else argv))
+    arguments = _join_values(_as_options(list(sys.argv[1:] if argv is None else argv)))
     if not arguments:
         parser().print_help(sys.stderr)
         return 2
@@ -130,6 +130,14 @@ def commands() -> Iterator[tuple[str, Any]]:
         for name, module in extension.commands.items():
             yield name, extension.module(module)
     yield from ((command.__name__.rpartition(".")[2], command) for command in _LAST)
+
+
+def _as_options(arguments: list[str]) -> list[str]:
+    """Rewrite the words that other programs have as commands: ``help COMMAND`` and ``version``."""
+    first, rest = arguments[:1], arguments[1:]
+    if first == ["help"]:
+        return [*rest, "--help"]
+    return ["--version", *rest] if first == ["version"] else arguments
 
 
 def _join_values(arguments: list[str]) -> list[str]:

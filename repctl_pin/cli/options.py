@@ -6,7 +6,7 @@ import argparse
 from typing import Any, NoReturn
 
 from ..base.errors import printable, unknown
-from ..show.text.lines import fitted
+from ..show.text.lines import fitted, terminal_width
 from .given import Options
 
 KINDS = "pose, axis, position, xy, xz or yz"
@@ -24,6 +24,11 @@ _GROUPS = {
 """Groups of options, in the order of the help; other options come first."""
 
 
+_WINDOWS = ("gui", "open", "show", "view", "viewer")
+_WINDOW = "`repctl study ROBOT` writes a page for the browser, animation.html"
+"""Commands that would open a window, and the answer to them."""
+
+
 class Parser(argparse.ArgumentParser):
     """Parser of a command: errors are one line that suggests the closest valid names and --help.
 
@@ -34,6 +39,10 @@ class Parser(argparse.ArgumentParser):
     def format_help(self) -> str:
         """Format the help, and wrap the description and the examples, which argparse does not."""
         return fitted(super().format_help())
+
+    def _get_formatter(self) -> argparse.HelpFormatter:
+        """Make argparse's formatter for the width to which the rest of the help is wrapped."""
+        return self.formatter_class(prog=self.prog, width=terminal_width() - 2)
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line on stderr, and exit with code 2.
@@ -49,6 +58,8 @@ class Parser(argparse.ArgumentParser):
                 if isinstance(action, argparse._SubParsersAction)
                 else action.dest.replace("_", " ")
             )
+            if kind == "command" and value in _WINDOWS:
+                raise argparse.ArgumentError(None, f"no command {value!r}; {_WINDOW}")
             raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
 
     def parse_all(self, arguments: list[str]) -> Options:

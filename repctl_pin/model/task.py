@@ -32,6 +32,13 @@ if TYPE_CHECKING:
     from .coordinates import Coordinates
 
 
+def _from_degrees(joints: Array, lower: Array, upper: Array) -> str | None:
+    """Suggest joint positions in rad, if those that were given are inside the limits as degrees."""
+    if not ((joints >= lower) & (joints <= upper)).all():
+        return None
+    return f"if these are degrees, give {','.join(f'{q:.4g}' for q in joints)}"
+
+
 def unit_of(revolute: Iterable[bool]) -> str:
     """Return the unit of a norm over joints, each revolute or not: rad, m, or both.
 
@@ -456,15 +463,18 @@ class Task:
             raise InputError(f": the value of {bad!r} is not a finite number", argument=what)
         q = vector(q, self.n, what)
         lower, upper, _ = self.joint_limits
-        for name, value, low, high in zip(
-            self.robot_joints, self.joints(q), lower, upper, strict=True
-        ):
-            if not low - beyond <= value <= high + beyond:
-                more = f" by more than {beyond:g}, rad or m" if beyond > 1e-9 else ""
-                raise InputError(
-                    f": {name} = {value:g} is outside its limits [{low:g}, {high:g}]{more}",
-                    argument=what,
-                )
+        joints, turns = self.joints(q), self.robot.revolute[self._columns]
+        outside = ~((joints >= lower - beyond) & (joints <= upper + beyond))
+        if outside.any():
+            k = int(np.argmax(outside))
+            unit = "rad" if turns[k] else "m"
+            more = f" by more than {beyond:g} {unit}" if beyond > 1e-9 else ""
+            raise InputError(
+                f": {self.robot_joints[k]} = {joints[k]:g} {unit} is outside its limits "
+                f"[{lower[k]:g}, {upper[k]:g}] {unit}{more}",
+                argument=what,
+                remedy=_from_degrees(np.where(turns, np.deg2rad(joints), joints), lower, upper),
+            )
         return q
 
     # ---- inside --------------------------------------------------------------------------------

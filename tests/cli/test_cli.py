@@ -255,3 +255,32 @@ def test_a_study_opens_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     study = rp.study("planar3r", cycles=2, steps=60, degree=1)
     file = study.open()
     assert opened[-1] == file.as_uri() and "<html" in file.read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    "given, like",
+    [
+        (["help", "study"], ["study", "--help"]),
+        (["help"], ["--help"]),
+        (["version"], ["--version"]),
+    ],
+)
+def test_help_and_version_are_commands_too(
+    given: list[str], like: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """28.9: words that other programs have as commands."""
+    said = []
+    for arguments in (given, like):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        said.append((ended.value.code, capsys.readouterr()))
+    assert said[0] == said[1]
+    assert said[0][0] == 0
+
+
+def test_a_start_in_degrees_is_guessed(capsys: pytest.CaptureFixture[str]) -> None:
+    """28.9: the message names the unit, and the same configuration in rad."""
+    assert main(["study", "panda", "--start", "0,0,90,-120,0,90,45"]) == 2
+    said = capsys.readouterr().err
+    assert "panda_joint3 = 90 rad is outside its limits [-2.8973, 2.8973] rad" in said
+    assert "give 0,0,1.571,-2.094,0,1.571,0.7854" in said

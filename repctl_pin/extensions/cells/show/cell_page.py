@@ -223,7 +223,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     kept = f"kept by {least:.2g} {unit} or more{short}"
     kept = kept if np.isfinite(least) else "kept"
     ends = _turned_to_the_end(design)
-    but = f"; {' and '.join(ends)} turns up to its limits" if ends else ""
+    turn = "turn up to their limits" if len(ends) > 1 else "turns up to its limits"
+    but = f"; {' and '.join(ends)} {turn}" if ends else ""
     if not (np.isfinite(least) or ends):
         return Span("The joints have no limits.")
     return Span(f"Joint limits {kept}{but}.")
