@@ -46,7 +46,7 @@ class ClosingRadius:
     the straight way from the start, stays in Ω, the region of joint space that was proved, and ends
     where it began. Around a path that closes itself, every closed path that deviates by less than
     both, at each moment, closes too. That the path itself closes is proved if :attr:`checked` is 0;
-    else it was checked by following the path, at so many points. Where the path crosses itself, a
+    else it was checked by following the path, at that many points. Where the path crosses itself, a
     path that leaves it for its other branch is none of these. ``bool(radius)`` tells whether a
     radius of at least 1 mm is proved.
 

@@ -179,7 +179,7 @@ def test_bad_configurations_get_one_helpful_line(panda_pose: rp.Task) -> None:
         panda_pose.check(q[:3])
     with pytest.raises(rp.InputError, match="panda_joint2.* not a finite"):
         panda_pose.check(np.where(np.arange(7) == 1, np.nan, q))
-    with pytest.raises(rp.InputError, match="panda_joint4 = 1 is outside its limits"):
+    with pytest.raises(rp.InputError, match="panda_joint4 = 1 rad is outside its limits"):
         panda_pose.check(np.where(np.arange(7) == 3, 1.0, q))
     with pytest.raises(rp.InputError, match="shape"):
         panda_pose.jacobian(q[:6])
