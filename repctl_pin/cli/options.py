@@ -161,7 +161,7 @@ class Parser(argparse.ArgumentParser):
             action="append",
             default=[],
             metavar="DIR",
-            help="folder of package:// paths, or NAME=DIR, the folder of one package",
+            help="folder of package:// paths, or NAME=DIR for one package",
         )
         add(
             "--lock",

@@ -17,8 +17,7 @@ from .options import Parser
 from .terminal import page_lines, progress, report
 
 _PATHS = """paths, lengths in m:
-  circle:RADIUS          turned until the arm can follow it
-  circle:RADIUS:DEGREES  starting at that angle from the plane's first axis
+  circle:RADIUS:DEGREES  turned until the arm can follow it; DEGREES: start (0)
   square:SIDE   eight:RADIUS   rose:RADIUS   polygon:CORNERS:RADIUS
   FILE.csv               x,y,z per line in the frame of the base, closed;
                          a header may add qx,qy,qz,qw and time

@@ -189,7 +189,7 @@ class Bodies:
         """
         return self._all(Q)[0]
 
-    def along(self, Q: Array, rows: NDArray[np.intp]) -> Clearance:
+    def _along(self, Q: Array, rows: NDArray[np.intp]) -> Clearance:
         """Find the minimum body distance and the first collision of a motion, see :mod:`clearance`.
 
         Parameters

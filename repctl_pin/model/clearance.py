@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import Array
+from ..base.arguments import Array, read_only
 
 if TYPE_CHECKING:
     from .collision_model import Pair, _CollisionModel
@@ -40,6 +40,7 @@ _MOST = 4_000
 """Maximum number of distances measured between the samples of a motion."""
 
 
+@read_only
 @dataclass(frozen=True, eq=False)
 class Clearance:
     """Minimum body distance of a motion, and its first collision.

@@ -171,7 +171,8 @@ class _CollisionModel:
         last = 0
         for start, block, bounds in self._bounded(Q):
             found = np.full(len(block), np.inf)
-            telling = self._telling(bounds) if len(self.pairs) else bounds
+            # _least changes the bounds of pairs that it has measured
+            telling = self._telling(bounds.copy()) if len(self.pairs) else bounds
             for k, q in enumerate(block if len(self.pairs) else ()):
                 with self._lock:
                     found[k], last = self._least(q, telling[k], last, self._exact)

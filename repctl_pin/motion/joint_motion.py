@@ -173,7 +173,7 @@ class JointMotion:
 
         More are measured only where these do not decide.
         """
-        return bodies_of(self.task).along(self.q, rows_of(self, most))
+        return bodies_of(self.task)._along(self.q, rows_of(self, most))
 
     @property
     def nearest_bodies(self) -> tuple[float, Nearest]:

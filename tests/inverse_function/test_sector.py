@@ -1017,6 +1017,8 @@ def test_the_edges_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> Non
     inner = page.partition('srcdoc="')[2].partition('"></iframe>')[0]
     scene, _, numbers = read(inner)
     edges, way = scene["paths"]
+    joints = scene["series"][-len(scene["arms"]) :]  # after the paths
+    numbers = numbers[: len(numbers) - sum(rows * columns for rows, columns in joints)]
     p = numbers[len(numbers) - 3 * (edges + way) : len(numbers) - 3 * way]
     p = p.reshape(edges, 3)
     U, _ = sector.coordinates(p, np.tile(sector.placement.rotation, (edges, 1, 1)))

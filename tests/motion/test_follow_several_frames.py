@@ -111,9 +111,9 @@ def test_a_study_says_that_both_hands_are_back_and_what_is_not(study):
     assert "After 2 cycles both hands are back" in page and "The left" in page
 
 
-def test_the_page_traces_both_hands_and_has_no_ring(study):
+def test_the_page_traces_both_hands_and_has_a_ring_for_each(study):
     scene, *_ = read(rp.animation(study).page)
-    assert len(scene["paths"]) == 2 and scene["own"] is None
+    assert len(scene["paths"]) == len(scene["own"]["frames"]) == 2
     assert [arm["chains"] for arm in scene["arms"]] == [2, 2]
 
 

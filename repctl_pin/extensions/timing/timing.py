@@ -385,7 +385,7 @@ def approach(
     if bodies:
         straight = ends[0] + share * (ends[1] - ends[0])
         known = bodies_of(task)
-        touch = known.along(straight, np.arange(_LOOKED_AT)).touch
+        touch = known._along(straight, np.arange(_LOOKED_AT)).touch
         if touch is not None:
             at, (one, other) = touch
             percent = 100 * at / (_LOOKED_AT - 1)
