@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
 
     def _get_formatter(self) -> argparse.HelpFormatter:
         """Make argparse's formatter for the width to which the rest of the help is wrapped."""
-        return self.formatter_class(prog=self.prog, width=terminal_width() - 2)
+        return argparse.RawDescriptionHelpFormatter(self.prog, width=terminal_width() - 2)
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line on stderr, and exit with code 2.

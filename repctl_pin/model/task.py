@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from .coordinates import Coordinates
 
 
-def _from_degrees(joints: Array, lower: Array, upper: Array) -> str | None:
+def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
     """Suggest joint positions in rad, if those that were given are inside the limits as degrees."""
     if not ((joints >= lower) & (joints <= upper)).all():
-        return None
+        return ""
     return f"if these are degrees, give {','.join(f'{q:.4g}' for q in joints)}"
 
 

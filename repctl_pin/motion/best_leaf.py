@@ -446,7 +446,7 @@ def _evaluated(
         return None  # the motion left the path, or did not close
     clear = float(leaf_margin(N, inverse.potentials.gradients(motion.q)).min())
     least = motion.limit_margin.min(axis=0)
-    bodies = motion.clearance_from(_BODY_POINTS).distance
+    bodies = motion._clearance_from(_BODY_POINTS).distance
     lower, upper, _ = task.joint_limits
     half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
     relative_margins = {

@@ -74,7 +74,7 @@ def fitting_circle(
                 inside = region is None or not (region.ratio(motion.q) > _INSIDE).any()
                 if not (clear and inside and motion.limit_margin.min() > _LEAST_MARGIN):
                     continue
-                if motion.clearance_from(_LOOKS).distance > 0:
+                if motion._clearance_from(_LOOKS).distance > 0:
                     return path
                 touching = touching or path
     if touching is not None:

@@ -166,9 +166,9 @@ class JointMotion:
         Between two samples, the joints move on a straight line. First, at most 100 samples per
         cycle are compared.
         """
-        return self.clearance_from(_COARSE)
+        return self._clearance_from(_COARSE)
 
-    def clearance_from(self, most: int) -> Clearance:
+    def _clearance_from(self, most: int) -> Clearance:
         """Compute :attr:`clearance` from at most ``most`` samples per cycle.
 
         More are measured only where these do not decide.

@@ -16,7 +16,7 @@ from page_file import COLOURS, matrices, summed
 
 import repctl_pin as rp
 from repctl_pin.model.surfaces import distinct, read_surface, smooth
-from repctl_pin.show.page.html import _SCRIPTS, differences, pack
+from repctl_pin.show.page.html import SCRIPTS, differences, pack
 from repctl_pin.show.page.scene import choose_frames, poses_of
 from repctl_pin.show.palette import luminance, readable
 
@@ -340,15 +340,15 @@ def test_each_script_follows_the_scripts_it_imports() -> None:
     way: the chrome the arm, the own loop and the live viewer both, and nothing imports these."""
     scripts = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
     stems = [file.relative_to(scripts).with_suffix("").as_posix() for file in scripts.rglob("*.js")]
-    assert sorted(stems) == sorted(_SCRIPTS)
+    assert sorted(stems) == sorted(SCRIPTS)
     both = {"arm", "chrome"}
     allowed = {"arm": set(), "chrome": {"arm"}, "own": both, "live": both}
-    for script in _SCRIPTS:
+    for script in SCRIPTS:
         text = (scripts / f"{script}.js").read_text("utf-8")
         folder = Path(script).parent
         for name in re.findall(r'(?m)^(?:import .*|}) from "(.*?)\.js"', text):
             target = Path(os.path.normpath(folder / name)).as_posix()
-            assert _SCRIPTS.index(target) < _SCRIPTS.index(script), (script, target)
+            assert SCRIPTS.index(target) < SCRIPTS.index(script), (script, target)
             if folder.name and "/" in target:
                 room = Path(target).parent.name
                 assert room in allowed[folder.name] | {folder.name}, (script, target)

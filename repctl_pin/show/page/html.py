@@ -40,7 +40,7 @@ from ...base.arguments import Array
 from ...base.errors import RepctlError
 from ..text.headline import Headline
 
-_SCRIPTS = (
+SCRIPTS = (
     *("dom", "numbers", "arm/viewer", "arm/arm", "arm/eye", "arm/traces"),
     *("arm/kinematics", "arm/law"),
     *("chrome/panes", "chrome/chart", "chrome/callouts", "chrome/clock", "chrome/address"),
@@ -107,10 +107,10 @@ def _templates() -> Environment:
 def _script() -> str:
     """Join the page's JavaScript modules into one script with one scope, without comments.
 
-    So the page needs no other files. They are joined in the order of ``_SCRIPTS``.
+    So the page needs no other files. They are joined in the order of ``SCRIPTS``.
     """
     folder = files(__package__) / "assets" / "scripts"
-    texts = [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
+    texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
     left_out = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)"
     return '"use strict";\n' + re.sub(left_out, "", "\n".join(texts))
 
