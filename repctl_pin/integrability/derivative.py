@@ -59,7 +59,8 @@ def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
 
     Lie brackets, which tell whether an inverse is repeatable, are made of them. J⁺,
-    constantly weighted and repeatable inverses have formulas; all others are differentiated numerically, with an error estimate.
+    J⁺ with a constant weight, and repeatable inverses have formulas. All others are differentiated
+    numerically, with an error estimate.
 
     Raises
     ------
@@ -94,7 +95,8 @@ def _(strategy: WeightedInverse, Q: Array) -> _Derivative:
     H_B = np.einsum("Kapk,pi->Kaik", strategy.task.hessians(Q), B)
     dG = np.einsum("ij,Kjak->Kiak", B, pseudoinverse_derivative(J @ B, H_B))
     L = joint_scale(strategy.task, Q[0])
-    error = _rounding(J, dG, L) * np.linalg.cond(B / L[:, None])
+    scaled = B / L[:, None]
+    error = _rounding(J, dG, L) * np.linalg.cond(scaled / np.linalg.norm(scaled, axis=0))
     return _Derivative(J, strategy.batch(Q, J), dG, error, exact=True)
 
 
@@ -127,12 +129,7 @@ def inside_limits(task: Task, Q: Array) -> Array:
     joint further than half its distance to a limit. Outside the limits the scale is not reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
-    with np.errstate(divide="ignore"):
-        most = np.min(
-            np.where(distance > 0, 8 * distance, np.inf)[:, :, None]
-            / np.abs(task.coordinate_matrix),
-            axis=1,
-        )
+    most = np.where(distance > 0, 8 * distance, np.inf)
     return np.minimum(joint_scale(task, Q[0]), most)
 
 

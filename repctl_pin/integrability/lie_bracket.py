@@ -126,7 +126,8 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
 
     An inverse is repeatable near q if and only if all defects vanish there. They are exact for J⁺
     and for J⁺ with a constant weight (from the kinematic Hessian), and for a repeatable inverse
-    whose potentials have second derivatives. Otherwise they are computed by extrapolated differences.
+    whose potentials have second derivatives. Otherwise they are computed by extrapolated
+    differences.
 
     Parameters
     ----------

@@ -106,9 +106,9 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
         names, t = motion.joints, motion.t
         rows = {"positions": motion.q, "velocities": motion.qdot, "accelerations": motion.qddot}
     else:
-        names = motion.task.robot_joints
+        names = motion.task.joint_names
         t = motion.t - motion.t[0]
-        rows = {"positions": motion.joints(motion.q), "velocities": motion.joints(motion.qdot)}
+        rows = {"positions": motion.q, "velocities": motion.qdot}
     joints = f"joint_names: [{', '.join(map(_quoted, names))}]"
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", joints, "points:"]
     for moment, *values in zip(t, *rows.values(), strict=True):

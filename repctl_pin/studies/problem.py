@@ -153,7 +153,7 @@ class Problem:
         given = frozenset(name for name, value in parts.items() if value is not None)
         warnings: tuple[str, ...] = ()
         if isinstance(loaded, Robot):
-            narrowed = (loaded.narrowed.get(joint, "") for joint in task.robot_joints)
+            narrowed = (loaded.narrowed.get(joint, "") for joint in task.joint_names)
             warnings = (*loaded.warnings, *filter(None, narrowed))
         freeze(self, task=task, given=given, period=None, warnings=warnings)
         freeze(self, _draw=draw, _asked=asked)

@@ -235,11 +235,7 @@ def _bodies_of(bodies: Bodies, task: Task) -> Bodies:
     """Check that bodies are those of the task's robot and joints, and some; return them."""
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task
-    if (
-        own.robot_joints != task.robot_joints
-        or own.robot.description != task.robot.description
-        or own.coordinates is not None
-    ):
+    if own.joint_names != task.joint_names or own.robot.description != task.robot.description:
         raise InputError(
             f"the bodies are of {own!r}, but the governor moves {task!r}",
             remedy="use rp.Bodies of the task of the inverse",
