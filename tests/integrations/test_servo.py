@@ -469,6 +469,22 @@ def test_bodies_stop_the_arm_and_are_named(tmp_path: Path) -> None:
     assert np.abs(moved.translation - place.translation)[1:].max() < 1e-6
 
 
+def test_links_without_a_shape_are_refused_unless_allowed(tmp_path: Path) -> None:
+    """Item 26.5."""
+    text = rp.Robot.load("panda").description.path.read_text()
+    mesh = "example-robot-data/robots/panda_description/meshes/collision/link5"
+    (tmp_path / "arm.urdf").write_text(text.replace(mesh, "gone/link5"))
+    folders = rp.Robot.load("panda").package_dirs
+    task = rp.Robot.load(tmp_path / "arm.urdf", package_dirs=folders).task("panda_hand_tcp")
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(Q_PANDA, 0.1), degree=1, options=FEW
+    )
+    limits, bodies = rp.Limits(acceleration="panda"), rp.Bodies(task)
+    with pytest.raises(rp.InputError, match="1 body without a shape.*: panda_link5;"):
+        Servo(design, RATE, limits, bodies=bodies)
+    Servo(design, RATE, limits, bodies=bodies, unchecked="allow")
+
+
 def test_a_design_of_several_frames_is_refused(tmp_path: Path) -> None:
     task = two_armed(tmp_path).task
     both = rp.nearest_repeatable(

@@ -39,6 +39,20 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> rp.Task:
     return rp.Robot.load(folder / "arm.urdf", surroundings=around).task("tool", "xy")
 
 
+@pytest.fixture(scope="module")
+def lacking(tmp_path_factory: pytest.TempPathFactory) -> rp.Task:
+    """The same arm, whose second link has a mesh that is missing."""
+    folder = tmp_path_factory.mktemp("lacking")
+    links = [LINK.format(k=k, before=k - 1, x=0.5 * (k > 1)) for k in (1, 2, 3)]
+    mesh = '<mesh filename="package://gone/l2.stl"/>'
+    links[1] = links[1].replace('<cylinder radius="0.03" length="0.4"/>', mesh)
+    text = f'<robot name="arm"><link name="l0"/>{"".join(links)}{TOOL}</robot>'
+    (folder / "arm.urdf").write_text(text)
+    around = folder / "post.urdf"
+    around.write_text(POST.format(name="post", size="0.001 0.001 1", at="0.6 1.15 0"))
+    return rp.Robot.load(folder / "arm.urdf", surroundings=around).task("tool", "xy")
+
+
 def governed(task: rp.Task, **more: object) -> rp.Governor:
     inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
     governor = rp.Governor(inverse, DT, LIMITS, **more)  # type: ignore[arg-type]
@@ -193,3 +207,31 @@ def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:
         governor.step(twist=np.zeros(6))
     with pytest.raises(rp.InputError, match="surroundings"):
         rp.Bodies(task, surroundings=3)  # type: ignore[arg-type]
+
+
+def test_links_without_a_shape_are_refused_unless_allowed(lacking: rp.Task) -> None:
+    """Item 26.5: a link whose mesh is missing was accepted in silence."""
+    bodies = rp.Bodies(lacking)
+    assert bodies.unchecked == ("l2",)
+    with pytest.raises(rp.InputError, match="1 body without a shape.*: l2; .*unchecked") as caught:
+        governed(lacking, bodies=bodies)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(rp.InputError, match="unchecked"):
+        governed(lacking, bodies=bodies, unchecked="yes")
+    governor = governed(lacking, bodies=bodies, unchecked="allow")
+    for _ in range(20):
+        governor.step(beyond(lacking, 0.05, 0.05))
+    assert (governor.q != Q0).any()
+
+
+def test_a_distance_without_a_pair_is_said(lacking: rp.Task) -> None:
+    """Item 26.5: ``nearest`` gave inf without a word."""
+    planar = rp.Robot.load("planar3r").task("tool", "xy")
+    with pytest.warns(UserWarning, match="no pair of bodies is checked.*base, link1, link2 and 1"):
+        assert rp.Bodies(planar).nearest(Q0).distance == np.inf
+    with pytest.warns(UserWarning, match="no pair of bodies"):
+        assert rp.Bodies(planar).distances([Q0]).tolist() == [np.inf]
+    path = rp.circle(lacking, Q0, radius=0.02)
+    motion = rp.follow(rp.Pseudoinverse(lacking), path, Q0, cycles=1, steps=40)
+    with pytest.warns(UserWarning, match="collisions are not checked: no shape of l2"):
+        rp.approach(Q0 + 0.1, motion, LIMITS)
