@@ -318,7 +318,7 @@ def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
 
 
 def named_links(links: Sequence[str]) -> str:
-    """Format names of links as text for a message: the first three, and the number of the others."""
+    """Format names of links as text for a message: the first three, and how many more."""
     few, more = ", ".join(links[:_NAMED]), len(links) - _NAMED
     return few if more <= 0 else f"{few} and {more} more link{'s' * (more > 1)}"
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from cell_functions import function_of
 from controls import control
 
 import repctl_pin as rp

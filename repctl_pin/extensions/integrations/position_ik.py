@@ -31,8 +31,7 @@ def answer(
 
     F is the function of a cell, a box of poses: it gives one configuration per pose. The seed, the
     group and the constraints of the request are not used: the pose alone determines the joints.
-    With ``avoid_collisions`` the robot's own bodies are checked, except those without a shape, which
-    the node logs.
+    With ``avoid_collisions`` the robot's own bodies are checked, except those without a shape.
 
     Parameters
     ----------
