@@ -242,11 +242,6 @@ class JointMotion:
         }
         return replace(self, steps=len(rows) // self.cycles, **kept)
 
-    @cached_property
-    def coarse(self) -> Self:
-        """The motion at no more than 100 points per cycle, for figures of body distances."""
-        return self.thinned(_COARSE)
-
     def joints(self, values: ArrayLike) -> Array:
         """Convert positions or velocities (..., n) from the task's ψ to the robot's joints.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from cell_functions import function_of
 from controls import control
 
 import repctl_pin as rp
@@ -82,3 +83,32 @@ def test_targets_are_reached_at_the_slowest_rate(tmp_path: Path) -> None:
     """The same with few targets."""
     motions, arrived, _ = compare("rail", 2, tmp_path)
     assert motions == 24 and arrived > 0
+
+
+@pytest.mark.slow
+def test_targets_in_a_cell_are_reached_at_20_per_second() -> None:
+    """Item 26.1: 29 of 43 targets inside a cell were never reached at 50 ms."""
+    function = function_of("poses")
+    cell, limits = function.cell, rp.Limits(acceleration="panda", jerk="panda")
+    governor = rp.Governor(function.inverse, 0.05, limits)
+    rng = np.random.default_rng(43)
+    U = cell.random(43, rng)
+    for u in U:
+        governor.start(function(cell.placement))
+        target = cell.pose(u)
+        for _ in range(200):
+            q, status = governor.step(target)
+            if status is rp.Status.OK:
+                break
+        assert status is rp.Status.OK and np.abs(q - function(target)).max() < 1e-9
+
+
+def test_an_arm_that_cannot_leave_its_rest_says_so(tmp_path: Path) -> None:
+    """Item 26.1: with a jerk limit too small to plan with, SLOWED ends after 1 s of standing."""
+    task, q0, _, _ = ARMS["xarm7"](tmp_path)
+    inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
+    governor = rp.Governor(inverse, 0.02, rp.Limits(velocity=1.0, acceleration=1.0, jerk=1e-4))
+    governor.start(q0)
+    said = [governor.step(task.placement(q0 + 0.1))[1] for _ in range(60)]
+    assert said[:50] == [rp.Status.SLOWED] * 50 and said[-1] is rp.Status.SINGULAR
+    assert (governor.q == q0).all()

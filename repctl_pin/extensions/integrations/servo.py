@@ -37,7 +37,7 @@ _REST = 4
 
 
 _AHEAD = {
-    Status.SINGULAR: "J_V is singular ahead, or the target is out of reach",
+    Status.SINGULAR: "J_V is singular ahead, or no motion to the target was found",
     Status.BAD_NUMBER: "one of its numbers is too large, or its matrix is not a rotation",
     Status.OUTSIDE: "the region Ω, or the cell, ends ahead",
     Status.LIMIT: "a joint limit is ahead",
