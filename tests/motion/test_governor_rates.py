@@ -92,10 +92,9 @@ def test_targets_in_a_cell_are_reached_at_20_per_second() -> None:
     cell, limits = function.cell, rp.Limits(acceleration="panda", jerk="panda")
     governor = rp.Governor(function.inverse, 0.05, limits)
     rng = np.random.default_rng(43)
-    U = cell.random(43, rng)
-    for u in U:
+    for u in rng.uniform(-1, 1, (43, cell.k)):
         governor.start(function(cell.placement))
-        target = cell.pose(u)
+        target = cell.at(u)
         for _ in range(200):
             q, status = governor.step(target)
             if status is rp.Status.OK:
