@@ -345,6 +345,14 @@ class Task:
         whole[..., self._columns] = q
         return whole
 
+    @property
+    def narrowed(self) -> list[str]:
+        """Sentences on the joints whose limits in the URDF are narrowed by joints that mimic them.
+
+        A warning begins with ``! ``."""
+        narrowed = self.robot.narrowed
+        return [narrowed[joint] for joint in self.joint_names if joint in narrowed]
+
     def from_robot(self, whole: ArrayLike) -> Array:
         """Extract q (..., n) from configurations of the whole robot; inverts :meth:`to_robot`."""
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
