@@ -125,7 +125,6 @@ def test_a_saved_design_is_checked_over_its_own_region(
         ["--frame", "link2"],
         ["--task", "xz"],
         ["--base", "link1"],
-        ["--absolute"],
     ):
         assert main(["check", saved, *extra]) == 2
         assert "; omit --" in capsys.readouterr().err
