@@ -140,7 +140,6 @@ def test_lengths_of_arcs_are_bounds() -> None:
         rp.waypoints(*turning, times=[0, 0.1, 3, 4, 4.2, 6]),
     ]
     for path in list(paths):
-        start = path.placement(0).rotation
         paths.append(pickle.loads(pickle.dumps(path)))
     for path in paths:
         assert path.arc is not None

@@ -14,7 +14,6 @@ from ...cli.given import Options, integer, natural, numbers_of
 from ...cli.options import KINDS, Parser
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted
-from ...show.text.parts import redundant_part
 
 HELP = "give recorded poses or joints one configuration per pose, and report the difference"
 EXAMPLE = """examples:
@@ -114,6 +113,8 @@ def _sentence(relabeled: rp.Relabeled) -> str:
     less than half of theirs.
     """
     import numpy as np
+
+    from ...show.text.parts import redundant_part
 
     before = relabeled.residual_before
     part = redundant_part(relabeled.recording.task)
