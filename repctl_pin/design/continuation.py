@@ -50,7 +50,7 @@ class FitProblem:
     desired, potentials, region
         G_d, the basis of the potentials, and Ω.
     options
-        Nodes, seed, workers and stopping.
+        Nodes, seed and stopping.
     warm : (N_first, r) array, optional
         Coefficients of a design of lower degree, which uses the first N_first potentials of the
         basis; a starting point of the fit.

@@ -13,7 +13,6 @@ fewer rows than there are potentials, only the first potentials are used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,8 +84,6 @@ class Batch:
 class Builder:
     """Factory of batches, which holds what is common to all nodes of a fit.
 
-    It can be pickled and sent to another process, which then builds the batches of its own nodes.
-
     Attributes
     ----------
     desired, potentials
@@ -115,11 +112,6 @@ class Builder:
         N_T = np.swapaxes(N, -1, -2)
         B_T = np.concatenate([N_T, np.swapaxes(G, -1, -2)], axis=1)  # (K, n, n)
         return Batch(B_T @ D, N_T @ self.N_center, weights, task.r)
-
-    def batches(self, Q: Array, weights: Array, size: int) -> Iterator[Batch]:
-        """Divide nodes Q (K, n) into batches of ``size`` nodes, and yield them in order."""
-        for i in range(0, len(Q), size):
-            yield self(Q[i : i + size], weights[i : i + size])
 
 
 def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Array, Array, Array]:

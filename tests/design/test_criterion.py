@@ -20,7 +20,7 @@ from proofs import design_of
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design.batches import BarrierCost, Local
+from repctl_pin.design.batches import BarrierCost, Batches
 from repctl_pin.design.continuation import Continuation, FitProblem
 from repctl_pin.design.criterion import Builder, cost, evaluate, gauss_newton, oriented_nullspace
 from repctl_pin.design.design_map import degree_curve, design_map
@@ -128,12 +128,12 @@ def test_gauge_changes_nothing(setting) -> None:
 def test_order_and_cut_of_the_nodes_change_nothing(setting) -> None:
     task, potentials, builder, Q, weights = setting
     A = some_A(potentials, task.r, 9)
-    whole = Local(builder, Q, weights, 256).total(gauss_newton, A)
+    whole = Batches(builder, Q, weights, size=256).total(gauss_newton, A)
     order = np.random.default_rng(1).permutation(len(Q))
     for other in (
-        Local(builder, Q, weights, 7),
-        Local(builder, Q, weights, 64, stream=True),
-        Local(builder, Q[order], weights[order], 100),
+        Batches(builder, Q, weights, size=7),
+        Batches(builder, Q, weights, size=64, most_bytes=0),
+        Batches(builder, Q[order], weights[order], size=100),
     ):
         for ours, theirs in zip(whole[:3], other.total(gauss_newton, A)[:3], strict=True):
             assert np.allclose(ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(ours).max())
@@ -256,16 +256,21 @@ def test_the_node_at_which_a_gradient_is_not_finite_is_named() -> None:
             evaluate(rp.Pseudoinverse(task), potentials, Q)
 
 
-def test_progress_tells_the_share_of_the_nodes_that_are_built(setting) -> None:
-    """They are built once, or anew for each sum."""
-    _, potentials, builder, Q, weights = setting
-    A, shares = some_A(potentials, setting[0].r, 0), []
-    for options, times in (({}, 1), ({"stream": False}, 1), ({"stream": True}, 2)):
+def test_batches_beyond_the_bound_of_memory_are_built_for_each_sum(setting) -> None:
+    """Of three batches, two fit; sums are those of stored batches to the bit."""
+    task, potentials, builder, Q, weights = setting
+    A, shares = some_A(potentials, task.r, 0), []
+    one = builder(Q[:20], weights[:20])
+    two_batches = 2 * (one.EF.nbytes + one.null_alignment.nbytes)
+    found = []
+    for most, again in ((np.inf, []), (two_batches, [1.0]), (0, [0.4, 0.8, 1.0])):
         shares.clear()
-        nodes = Local(builder, Q[:50], weights[:50], 20, tick=shares.append, **options)
-        for _ in range(2):
-            nodes.total(cost, A)
-        assert shares == pytest.approx(times * [0.4, 0.8, 1.0])
+        nodes = Batches(builder, Q[:50], weights[:50], tick=shares.append, size=20, most_bytes=most)
+        shares.clear()
+        found += [nodes.total(gauss_newton, A) for _ in range(2)]
+        assert shares == pytest.approx(2 * again)
+    for other in found[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(found[0][:3], other[:3], strict=True))
 
 
 def test_gradients_of_zero_are_no_error_and_on_no_side(setting) -> None:
@@ -288,7 +293,7 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     N = oriented_nullspace(panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None])[0]
     builder = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N)
     Q, weights = box.nodes(64, 0)
-    guarded = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5)
+    guarded = BarrierCost(Batches(builder, Q, weights, size=16), builder, 0.5)
     A = np.random.default_rng(0).normal(size=(potentials.size, 1))
     plain, _ = guarded.total(cost, A)
     at = box.random(4, 1)[:2]
@@ -300,7 +305,7 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     with_guards, sides = guarded.total(cost, A)
     assert with_guards == pytest.approx(plain + 0.5 * distance.sum())
     assert sides.positive + sides.negative == len(Q) + 2
-    given = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5, [at[:1], at[1:]])
+    given = BarrierCost(Batches(builder, Q, weights, size=16), builder, 0.5, [at[:1], at[1:]])
     assert given.total(cost, A) == (pytest.approx(with_guards), sides)
     # the first potentials alone: the same as the others' coefficients at 0
     alone = guarded.total(gauss_newton, A[:7])
@@ -574,7 +579,7 @@ def continuation(
     chosen = independent(desired, potentials, *box.nodes(512, 0))
     N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
     builder = Builder(desired, potentials, chosen.kept, N)
-    points = BarrierCost(Local(builder, Q, weights, 16), builder, 1 / len(Q))
+    points = BarrierCost(Batches(builder, Q, weights, size=16), builder, 1 / len(Q))
     problem = FitProblem(desired, potentials, box, rp.FitOptions(), warm)
     return Continuation(problem, chosen, points)
 

@@ -964,9 +964,9 @@ def nan_beyond(q: np.ndarray) -> float:
         ),
         (
             lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, options=rp.FitOptions(batch=0)
+                rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, options=rp.FitOptions(seed=-1)
             ),
-            "batch",
+            "restarts",
         ),
         (
             lambda t: rp.nearest_repeatable(
