@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from threading import Lock, RLock
+from typing import Any
 
 import coal
 import numpy as np
@@ -139,6 +140,11 @@ class _CollisionModel:
         See :meth:`BodyBounds.reach`. A proof uses it to cover a box of configurations.
         """
         return self._bounds.reach(self._joints)
+
+    @property
+    def tables(self) -> Any:
+        """The struct :data:`BODY_TABLES` of the bodies and pairs."""
+        return self._bounds.tables
 
     def kept(self, distance: float) -> Array:
         """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked.

@@ -2,15 +2,7 @@
 
 #include <math.h>
 
-#include "linear_algebra.h"
-
-typedef struct {
-  int joints, bodies, pairs;
-  const int *parent, *joint, *first, *second;      /* joints + 1; bodies; pairs, pairs */
-  const double *fixed, *sine, *versine;            /* joints + 1 9: R_j = fixed + sin q sine + (1 - cos q) versine */
-  const double *origin, *slide;                    /* joints + 1 3: p_j = origin + q slide, in the parent */
-  const double *centers, *radii, *turns, *halves;  /* bodies 3, bodies, bodies 9, bodies 3: on their joints */
-} BodyTables;
+#include "body_bounds.h"
 
 /* Placements of the joints; 0 is the root. */
 static void place_joints(const BodyTables *own, const double *q, double R[][9], double p[][3]) {
@@ -36,34 +28,50 @@ static double extent(const BodyTables *own, const double axes[9], int body, cons
   return box < own->radii[body] ? box : own->radii[body];
 }
 
+void place_bodies(const BodyTables *own, const double *q, PlacedBody *placed) {
+  double R[own->joints + 1][9], p[own->joints + 1][3];
+  place_joints(own, q, R, p);
+  for (int b = 0; b < own->bodies; b++) {
+    const int j = own->joint[b];
+    for (int i = 0; i < 3; i++) placed[b].center[i] = p[j][i];
+    add_turned(R[j], own->centers + 3 * b, placed[b].center);
+    times(R[j], own->turns + 9 * b, 0, placed[b].axes);
+  }
+}
+
+double center_distance(const BodyTables *own, const PlacedBody *placed, int pair) {
+  const double *c = placed[own->first[pair]].center, *d = placed[own->second[pair]].center;
+  const double x = c[0] - d[0], y = c[1] - d[1], z = c[2] - d[2];
+  return sqrt(x * x + y * y + z * z);
+}
+
+double sphere_bound(const BodyTables *own, int pair, double gap) {
+  return gap - own->radii[own->first[pair]] - own->radii[own->second[pair]];
+}
+
+double box_bound(const BodyTables *own, const PlacedBody *placed, int pair, double gap) {
+  const int one = own->first[pair], other = own->second[pair];
+  double u[3];
+  for (int i = 0; i < 3; i++) u[i] = (placed[one].center[i] - placed[other].center[i]) / gap;
+  return gap - extent(own, placed[one].axes, one, u) - extent(own, placed[other].axes, other, u);
+}
+
 /* Bounds (count, pairs) at every row of Q (count, joints). Boxes are used only where the bound of the spheres is below
    half the smallest distance between two centres, and centres are more than `telling` apart. */
 EXPORT void body_bounds(const BodyTables *own, long count, double telling, const double *Q, double *bounds) {
-  const int B = own->bodies, P = own->pairs;
-  double R[own->joints + 1][9], p[own->joints + 1][3], centers[B + 1][3], axes[B + 1][9];
+  const int P = own->pairs;
+  PlacedBody placed[own->bodies + 1];
   for (long a = 0; a < count; a++, bounds += P) {
     double nearest = HUGE_VAL;
-    place_joints(own, Q + a * own->joints, R, p);
-    for (int b = 0; b < B; b++) {
-      const int j = own->joint[b];
-      for (int i = 0; i < 3; i++) centers[b][i] = p[j][i];
-      add_turned(R[j], own->centers + 3 * b, centers[b]);
-      times(R[j], own->turns + 9 * b, 0, axes[b]);
-    }
+    place_bodies(own, Q + a * own->joints, placed);
     for (int k = 0; k < P; k++) {
-      const double *c = centers[own->first[k]], *d = centers[own->second[k]];
-      const double x = c[0] - d[0], y = c[1] - d[1], z = c[2] - d[2];
-      bounds[k] = sqrt(x * x + y * y + z * z);
+      bounds[k] = center_distance(own, placed, k);
       if (bounds[k] < nearest) nearest = bounds[k];
     }
     for (int k = 0; k < P; k++) {
-      const int one = own->first[k], other = own->second[k];
       const double gap = bounds[k];
-      double u[3];
-      bounds[k] = gap - own->radii[one] - own->radii[other];
-      if (!(bounds[k] < nearest / 2 && gap > telling)) continue;
-      for (int i = 0; i < 3; i++) u[i] = (centers[one][i] - centers[other][i]) / gap;
-      bounds[k] = gap - extent(own, axes[one], one, u) - extent(own, axes[other], other, u);
+      bounds[k] = sphere_bound(own, k, gap);
+      if (bounds[k] < nearest / 2 && gap > telling) bounds[k] = box_bound(own, placed, k, gap);
     }
   }
 }
