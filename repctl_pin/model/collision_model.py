@@ -43,6 +43,9 @@ _FUSED = 0.25
 _TOUCHING = 1e-12
 """Minimum penetration reported for colliding bodies, m, so that the distance is below 0."""
 
+_MARGINS = (0.05, 0.01)
+"""Distances of surfaces that are tried before their distance is computed, m."""
+
 _BLOCK = 64
 """Number of configurations per batch of bounds; the batch fits in the processor's cache."""
 
@@ -153,19 +156,33 @@ class _CollisionModel:
         """
         return np.where(self._only_contact, 0.0, distance)
 
-    def some_distances(self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False) -> Array:
+    def some_distances(
+        self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False, outside: bool = False
+    ) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
-        q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
-        of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
-        that of the exact shapes, and with ``exact`` that of every pair; below 0 in a collision.
+        The distances are those of the hulls. Where the hulls of a pair that is checked for
+        collisions only overlap, it is that of the exact shapes, or a lower bound on it.
+
+        Parameters
+        ----------
+        q
+            Configuration, a value per joint of the model.
+        pairs
+            Indices of K pairs.
+        exact
+            Use the distance of the exact shapes where the hulls of any pair overlap; below 0 in a
+            collision.
+        outside
+            Take for granted that no body is inside a mesh without touching its surface. It is so on
+            a way from a known configuration on which all bounds are above 0, and far faster.
         """
         with self._lock:
             self._move(q)
             found = [self._apart(k) for k in pairs.tolist()]
             for i, k in enumerate(pairs.tolist()):
                 if found[i] <= 0 and (exact or self._only_contact[k]):
-                    found[i] = self._exact_distance(k)
+                    found[i] = self._surfaces(k) if outside else self._exact_distance(k)
         return np.array(found)
 
     def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
@@ -310,6 +327,21 @@ class _CollisionModel:
         one, other = self._bodies[a].exact, self._bodies[b].exact
         here, there = self._transform(a), self._transform(b)
         return float(coal.distance(one, here, other, there, self._request, result))
+
+    def _surfaces(self, k: int) -> float:
+        """Bound the distance of the surfaces of pair k from below, m; below 0 if they intersect.
+
+        Whether they are farther apart than a margin is found far faster than their distance.
+        """
+        (a, b), request = self._both[k], coal.CollisionRequest()
+        one, other = self._bodies[a].exact, self._bodies[b].exact
+        here, there = self._transform(a), self._transform(b)
+        request.enable_contact = False
+        for margin in _MARGINS:
+            request.security_margin = margin
+            if not coal.collide(one, here, other, there, request, coal.CollisionResult()):
+                return margin
+        return float(coal.distance(one, here, other, there, self._request, coal.DistanceResult()))
 
     def _transform(self, k: int) -> coal.Transform3s:
         """Return the current placement of body k as coal's Transform3s.

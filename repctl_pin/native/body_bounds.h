@@ -3,6 +3,8 @@
 #ifndef REPCTL_BODY_BOUNDS_H
 #define REPCTL_BODY_BOUNDS_H
 
+#include <math.h>
+
 #include "linear_algebra.h"
 
 typedef struct {
@@ -13,17 +15,22 @@ typedef struct {
   const double *centers, *radii, *turns, *halves;  /* bodies 3, bodies, bodies 9, bodies 3: on their joints */
 } BodyTables;
 
-/* A body that is placed: its centre, and the axes of its box. */
+/* Placement of a joint. */
 typedef struct {
-  double center[3], axes[9];
-} PlacedBody;
+  double R[9], p[3];
+} PlacedJoint;
 
-/* Place all bodies at joints q. */
-void place_bodies(const BodyTables *own, const double *q, PlacedBody *placed);
+/* Place the joints at q; 0 is the root. Find the centre of a body with them. */
+void place_joints(const BodyTables *own, const double *q, PlacedJoint *placed);
+void place_center(const BodyTables *own, const PlacedJoint *placed, int body, double center[3]);
 
-/* Distance of the centres of a pair; bounds from its spheres and from its boxes, given this distance, above 0. */
-double center_distance(const BodyTables *own, const PlacedBody *placed, int pair);
+/* Bounds on the distance of a pair from its spheres and from its boxes; `gap` > 0 is the distance of the centres c, d. */
 double sphere_bound(const BodyTables *own, int pair, double gap);
-double box_bound(const BodyTables *own, const PlacedBody *placed, int pair, double gap);
+double box_bound(const BodyTables *own, const PlacedJoint *placed, int pair, const double c[3], const double d[3], double gap);
+
+static inline double distance_of(const double c[3], const double d[3]) {
+  const double x = c[0] - d[0], y = c[1] - d[1], z = c[2] - d[2];
+  return sqrt(x * x + y * y + z * z);
+}
 
 #endif

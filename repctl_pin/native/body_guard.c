@@ -5,6 +5,8 @@
 
 #include "body_bounds.h"
 
+#define FAR 0.5 /* distance beyond which a bound is not improved by boxes, m */
+
 typedef struct {
   int pairs, joints, anchors, room, most;     /* room: samples of a plan, at most; most: pairs that are looked at, at most */
   int at_once, move, nodes;                          /* anchors that a plan replaces; work of another sample, in measured pairs */
@@ -41,7 +43,7 @@ typedef struct {
   const double *Q, *S;         /* count joints: the samples, and the ways of the joints up to them */
   const int *order;            /* the anchors, the nearest first */
   double *moved;               /* count anchors joints: ways from the anchors, of samples that are placed */
-  PlacedBody *placed;          /* count bodies */
+  PlacedJoint *placed;         /* count joints + 1 */
   int *known;                  /* count: whether the sample is placed */
 } Samples;
 
@@ -82,27 +84,41 @@ static int find_undecided(BodyGuard *own, const Samples *plan) {
   return undecided;
 }
 
-/* Place the bodies at a sample of a plan. */
+/* Place the joints at a sample of a plan. */
 static void place_sample(const BodyGuard *own, Samples *plan, int k) {
   const int n = own->joints, A = own->anchors;
   plan->known[k] = 1;
-  place_bodies(own->tables, plan->Q + k * n, plan->placed + k * own->tables->bodies);
+  place_joints(own->tables, plan->Q + k * n, plan->placed + k * (n + 1));
   for (int a = 0; a < A; a++)
     for (int j = 0; j < n; j++) plan->moved[(k * A + a) * n + j] = fabs(plan->Q[k * n + j] - own->anchor[a * n + j]);
 }
 
+/* Bound the distance of a pair at a placed sample by spheres, and by boxes if this does not suffice. */
+static double shape_bound(const BodyGuard *own, const Samples *plan, int pair, int k, double need) {
+  const BodyTables *tables = own->tables;
+  const PlacedJoint *placed = plan->placed + k * (own->joints + 1);
+  double c[3], d[3], gap, bound;
+  place_center(tables, placed, tables->first[pair], c);
+  place_center(tables, placed, tables->second[pair], d);
+  gap = distance_of(c, d);
+  bound = sphere_bound(tables, pair, gap);
+  return bound >= need || !(gap > own->telling) ? bound : box_bound(tables, placed, pair, c, d, gap);
+}
+
+/* Lower bound on the distance of a pair at a placed sample by an anchor. */
+static double anchor_bound(const BodyGuard *own, const Samples *plan, int pair, int k, int anchor) {
+  return bound_from(own, anchor, pair, plan->moved + (k * own->anchors + anchor) * own->joints);
+}
+
 /* Bound the distance of a pair at a sample by spheres, boxes and anchors, until it suffices. */
 static double bound_at(const BodyGuard *own, Samples *plan, int pair, int k, double need) {
-  const PlacedBody *placed = plan->placed + k * own->tables->bodies;
-  double gap, lower;
+  double lower;
   if (!plan->known[k]) place_sample(own, plan, k);
   plan->nodes++;
-  gap = center_distance(own->tables, placed, pair);
-  lower = sphere_bound(own->tables, pair, gap);
-  if (lower < need && gap > own->telling) lower = box_bound(own->tables, placed, pair, gap);
+  lower = shape_bound(own, plan, pair, k, need);
   for (int i = -1; i < own->anchors && !(lower >= need); i++) {
     const int a = i < 0 ? own->best[pair] : plan->order[i];
-    const double bound = bound_from(own, a, pair, plan->moved + (k * own->anchors + a) * own->joints);
+    const double bound = anchor_bound(own, plan, pair, k, a);
     if (!(bound <= lower)) lower = bound, own->best[pair] = a;
   }
   return lower;
@@ -238,11 +254,9 @@ static void remember(BodyGuard *own, Samples *plan, int open, int k) {
   const int n = own->joints, P = own->pairs;
   if (!plan->known[k]) place_sample(own, plan, k);
   for (int p = 0; p < P; p++) {
-    const PlacedBody *placed = plan->placed + k * own->tables->bodies;
-    const double gap = center_distance(own->tables, placed, p);
-    const double bound = bound_from(own, own->best[p], p, plan->moved + (k * own->anchors + own->best[p]) * n);
-    const double box = gap > own->telling ? box_bound(own->tables, placed, p, gap) : -HUGE_VAL;
-    own->rows[p] = bound >= box ? bound : box;
+    const double bound = anchor_bound(own, plan, p, k, own->best[p]);
+    const double shape = bound >= FAR ? bound : shape_bound(own, plan, p, k, FAR);
+    own->rows[p] = bound >= shape ? bound : shape;
   }
   for (int o = 0; o < open; o++) {
     const double bound = own->lower[(long)o * own->room + k];
@@ -259,7 +273,7 @@ EXPORT int body_guard_allows(BodyGuard *own, int count, const double *Q, const d
   const int n = own->joints;
   int order[own->anchors], known[count], sample[count], samples = 0, undecided, open, at, excess;
   double moved[(long)count * own->anchors * n];
-  PlacedBody placed[count * own->tables->bodies + 1];
+  PlacedJoint placed[count * (n + 1)];
   Samples plan = {count, 0, Q, S, order, moved, placed, known};
   memset(known, 0, sizeof(known));
   order_anchors(own, Q + (count / 2) * n, order);

@@ -38,19 +38,24 @@ _NOISE = 5e-6
 """Error of a measured distance that is allowed on the way, m: a plan from rest to rest that leads
 away is not refused for it."""
 
-_ANCHORS = 12
+_ANCHORS = 8
 """Number of configurations whose distances are remembered."""
 
-_AT_ONCE = 3
+_AT_ONCE = 2
 """Maximum number of them that a plan replaces."""
 
 _WORK = 60
 """Work of a tick, in measured distances; a plan that needs more is not allowed."""
 
-_MOVE = 8
-"""Work of each sample at which distances are measured, because the bodies are placed there."""
+_MOVE = 2, 0.1
+"""Work of each sample at which distances are measured, because the bodies are placed there: of the
+call, and per body."""
 
-_OPEN = 512
+_NODES = 1500
+"""Maximum number of bounds of a plan that are computed one by one; a plan that needs more is not
+allowed."""
+
+_OPEN = 128
 """Maximum number of pairs that a plan can bring near each other; a plan of more is not allowed."""
 
 _ENDLESS = 2**31 - 1
@@ -110,9 +115,11 @@ class BodyGuard:
         reals |= {"lower": np.zeros((most, ROOM)), "way": np.zeros((most, ROOM))}
         reals |= {"rows": np.zeros(pairs)}
         scalars = {"pairs": pairs, "joints": joints, "anchors": _ANCHORS, "room": ROOM}
-        scalars |= {"most": most, "at_once": _AT_ONCE, "move": _MOVE, "nodes": 2**30}
+        move = int(_MOVE[0] + _MOVE[1] * self._model.tables.bodies)
+        scalars |= {"most": most, "at_once": _AT_ONCE, "move": move, "nodes": _NODES}
         scalars |= {"stop": _STOP, "noise": _NOISE, "telling": TELLING}
         scalars |= {"tables": ctypes.addressof(self._model.tables)}
+        self._outside = False
         self._measure = _MEASURE(self._measured)
         scalars |= {"measure": ctypes.cast(self._measure, ctypes.c_void_p)}
         self._own = filled_struct(BODY_GUARD, ints, reals, scalars)[0]
@@ -160,7 +167,7 @@ class BodyGuard:
         """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
         for k in range(0, max(len(Q) - 1, 1), ROOM - 1):
-            self._own.left = _ENDLESS
+            self._own.left, self._outside = _ENDLESS, False
             if not self.allows(Q[k : k + ROOM], S[k : k + ROOM]):
                 return False
         return True
@@ -179,7 +186,7 @@ class BodyGuard:
 
     def begin_tick(self) -> None:
         """Begin a tick of the control loop, with its work ahead."""
-        self._own.left = _WORK
+        self._own.left, self._outside = _WORK, True
 
     def allows(self, Q: Array, S: Array) -> bool:
         """Tell whether a plan, the motion of the next ticks to rest, keeps all body distances.
@@ -216,7 +223,8 @@ class BodyGuard:
         """
         try:
             held = self._own.held
-            found = self._model.some_distances(self._samples[sample], held["which"][:count])
+            pairs, q = held["which"][:count], self._samples[sample]
+            found = self._model.some_distances(q, pairs, outside=self._outside)
             held["found"][:count] = found
             return 1
         except BaseException as error:
