@@ -8,9 +8,9 @@
 #define FAR 0.5 /* distance beyond which a bound is not improved by boxes, m */
 
 typedef struct {
-  int pairs, joints, anchors, room, most;     /* room: samples of a plan, at most; most: pairs that are looked at, at most */
+  int pairs, joints, anchors, room, most;     /* room: samples of a plan, at most; most: pairs that are open, at most */
   int at_once, move, nodes;                          /* anchors that a plan replaces; work of another sample, in measured pairs */
-  int next, left, nearest;                    /* anchor to replace; work that is left; a pair that is too near, or -1 */
+  int next, left, nearest, excess;            /* anchor to replace; work left; a pair too near, or -1; too many are open */
   double stop, noise, telling;                /* m; telling: least distance of centres that has a direction */
   const BodyTables *tables;
   const double *reach, *turned, *kept, *rest; /* pairs joints: m per rad, and transposed; pairs: between samples, and at them */
@@ -19,7 +19,6 @@ typedef struct {
   double *found, *rows;                       /* pairs: as measured; a new anchor's bounds */
   int *best, *open, *which;                   /* pairs: the anchor that tells most; pairs to look at, and to measure */
   int *exact, *failed, *settled;              /* most room, most room, most: flags */
-  int *seen;
   int (*measure)(int sample, int count);      /* the distances of the pairs in which: 1, or 0 if that failed */
 } BodyGuard;
 
@@ -39,12 +38,12 @@ static double least_at(const BodyGuard *own, int pair, int last) { return own->r
 
 /* A plan that is looked at, with what is known about its samples. */
 typedef struct {
-  int count, nodes;            /* samples; bounds at a sample that were computed */
-  const double *Q, *S;         /* count joints: the samples, and the ways of the joints up to them */
-  const int *order;            /* the anchors, the nearest first */
-  double *moved;               /* count anchors joints: ways from the anchors, of samples that are placed */
-  PlacedJoint *placed;         /* count joints + 1 */
-  int *known;                  /* count: whether the sample is placed */
+  int count, nodes;    /* samples; bounds at a sample that were computed */
+  const double *Q, *S; /* count joints: the samples, and the ways of the joints up to them */
+  const int *order;    /* the anchors, the nearest first */
+  double *moved;       /* count anchors joints: ways from the anchors, of samples that are placed */
+  PlacedJoint *placed; /* count joints + 1 */
+  int *known;          /* count: whether the sample is placed */
 } Samples;
 
 /* Order the anchors by their way to a configuration, the nearest first. */
@@ -145,15 +144,16 @@ static int keeps_between(const BodyGuard *own, Samples *plan, int pair, int from
   return keeps_between(own, plan, pair, from, middle) && keeps_between(own, plan, pair, middle, to);
 }
 
-/* Find the pairs whose bounds do not suffice at some samples, in `open`, with `lower` and `way`; return their number, at
-   most one more than `most`. */
+/* Find the pairs whose bounds do not suffice at some samples, in `open`, with `lower` and `way`; return their number, or
+   -1 minus it if there are too many, or too many bounds were needed. */
 static int find_open(BodyGuard *own, Samples *plan, int undecided) {
   int open = 0;
   for (int i = 0; i < undecided; i++) {
     const int pair = own->open[i];
     double *way, *lower;
+    if (plan->nodes > own->nodes) return -1 - open;
     if (keeps_between(own, plan, pair, 0, plan->count - 1)) continue;
-    if (open == own->most || plan->nodes > own->nodes) return -1 - open;
+    if (open == own->most) return -1 - open;
     way = own->way + (long)open * own->room;
     lower = own->lower + (long)open * own->room;
     for (int k = 0; k < plan->count; k++) {
@@ -271,26 +271,26 @@ static void remember(BodyGuard *own, Samples *plan, int open, int k) {
    the joints up to them. */
 EXPORT int body_guard_allows(BodyGuard *own, int count, const double *Q, const double *S) {
   const int n = own->joints;
-  int order[own->anchors], known[count], sample[count], samples = 0, undecided, open, at, excess;
+  int order[own->anchors], known[count], sample[count], samples = 0, undecided, open, at;
   double moved[(long)count * own->anchors * n];
   PlacedJoint placed[count * (n + 1)];
   Samples plan = {count, 0, Q, S, order, moved, placed, known};
   memset(known, 0, sizeof(known));
   order_anchors(own, Q + (count / 2) * n, order);
   own->nearest = -1;
+  own->excess = 0;
   undecided = find_undecided(own, &plan);
   if (!undecided) return 1;
   open = find_open(own, &plan, undecided);
-  excess = open < 0;
-  if (excess) open = -1 - open;
+  own->excess = open < 0;
+  if (own->excess) open = -1 - open;
   while ((at = next_sample(own, open, count)) >= 0 && own->left > own->move && samples < count) {
     if (measure_at(own, open, at, count, Q) < 0) return -1;
     sample[samples++] = at;
   }
-  own->seen[0] = undecided, own->seen[1] = plan.nodes, own->seen[2] = open, own->seen[3] = excess;
-  if (excess && own->nearest < 0) own->nearest = own->open[0];
+  if (own->excess && own->nearest < 0) own->nearest = own->open[0];
   at = samples < own->at_once ? samples : own->at_once;
-  if (!samples && undecided > own->pairs / 8) remember(own, &plan, open, count / 2);
+  if (!samples && (own->excess || undecided > own->pairs / 8)) remember(own, &plan, open, count / 2);
   for (int i = 0; i < at; i++) remember(own, &plan, open, sample[samples - 1 - i * samples / at]);
   return own->nearest < 0;
 }

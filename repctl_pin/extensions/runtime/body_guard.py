@@ -6,8 +6,11 @@ at one configuration bounds it at others, and between two samples of a plan
 
 .. math:: d \ge \tfrac{1}{2} (d_k + d_{k+1} - \rho \cdot s),
 
-with s the ways of the joints from one to the other. Distances are measured only for the pairs and
-at the samples where these bounds do not decide.
+with s the ways of the joints from one to the other. A part of a plan that moves a pair by at most w
+needs d ≥ w + the kept distance in its middle, or it is halved. At a sample, d is bounded by spheres,
+boxes, and remembered distances. Distances are measured only for the pairs and at the samples where
+these bounds do not decide. In C it is body_guard.c; the work of a tick is counted, not timed, so
+that the same ticks give the same motion.
 """
 
 from __future__ import annotations
@@ -59,14 +62,13 @@ _OPEN = 128
 """Maximum number of pairs that a plan can bring near each other; a plan of more is not allowed."""
 
 _ENDLESS = 2**31 - 1
+"""Work of a motion that is judged outside the loop."""
 
 _MEASURE = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)
 """Function of Python that C calls for the distances of some pairs at a sample."""
 
-
 _KNOWN = ("rest", "anchor", "bound")
 """Arrays of the struct that a copy needs."""
-
 
 class BodyGuard:
     """Tell a governor whether all pairs of bodies keep a distance along a plan.
@@ -106,7 +108,7 @@ class BodyGuard:
         self._kept = self._model.kept(self._distance)
         pairs, joints = reach.shape
         most = min(pairs, _OPEN)
-        ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most), "seen": np.zeros(8)}
+        ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}
         ints |= {"exact": np.zeros((most, ROOM)), "failed": np.zeros((most, ROOM))}
         ints |= {"settled": np.zeros(most)}
         reals = {"reach": reach, "turned": reach.T, "kept": self._kept, "rest": self._kept.copy()}
@@ -122,6 +124,7 @@ class BodyGuard:
         self._outside = False
         self._measure = _MEASURE(self._measured)
         scalars |= {"measure": ctypes.cast(self._measure, ctypes.c_void_p)}
+        self._error: BaseException = RuntimeError("no distance was measured")
         self._own = filled_struct(BODY_GUARD, ints, reals, scalars)[0]
         self._address = ctypes.addressof(self._own)
         self._native = required_library("a governor with bodies", holds=True)
@@ -166,11 +169,33 @@ class BodyGuard:
         needed.
         """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
-        for k in range(0, max(len(Q) - 1, 1), ROOM - 1):
-            self._own.left, self._outside = _ENDLESS, False
-            if not self.allows(Q[k : k + ROOM], S[k : k + ROOM]):
-                return False
-        return True
+        own, held = self._own, self._own.held
+        known, after = (held["anchor"].copy(), held["bound"].copy()), own.next
+        # what is remembered holds for ways from the present; here nothing is known
+        held["bound"][...] = -np.inf
+        own.nodes, self._outside = _ENDLESS, False
+        try:
+            parts = range(0, max(len(Q) - 1, 1), ROOM - 1)
+            return all(self._keeps_part(Q[k : k + ROOM], S[k : k + ROOM]) for k in parts)
+        finally:
+            held["anchor"][...], held["bound"][...] = known
+            own.next, own.nodes = after, _NODES
+
+    def _keeps_part(self, Q: Array, S: Array) -> bool:
+        """Tell whether all distances are kept along at most ROOM samples, or along both halves.
+
+        Q and S are as for :meth:`allows`.
+        """
+        self._own.left = _ENDLESS
+        if self.allows(Q, S):
+            return True
+        middle = len(Q) // 2
+        return (
+            len(Q) > 2
+            and self._own.excess == 1
+            and self._keeps_part(Q[: middle + 1], S[: middle + 1])
+            and self._keeps_part(Q[middle:], S[middle:])
+        )
 
     def _refuse_start(self, pair: int, distance: float) -> None:
         """Raise the InputError for a start at which a pair (its index) is too near, mm."""
@@ -191,8 +216,8 @@ class BodyGuard:
     def allows(self, Q: Array, S: Array) -> bool:
         """Tell whether a plan, the motion of the next ticks to rest, keeps all body distances.
 
-        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if too many
-        distances would have to be measured in this tick.
+        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if it needs
+        more than the work of this tick: the arm then follows the plan before, which ends at rest.
 
         Parameters
         ----------
