@@ -179,6 +179,18 @@ def test_the_dear_figures_of_the_theory_are_what_the_package_draws(tmp_path: Pat
     redraw(["cell", "proofs"], tmp_path)
 
 
+def test_version_and_date_are_the_same_wherever_they_stand() -> None:
+    """In the changelog, which is one page, in CITATION.cff and in the BibTeX entry of the site."""
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    version, date = re.findall(r"^## (\S+), (\d{4}-\d\d-\d\d)$", changes, flags=re.MULTILINE)[0]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert version == rp.__version__ == citation["version"]
+    assert date == str(citation["date-released"])
+    entry = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert f"version = {{{version}}}" in entry and f"year    = {{{date[:4]}}}" in entry
+    assert len(changes.splitlines()) <= 80
+
+
 def test_the_slow_tests_run_on_a_schedule() -> None:
     """Issue 37, item 23: they had been failing unseen."""
     workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "slow.yml").read_text())
