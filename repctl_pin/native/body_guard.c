@@ -11,7 +11,7 @@ typedef struct {
   int pairs, joints, anchors, room, most;     /* room: samples of a plan, at most; most: pairs that are open, at most */
   int at_once, move, nodes;                          /* anchors that a plan replaces; work of another sample, in measured pairs */
   int next, left, nearest, excess;            /* anchor to replace; work left; a pair too near, or -1; too many are open */
-  double stop, noise, telling;                /* m; telling: least distance of centres that has a direction */
+  double stop, noise, telling;                /* m; telling: smallest distance of centres that has a direction */
   const BodyTables *tables;
   const double *reach, *turned, *kept, *rest; /* pairs joints: m per rad, and transposed; pairs: between samples, and at them */
   double *anchor, *bound;                     /* anchors joints, anchors pairs: configurations, and distances there */
@@ -33,7 +33,7 @@ static double bound_from(const BodyGuard *own, int anchor, int pair, const doubl
   return own->bound[(long)anchor * own->pairs + pair] - product(own->joints, moved, own->reach + (long)pair * own->joints);
 }
 
-/* The least distance that suffices at a sample; the last one is at rest. */
+/* The smallest distance that suffices at a sample; the last one is at rest. */
 static double least_at(const BodyGuard *own, int pair, int last) { return own->rest[pair] - (last ? 0 : own->noise); }
 
 /* A plan that is looked at, with what is known about its samples. */

@@ -228,7 +228,7 @@ def test_surfaces_are_bounded_from_below() -> None:
     for _ in range(3):
         q = guard._drive.joints(own.reference + 0.1 * rng.normal(size=own.n))
         exact, bound = (model.some_distances(q, every, outside=quick) for quick in (False, True))
-        assert (bound <= exact + 1e-6).all()
+        assert (bound <= exact + 5e-6).all()
         differ = np.abs(bound - exact) > 1e-5
         assert (bound[differ] > 0).all()
         seen += differ.sum()

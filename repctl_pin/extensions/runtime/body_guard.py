@@ -6,11 +6,11 @@ at one configuration bounds it at others, and between two samples of a plan
 
 .. math:: d \ge \tfrac{1}{2} (d_k + d_{k+1} - \rho \cdot s),
 
-with s the ways of the joints from one to the other. A part of a plan that moves a pair by at most w
-needs d ≥ w + the kept distance in its middle, or it is halved. At a sample, d is bounded by spheres,
-boxes, and remembered distances. Distances are measured only for the pairs and at the samples where
-these bounds do not decide. In C it is body_guard.c; the work of a tick is counted, not timed, so
-that the same ticks give the same motion.
+with s the ways of the joints from one to the other. A part of a plan on which a pair's distance
+changes by at most w from the middle needs d ≥ w + the kept distance there, or it is halved. At a
+sample, d is bounded by spheres, boxes, and remembered distances. Distances are measured only for
+the pairs and at the samples where these bounds do not decide. In C it is body_guard.c. The work of
+a tick is counted, not timed, so that the same ticks give the same motion.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ _MEASURE = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)
 
 _KNOWN = ("rest", "anchor", "bound")
 """Arrays of the struct that a copy needs."""
+
 
 class BodyGuard:
     """Tell a governor whether all pairs of bodies keep a distance along a plan.
