@@ -43,8 +43,8 @@ _FUSED = 0.25
 _TOUCHING = 1e-12
 """Minimum penetration reported for colliding bodies, m, so that the distance is below 0."""
 
-_MARGINS = (0.05, 0.01)
-"""Distances of surfaces that are tried before their distance is computed, m."""
+_MARGIN = 0.05
+"""Distance of surfaces beyond which their exact distance is not computed, m."""
 
 _BLOCK = 64
 """Number of configurations per batch of bounds; the batch fits in the processor's cache."""
@@ -181,8 +181,10 @@ class _CollisionModel:
             self._move(q)
             found = [self._apart(k) for k in pairs.tolist()]
             for i, k in enumerate(pairs.tolist()):
-                if found[i] <= 0 and (exact or self._only_contact[k]):
-                    found[i] = self._surfaces(k) if outside else self._exact_distance(k)
+                if outside and self._only_contact[k] and found[i] < _MARGIN:
+                    found[i] = max(found[i], self._surfaces(k))
+                elif found[i] <= 0 and (exact or self._only_contact[k]):
+                    found[i] = self._exact_distance(k)
         return np.array(found)
 
     def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
@@ -331,16 +333,18 @@ class _CollisionModel:
     def _surfaces(self, k: int) -> float:
         """Bound the distance of the surfaces of pair k from below, m; below 0 if they intersect.
 
-        Whether they are farther apart than a margin is found far faster than their distance.
+        Whether they are farther apart than a margin is found far faster than their distance. It is
+        −inf for two convex bodies, whose hulls are exact.
         """
         (a, b), request = self._both[k], coal.CollisionRequest()
         one, other = self._bodies[a].exact, self._bodies[b].exact
         here, there = self._transform(a), self._transform(b)
         request.enable_contact = False
-        for margin in _MARGINS:
-            request.security_margin = margin
-            if not coal.collide(one, here, other, there, request, coal.CollisionResult()):
-                return margin
+        if self._bodies[a].convex and self._bodies[b].convex:
+            return -np.inf  # the hulls' distance is exact
+        request.security_margin = _MARGIN
+        if not coal.collide(one, here, other, there, request, coal.CollisionResult()):
+            return _MARGIN
         return float(coal.distance(one, here, other, there, self._request, coal.DistanceResult()))
 
     def _transform(self, k: int) -> coal.Transform3s:

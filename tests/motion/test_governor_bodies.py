@@ -227,11 +227,11 @@ def test_surfaces_are_bounded_from_below() -> None:
     rng = np.random.default_rng(3)
     for _ in range(3):
         q = guard._drive.joints(own.reference + 0.1 * rng.normal(size=own.n))
-        exact, bound = (model.some_distances(q, every, outside=quick) for quick in (False, True))
-        assert (bound <= exact + 5e-6).all()
-        differ = np.abs(bound - exact) > 1e-5
-        assert (bound[differ] > 0).all()
-        seen += differ.sum()
+        slow, bound = (model.some_distances(q, every, outside=quick) for quick in (False, True))
+        differ = np.flatnonzero(np.abs(bound - slow) > 1e-5)
+        exact = np.array([model._exact_distance(k) for k in differ.tolist()])
+        assert (bound[differ] > 0).all() and (bound[differ] <= exact + 1e-6).all()
+        seen += len(differ)
     assert seen
 
 
