@@ -98,6 +98,7 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 def on_page_markdown(text: str, /, **_: object) -> str:
     """Point the links to pictures of examples at the files of the site."""
+    text = text.replace("](../../examples/pictures/", "](../pictures/")
     return text.replace("](../examples/pictures/", "](pictures/")
 
 

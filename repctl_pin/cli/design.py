@@ -20,7 +20,7 @@ from ..base.defaults import NODES, REGION
 from ..base.errors import InputError
 from ..base.files import write_whole, written_together
 from ..base.threads import BLAS_THREADS
-from ..show.text.lines import fitted
+from ..show.text.lines import fitted, noted
 from ..show.text.numbers import row
 from .given import (
     Options,
@@ -157,7 +157,7 @@ def run(options: Options) -> int:
             raise with_options(error, shrink=not options.shrink) from None
         degrees = degree_curve(design, share_done)
     baselines = design.evaluate_baselines(progress=share_done)
-    notes = [*_cut(options, problem), *problem.moved, *shrunk_note(design)]
+    notes = [*task.narrowed, *_cut(options, problem), *problem.moved, *shrunk_note(design)]
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, problem)
     notes.extend(more)
@@ -187,7 +187,7 @@ def run(options: Options) -> int:
             lines += ["", table(["degree", "cost", "± error"], rows)]
         if design.proof is not None:
             lines += ["", design.proof.summary()]
-        return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
+        return fitted("\n".join([*lines, *map(noted, notes), ""]))
 
     report(options, lambda: _as_dict(design, degrees, baselines, name, problem, notes), text, files)
     return proof_code(design.proof)

@@ -16,7 +16,7 @@ import repctl_pin as rp
 from ..base.defaults import REGION, STEPS
 from ..base.errors import InputError, needed
 from ..base.files import write_whole
-from ..show.text.lines import fitted
+from ..show.text.lines import fitted, noted
 from ..show.text.numbers import number, row
 from .given import Options, integer, positive, with_options
 from .options import Parser
@@ -105,7 +105,7 @@ def run(options: Options) -> int:
     from ..motion.csv_file import csv_text
     from ..motion.follow import unresolved
     from ..motion.joint_motion import refuse_violations, violations_of
-    from ..motion.write_motion import commanded, refuse_coarse, yaml_text
+    from ..motion.write_motion import commanded, refuse_coarse, refuse_timed_violations, yaml_text
     from ..paths.winding import winding, winding_words
     from ..show.text.table import outside_words
     from ..strategies import RepeatableInverse
@@ -114,7 +114,7 @@ def run(options: Options) -> int:
     case = _saved(options) if options.saved else _made(options, say)
     strategy, problem = case.strategy, case.problem
     q0, path = problem.start, problem.cycle
-    notes = [*bodies_of(strategy.task).notes, *problem.notes, *case.notes]
+    notes = [*problem.task.narrowed, *bodies_of(strategy.task).notes, *problem.notes, *case.notes]
     found: rp.BestLeaf | None = None
     if options.best_leaf:
         if not isinstance(strategy, rp.RepeatableInverse):
@@ -178,6 +178,9 @@ def run(options: Options) -> int:
         refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
     if (options.csv or options.yaml) and rest is not None:
         refuse_coarse(rest)
+        if not options.allow_violations:
+            remedy = "or write it anyway with --allow-violations"
+            refuse_timed_violations(rest, slowed.task, remedy)
     written = slowed if rest is None else rest
     contents = dict[str, str | bytes]()
     if options.csv is not None:
@@ -422,7 +425,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     if motion.beyond_closing_radius is not None:
         share = percentage(motion.beyond_closing_radius)
         yield f"closing radius  {share} beyond the proved radius"
-    yield from (f"note: {note}" for note in result["notes"])
+    yield from map(noted, result["notes"])
     if written and result["slowed_by"] is not None:
         ends = "this motion starts and ends at path speed"
         yield f"note: {ends}; use --acceleration for a rest-to-rest trajectory"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -129,6 +130,7 @@ def test_the_python_of_a_page_runs(
 ) -> None:
     """With fewer nodes, which change no claim. What is compiled by jax runs in the slow test."""
     monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "examples" / "my_arm.urdf", tmp_path)
     names: dict = {}
     for block in python_of(page):
         code = compile(block, str(page), "exec")

@@ -27,7 +27,7 @@ from ...cli.given import (
 )
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, page_lines, progress, report
-from ...show.text.lines import Span, fitted, wrapped
+from ...show.text.lines import Span, fitted, noted, wrapped
 
 HELP = (
     "find one function for a whole cell, a box of poses or a sector around the base: each pose "
@@ -203,6 +203,7 @@ def run(options: Options) -> int:
     say("drawing")
     with written_together(folder) as staged:
         pictures, notes = _pictures(design, staged, options.command_line)
+        notes = [*design.task.narrowed, *notes]
         made = [*pictures, rp.save(design, staged / "cell.json")]
         if options.map and asked.place is not None:
             drawn = png(asked.place.figure(in_percent(say)))
@@ -223,7 +224,7 @@ def run(options: Options) -> int:
         lines = ["", "", design.summary(), ""]
         if design.proof is not None:
             lines += [design.proof.summary(), ""]
-        lines += [*(f"note: {note}" for note in [*notes, _MEANING]), ""]
+        lines += [*map(noted, [*notes, _MEANING]), ""]
         lines += page_lines(files)
         said = cell_headline(design)
         sentences = [Span(f"{span.text} ", span.tone) for span in said.notes]

@@ -22,7 +22,7 @@ import numpy as np
 
 from ...base.arguments import Array, require_type
 from ...base.errors import InputError
-from ...model.bodies import Bodies
+from ...model.bodies import Bodies, named_links
 from ...model.body_bounds import TELLING
 from ...model.task import Task
 from ...native import BODY_GUARD, filled_struct, required_library
@@ -86,6 +86,8 @@ class BodyGuard:
         Task of the governor.
     distance
         Distance to keep, m; pairs that are checked for collisions only keep 0.
+    unchecked
+        Accept links without a body.
 
     Attributes
     ----------
@@ -93,8 +95,8 @@ class BodyGuard:
         Links of the two bodies that did not allow the last plan that was refused.
     """
 
-    def __init__(self, bodies: Bodies, task: Task, distance: float) -> None:
-        self._bodies = _bodies_of(bodies, task)
+    def __init__(self, bodies: Bodies, task: Task, distance: float, *, unchecked: bool) -> None:
+        self._bodies = _bodies_of(bodies, task, unchecked)
         self._distance = distance
         self.nearest: tuple[str, str] | None = None
         self._connect()
@@ -258,8 +260,11 @@ class BodyGuard:
             return 0
 
 
-def _bodies_of(bodies: Bodies, task: Task) -> Bodies:
-    """Check that bodies are those of the task's robot and joints, and some; return them."""
+def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
+    """Check that bodies are those of the task's robot and joints, and some; return them.
+
+    With ``unchecked``, links without a body are accepted.
+    """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task
     if (
@@ -276,5 +281,11 @@ def _bodies_of(bodies: Bodies, task: Task) -> Bodies:
             "there are no bodies whose distance can be kept: the URDF has no collision geometry "
             "that moves, and there are no surroundings",
             remedy="give surroundings=, or leave bodies out",
+        )
+    if bodies.unchecked and not unchecked:
+        raise InputError(
+            f"{bodies.not_checked.split(';')[0]}, so that their collisions are not detected: "
+            f"{named_links(bodies.unchecked)}",
+            remedy='give the missing shapes (package_dirs=), or set unchecked to "allow"',
         )
     return bodies
