@@ -959,7 +959,7 @@ def nan_beyond(q: np.ndarray) -> float:
             lambda t: rp.nearest_repeatable(
                 rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4), degree=1, options=rp.FitOptions(seed=-1)
             ),
-            "restarts",
+            "seed must be a whole number from 0 up",
         ),
         (
             lambda t: rp.nearest_repeatable(
