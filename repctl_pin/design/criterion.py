@@ -305,8 +305,10 @@ def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differ
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)
     total = float(np.sum(every))
-    chance = 0.5 / len(every) + (0.5 * every / total if total > 0 else 0.5 / len(every))
-    drawn = np.random.default_rng(0).multinomial(count, chance / chance.sum())
+    chance = np.full(len(every), 1 / len(every))
+    if total > 0:
+        chance = (chance + every / total) / 2
+    drawn = np.random.default_rng(0).multinomial(count, chance / np.sum(chance))
     scale = np.split(drawn / (count * chance), np.cumsum([len(one) for one in traces])[:-1])
     L = [one.L[:, each > 0] for one, each in zip(model, scale, strict=True)]
     S = [one.S[..., each > 0] * each[each > 0] for one, each in zip(model, scale, strict=True)]
