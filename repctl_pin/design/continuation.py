@@ -159,9 +159,17 @@ class Continuation:
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
+        options = self.problem.options
         for _ in range(_ROUNDS):
             found = descend(
-                batches, basis, begin, A, penalty=penalty, tolerance=tolerance, report=self.reported
+                batches,
+                basis,
+                begin,
+                A,
+                penalty=penalty,
+                tolerance=tolerance,
+                report=self.reported,
+                stored=options.executor is None and not options.stream,
             )
             penalty = min(10 * penalty, _MOST_PENALTY)
             lowest = self._lowest(found.A)

@@ -22,7 +22,15 @@ import repctl_pin as rp
 from repctl_pin import redundancy
 from repctl_pin.design.batches import BarrierCost, Batches
 from repctl_pin.design.continuation import Continuation, FitProblem
-from repctl_pin.design.criterion import Builder, cost, evaluate, gauss_newton, oriented_nullspace
+from repctl_pin.design.criterion import (
+    Builder,
+    cost,
+    evaluate,
+    gauss_newton,
+    linearised,
+    oriented_nullspace,
+    sampled,
+)
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.independence import independent
 from repctl_pin.design.singularity_search import Dexterity, LeafMargin, largest_free, search
@@ -115,6 +123,45 @@ def test_gauss_newton_matrix_is_the_first_order_of_X(setting) -> None:
     dX = (X(A + e * D) - X(A - e * D)) / (2 * e)
     expected = float(weights @ np.sum(dX**2, axis=(1, 2)))
     assert np.isclose(np.einsum("ai,iajb,bj->", D, matrix, D), expected, rtol=1e-3)
+
+
+def test_product_without_the_matrix_is_that_of_the_matrix(setting) -> None:
+    """32.6: in several batches, with the trace that fixes the damping."""
+    task, potentials, builder, Q, weights = setting
+    A, D = some_A(potentials, task.r, 5), some_A(potentials, task.r, 6)
+    nodes = Local(builder, Q, weights, 100)
+    value, half, matrix, _ = nodes.total(gauss_newton, A)
+    same_value, same_half, model, _ = nodes.total(linearised, A)
+    assert len(model) == 3 and same_value == value and (same_half == half).all()
+    product = sum(one.product(D) for one in model)
+    expected = np.einsum("iajb,bj->ai", matrix, D)
+    assert np.allclose(product, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
+    B = np.tril(np.random.default_rng(0).normal(size=2 * (len(A),))) + np.eye(len(A))
+    few, trace = sampled(model, B, 128)
+    assert np.isclose(trace, np.einsum("ab,iaic,cb->", B, matrix, B), rtol=1e-10)
+    # without bias: a sample of 40,000 is off by some 1/√40,000 of the heaviest direction
+    many = sampled(model, B, 40_000)[0].matrix()
+    whole, drawn = (M.reshape(len(A) * task.r, -1) for M in (matrix, many))
+    assert np.linalg.norm(drawn - whole, 2) < 0.05 * np.linalg.norm(whole, 2)
+    assert few.L.shape[1] <= 128
+
+
+def test_steps_by_conjugate_gradients_end_at_the_same_cost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """32.6: the same fit with the whole matrix and without, through the door."""
+    task = planar_task([0.2] * 7, tmp_path)
+    box = rp.Box(np.array([0.3] + [0.45] * 6), 0.3)
+    options = rp.FitOptions(samples=2048, held_out=256)
+    found = []
+    for most in (np.inf, 0):
+        monkeypatch.setattr("repctl_pin.design.descend._DENSE", most)
+        found.append(
+            rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, options=options)
+        )
+    assert all(one.converged for one in found)
+    assert found[1].fit_cost == pytest.approx(found[0].fit_cost, rel=1e-6)
+    assert found[1].cost == pytest.approx(found[0].cost, rel=1e-6)
 
 
 def test_gauge_changes_nothing(setting) -> None:

@@ -253,6 +253,22 @@ def test_the_command_answers_in_a_small_terminal(
     assert "would replace demos.csv" in capsys.readouterr().err
 
 
+def test_the_command_searches_for_no_start(
+    relabeled: rp.Relabeled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    """32.7: a search for a start took a tenth of the time, and its result was not used."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a start was searched for")
+
+    relabeled.save(tmp_path / "demos.csv")
+    monkeypatch.setattr("repctl_pin.studies.problem.starts", refuse)
+    given = ["planar3r", "--frame", "tool", "--task", "xy", "--held-out", "64"]
+    out = ["--out", str(tmp_path / "out"), "--json"]
+    assert main(["relabel", str(tmp_path / "demos.csv"), *given, *out]) == 0
+    assert json.loads(capsys.readouterr().out)["frame"] == "tool"
+
+
 def test_the_words_say_what_became_one(relabeled: rp.Relabeled, tmp_path: Path, capsys) -> None:
     """Four sessions, each with its own elbow: the words say so."""
     recording = relabeled.recording

@@ -73,7 +73,7 @@ def run(options: Options) -> int:
             f"this command takes the function of a cell, but {options.what} is over joint space",
             remedy="make one with repctl cell",
         )
-    task = options.problem(path=False).task if design is None else design.task
+    task = options.asked_task() if design is None else design.task
     leaf = None
     if options.leaf is not None:
         what = "is not a list of numbers; separate them by commas"
