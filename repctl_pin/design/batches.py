@@ -78,6 +78,11 @@ class Batches:
                 break
             self._kept.append(batch)
 
+    @property
+    def stored(self) -> bool:
+        """Whether all batches are in memory."""
+        return len(self._kept) * self._size >= len(self._Q)
+
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
 
@@ -133,6 +138,11 @@ class BarrierCost:
         """
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
+
+    @property
+    def stored(self) -> bool:
+        """Whether all nodes are in memory."""
+        return self.batches.stored
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points.

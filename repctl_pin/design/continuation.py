@@ -159,7 +159,6 @@ class Continuation:
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
-        options = self.problem.options
         for _ in range(_ROUNDS):
             found = descend(
                 batches,
@@ -169,7 +168,6 @@ class Continuation:
                 penalty=penalty,
                 tolerance=tolerance,
                 report=self.reported,
-                stored=options.executor is None and not options.stream,
             )
             penalty = min(10 * penalty, _MOST_PENALTY)
             lowest = self._lowest(found.A)

@@ -143,7 +143,6 @@ def descend(
     penalty: float,
     tolerance: float,
     report: _Report,
-    stored: bool,
 ) -> Descent:
     """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
@@ -170,11 +169,11 @@ def descend(
         Relative decrease of the cost below which the iteration ends.
     report
         Progress callback (step, cost).
-    stored
-        True if the nodes are in the memory of this process, so that steps may pass over them often.
     """
     size, r = A.shape
-    kind = _MatrixFree if stored and r**2 * size > _DENSE else _PenalisedCost
+    # products pass over all nodes often, so these must be in memory
+    often = batches.stored and r**2 * size > _DENSE
+    kind = _MatrixFree if often else _PenalisedCost
     problem = kind(batches, basis, begin, penalty)
     found = levenberg_marquardt(
         problem,

@@ -129,7 +129,7 @@ def test_product_without_the_matrix_is_that_of_the_matrix(setting) -> None:
     """32.6: in several batches, with the trace that fixes the damping."""
     task, potentials, builder, Q, weights = setting
     A, D = some_A(potentials, task.r, 5), some_A(potentials, task.r, 6)
-    nodes = Local(builder, Q, weights, 100)
+    nodes = Batches(builder, Q, weights, size=100)
     value, half, matrix, _ = nodes.total(gauss_newton, A)
     same_value, same_half, model, _ = nodes.total(linearised, A)
     assert len(model) == 3 and same_value == value and (same_half == half).all()
