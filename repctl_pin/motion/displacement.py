@@ -203,8 +203,8 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     if motion.first_violation is not None or motion.closes:
         return None
     task = motion.task
-    lower, upper, _ = task.joint_limits
-    last = task.joints(motion.q[-motion.steps - 1 :])
+    lower, upper = task.lower, task.upper
+    last = motion.q[-motion.steps - 1 :]
     step = last[-1] - last[0]  # (n,), per cycle
     margin = np.where(step > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -212,4 +212,4 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     joint = int(np.argmin(left))
     if not left[joint] < _MOST_CYCLES:
         return None
-    return motion.cycles + int(left[joint]) + 1, task.robot_joints[joint]
+    return motion.cycles + int(left[joint]) + 1, task.joint_names[joint]

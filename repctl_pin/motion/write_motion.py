@@ -14,7 +14,6 @@ from ..model.task import Task
 from ..strategies import Strategy
 from .csv_file import csv_text
 from .joint_motion import JointMotion, refuse_violations, violations_of
-from .limits import own_coordinates
 from .motion import Motion
 from .timed_motion import TimedMotion
 
@@ -96,8 +95,7 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
     followed = motion.motion
     if followed is not None and followed.q.shape == motion.q.shape:
         return
-    q, qdot = own_coordinates(task, motion.q), own_coordinates(task, motion.qdot)
-    found = violations_of(JointMotion(task, motion.t, q, qdot, 1, len(q) - 1))
+    found = violations_of(JointMotion(task, motion.t, motion.q, motion.qdot, 1, len(motion.q) - 1))
     if found:
         names = " and ".join(found[0].names)
         verb = "exceeds its limits" if len(found[0].names) == 1 else "collide"
@@ -136,9 +134,9 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
         names, t = motion.joints, motion.t
         rows = {"positions": motion.q, "velocities": motion.qdot, "accelerations": motion.qddot}
     else:
-        names = motion.task.robot_joints
+        names = motion.task.joint_names
         t = motion.t - motion.t[0]
-        rows = {"positions": motion.joints(motion.q), "velocities": motion.joints(motion.qdot)}
+        rows = {"positions": motion.q, "velocities": motion.qdot}
     joints = f"joint_names: [{', '.join(map(_quoted, names))}]"
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", joints, "points:"]
     for moment, *values in zip(t, *rows.values(), strict=True):

@@ -149,7 +149,7 @@ def moving(q: np.ndarray) -> rp.Motion:
 def test_a_steady_drift_leaves_the_range_when_it_says(rate: float) -> None:
     """Joint 2 swings and creeps by 0.11 rad a cycle: the same motion run on, step by step."""
     task = made().task
-    lower, upper, _ = task.joint_limits
+    lower, upper = task.lower, task.upper
 
     def at(s: np.ndarray) -> np.ndarray:
         swing = 0.1 * np.sin(2 * np.pi * s)
@@ -159,7 +159,7 @@ def test_a_steady_drift_leaves_the_range_when_it_says(rate: float) -> None:
     q2 = at(s)[:, 1]
     left = np.argmax((q2 > upper[1]) | (q2 < lower[1])) / 40
     found = leaves(moving(at(np.linspace(0, 2, 81))))
-    assert found == [(task.robot_joints[1], str(int(left) + 1))]
+    assert found == [(task.joint_names[1], str(int(left) + 1))]
 
 
 def test_no_drift_leads_nowhere() -> None:

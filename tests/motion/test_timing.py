@@ -215,22 +215,6 @@ def test_rounded_corners_are_not_stops_and_take_less_time(planar) -> None:
     assert rounded.duration < 0.95 * sharp.duration
 
 
-def test_coordinates_do_not_matter(planar) -> None:
-    absolute = planar.in_coordinates(rp.absolute_angles(planar))
-    path = rp.circle(planar, Q3, 0.2)
-    motion = rp.follow(
-        rp.Pseudoinverse(absolute), path, absolute.coordinates.coordinates(Q3), cycles=1, steps=200
-    )
-    timed = rp.timed(motion, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0]))
-    judged(timed)
-    plain = replace(motion, task=planar, q=motion.joints(motion.q), qdot=motion.joints(motion.qdot))
-    same = rp.timed(plain, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0]))
-    np.testing.assert_allclose(timed.q, same.q, atol=1e-9)
-    assert timed.joints == planar.joint_names
-    with pytest.raises(rp.InputError, match="of the robot's own joints"):
-        rp.timed(motion, rp.Limits(acceleration=1.0, torque=True))
-
-
 def one_cycle(motion: rp.Motion) -> rp.Motion:
     """The first cycle alone."""
     rows = slice(motion.steps + 1)

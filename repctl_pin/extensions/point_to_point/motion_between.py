@@ -206,7 +206,7 @@ def between(
         passed.append(ends_at[0] + share * (ends_at[1] - ends_at[0]))
     times = np.concatenate(passed)
     return MotionBetween(
-        joints=F.task.robot_joints,
+        joints=F.task.joint_names,
         t=t,
         q=q,
         qdot=qdot,
