@@ -17,7 +17,7 @@ from ..base.arguments import Array, read_only
 from ..model.arm_links import arm_links, link_origins, other_ends
 from ..model.shapes import Shape
 from ..model.task import Task
-from ..model.visuals import Visuals, corners
+from ..model.visuals import Visuals
 from .joint_motion import JointMotion
 
 _MOST_CYCLES = 100
@@ -114,7 +114,7 @@ def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
     """
     visuals = Visuals.of(task.robot)
     placements = visuals.placements(task.to_robot(Q))
-    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
+    off, _ = displacements(placements[:1], placements[1:], visuals.corners())
     return visuals.shapes, off
 
 
@@ -147,7 +147,7 @@ class LinkPoints:
         """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)
-        bodies = corners(visuals.shapes)
+        bodies = visuals.corners()
         placements = visuals.placements(task.to_robot(Q))
         off, which = displacements(placements[:1], placements, bodies)
         when = off.argmax(axis=0)  # (S,)

@@ -18,7 +18,7 @@ from .motion import Motion
 from .timed_motion import TimedMotion
 
 _LEAST_SAMPLES = 10
-"""Smallest number of samples per cycle of a timed motion in a file."""
+"""Smallest number of samples per part of a timed motion in a file."""
 
 
 def write_motion(
@@ -44,9 +44,9 @@ def write_motion(
     Raises
     ------
     InputError
-        If a timed motion has fewer than ten samples per cycle, the motion violates a limit, bodies
-        collide, the file name has another ending, or the
-        file cannot be written.
+        If a timed motion has fewer than ten samples per cycle, or between two rests; the motion
+        violates a limit, bodies collide, the file name has another ending, or the file cannot be
+        written.
 
     Examples
     --------
@@ -71,12 +71,16 @@ def write_motion(
 
 
 def refuse_coarse(motion: TimedMotion) -> None:
-    """Raise InputError if a timed motion has too few samples to show its cycle in a file."""
-    count = (len(motion.t) - 1) * motion.cycle_time / max(motion.duration, 1e-300)
+    """Raise InputError if a timed motion has too few samples to show its shortest part in a file.
+
+    That is a cycle, or the motion from one rest to the next.
+    """
+    part, what = motion._shortest_part
+    count = (len(motion.t) - 1) * part / max(motion.duration, 1e-300)
     if count < _LEAST_SAMPLES:
-        rate = np.ceil(_LEAST_SAMPLES / motion.cycle_time)
+        rate = np.ceil(_LEAST_SAMPLES / part)
         raise InputError(
-            f"a rate with {count:.2g} samples per cycle loses the path between them",
+            f"a rate with {count:.2g} samples per {what} loses the path between them",
             remedy=f"use a rate of at least {rate:g} per second",
         )
 

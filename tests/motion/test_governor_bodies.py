@@ -209,6 +209,52 @@ def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:
         rp.Bodies(task, surroundings=3)  # type: ignore[arg-type]
 
 
+def test_the_work_of_a_tick_is_bounded_and_the_same_every_time(task: rp.Task) -> None:
+    """Fast ticks towards and past the wire: at most 60 distances per tick, and the same motion."""
+    motions = []
+    for _ in range(2):
+        governor = governed(task, bodies=rp.Bodies(task), body_distance=D)
+        model, counts, Q = governor._guard._model, [], []
+        measure = model.some_distances
+
+        def counted(q, pairs, measure=measure, counts=counts, **how):  # type: ignore[no-untyped-def]
+            counts[-1] += len(pairs)
+            return measure(q, pairs, **how)
+
+        model.some_distances = counted
+        try:
+            for k in range(1200):
+                counts.append(0)
+                Q.append(governor.step(beyond(task, *[(0.3, 0.2), (-0.4, 0.2)][k // 200 % 2]))[0])
+        finally:
+            del model.some_distances
+        assert 0 < max(counts) <= 60
+        motions.append(np.array(Q))
+    assert np.abs(motions[0] - motions[1]).max() < 1e-9
+
+
+def test_surfaces_are_bounded_from_below() -> None:
+    """Pairs whose hulls overlap, although the torso's mesh is not convex."""
+    own = rp.Robot.load("baxter").task("left_gripper")
+    guard = governed_by(own)._guard
+    model, every, seen = guard._model, np.arange(len(guard._reach)), 0
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        q = guard._drive.joints(own.reference + 0.1 * rng.normal(size=own.n))
+        slow, bound = (model.some_distances(q, every, outside=quick) for quick in (False, True))
+        differ = np.flatnonzero(np.abs(bound - slow) > 1e-5)
+        exact = np.array([model._exact_distance(k) for k in differ.tolist()])
+        assert (bound[differ] > 0).all() and (bound[differ] <= exact + 1e-6).all()
+        seen += len(differ)
+    assert seen
+
+
+def governed_by(task: rp.Task) -> rp.Governor:
+    """A governor with bodies of a robot of the catalogue."""
+    inverse = control(task, task.reference, rp.Polynomial(task.reference, 1, 0.5))
+    return rp.Governor(inverse, DT, rp.Limits(acceleration=A), bodies=rp.Bodies(task))
+
+
 def test_links_without_a_shape_are_refused_unless_allowed(lacking: rp.Task) -> None:
     """Item 26.5: a link whose mesh is missing was accepted in silence."""
     bodies = rp.Bodies(lacking)

@@ -332,7 +332,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
-    task = options.problem(path=False).task
+    task = options.asked_task()
     orientation: Any = None
     if options.rpy is not None:
         angles = np.radians(_numbers(options.rpy, "--rpy", 3))

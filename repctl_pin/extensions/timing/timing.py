@@ -33,6 +33,7 @@ from .profile import (
     Trajectory,
     corners_of,
     fastest,
+    require_possible,
     require_samples,
 )
 
@@ -84,6 +85,7 @@ def timed(
     rate = positive(rate, "rate", "samples per second")
     keep_times = flag(keep_times, "keep_times")
     Q, steps = motion.q, motion.steps
+    require_possible(Q, kept, rate)
     once = Q[: steps + 1]
     if (kept.jerk is not None or keep_times) and np.linalg.norm(once[-1] - once[0]) < CLOSED:
         # jerk feels 1e-9 rad
@@ -381,6 +383,7 @@ def approach(
     if np.linalg.norm(end - begin) < 1e-9:
         where = "at the start of the motion" if to == "start" else "on the motion's path"
         raise InputError(f"the arm is {where} already; there is nothing to approach")
+    require_possible(np.array([begin, end]), kept, rate)
     share = np.linspace(0, 1, _LOOKED_AT)[:, None]
     if bodies:
         straight = ends[0] + share * (ends[1] - ends[0])
