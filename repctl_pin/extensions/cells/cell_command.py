@@ -34,6 +34,7 @@ HELP = (
     "gives one configuration, always the same"
 )
 EXAMPLE = """examples:
+  repctl cell panda --down
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
   repctl cell panda --size 0.3,0.3,0.2 --down --yaw 90 --map
@@ -117,10 +118,10 @@ def _add_size(parser: Parser) -> None:
         "or nearest to --at; if it fits nowhere, the largest box of this shape",
     )
     for name, where in (("down", "down"), ("forward", "along x of the base")):
-        text = f"orientation with the tool's z axis {where} (with --size)"
+        text = f"orientation with the tool's z axis {where}; without --size, the largest sector"
         add(f"--{name}", action="store_true", help=text)
     add(
-        "--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees (with --size)"
+        "--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees"
     )
     add(
         "--map",
@@ -132,7 +133,17 @@ def _add_size(parser: Parser) -> None:
         type=float,
         default=0.0,
         metavar="DEG",
-        help="turn of the tool about the base's z axis, degrees (with --size; default 0)",
+        help="turn of the tool about the base's z axis, degrees (default 0)",
+    )
+    add(
+        "--heights",
+        metavar="LOW,HIGH",
+        help="range of heights of the largest sector, m from the base (default: all)",
+    )
+    add(
+        "--most-extra",
+        metavar="MEAN,WORST",
+        help="maximum extra joint speed of the largest sector, %% (default 5,30)",
     )
 
 
@@ -186,7 +197,8 @@ def run(options: Options) -> int:
     asked = _asked(options, in_percent(say))
     cell = asked.cell
     try:
-        design = rp.nearest_inverse_function(
+        whole = asked.place.table if asked.place is not None else None
+        design = whole.design if whole else rp.nearest_inverse_function(
             rp.Pseudoinverse(cell.task),
             cell,
             posture=asked.posture,
@@ -209,7 +221,7 @@ def run(options: Options) -> int:
             made.append(write_whole(staged / "map.png", drawn))
     files = [folder / file.name for file in made]
 
-    if design.function.chart.cell.widths[0] != cell.widths[0]:
+    if options.shrink and design.function.chart.cell.widths[0] != cell.widths[0]:
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
         notes.insert(0, f"--shrink: {sizes}")
     if asked.note:
@@ -298,7 +310,7 @@ def _asked(options: Options, report: Report) -> _Asked:
 
     around = options.path is not None or options.plane is not None
     at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
-    if options.size is not None:
+    if options.size is not None or options.down or options.forward or options.rpy is not None:
         return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
@@ -331,23 +343,34 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
-    task = options.problem(path=False).task
+    task = _oriented_task(options)
     orientation: Any = None
     if options.rpy is not None:
         angles = np.radians(_numbers(options.rpy, "--rpy", 3))
         orientation = pin.rpy.rpyToMatrix(*angles)
     elif options.down or options.forward:
         orientation = "down" if options.down else "forward"
+    more: dict[str, Any] = {}
+    if options.heights is not None:
+        more["heights"] = _numbers(options.heights, "--heights", 2)
+    if options.most_extra is not None:
+        more["most_extra"] = np.array(_numbers(options.most_extra, "--most-extra", 2)) / 100
     place = rp.best_cell(
         task,
-        _numbers(options.size, "--size"),
+        None if options.size is None else _numbers(options.size, "--size"),
         orientation=orientation,
         yaw=float(np.radians(options.yaw)),
         at=at,
         seed=options.seed,
         progress=report,
+        **more,
     )
     cell = place.cell
+    if place.table is not None:
+        note = "the largest sector that was found"
+        if place.table.locked is not None:
+            note += f"; {place.table.locked}"
+        return _Asked(cell, place.posture, "searched for the sector", False, note, place)
     posture: Any = place.posture
     if options.half_angle != "0":
         angle = _numbers(options.half_angle, "--half-angle")
@@ -357,6 +380,16 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         share = f"{100 * place.factor:.0f} % of the size that was asked for"
         note += f"; {share}, because at full size, {place.reason}"
     return _Asked(cell, posture, "searched for the cell", False, note, place)
+
+
+def _oriented_task(options: Options) -> rp.Task:
+    """Make the task whose orientation is given: of kind pose, or axis without that redundancy."""
+    if options.task is not None or options.size is not None:
+        return options.problem(path=False).task
+    robot = options.load_robot()
+    frame = options.frame or robot.default_frame
+    joints = len(robot.chain(frame))
+    return options.problem(robot, path=False, kind="pose" if joints > 6 else "axis").task
 
 
 _NOT_BOTH = (
@@ -372,12 +405,32 @@ _NOT_BOTH = (
 """Pairs of options that are mutually exclusive."""
 
 _ONLY_WITH = {
-    "--size": ("--down", "--forward", "--rpy", "--yaw", "--map"),
+    "--size": ("--map",),
     "--sector": ("--radius", "--height", "--angle", "--spin", "--axis"),
 }
 """Options that require another one, by that one."""
 
-_DEFAULTS = {"--yaw": 0.0, "--height": "0", "--angle": "all", "--spin": "0"}
+_ORIENTATIONS = ("--down", "--forward", "--rpy")
+_OF_THE_TABLE = ("--heights", "--most-extra")
+_NOT_OF_THE_TABLE = (
+    *("--half-width", "--half-angle", "--sector", "--path", "--at", "--start", "--shrink"),
+    *("--keep", "--degree", "--limit-margin", "--body-distance", "--sigma-min", "--held-out"),
+)
+"""Options of the largest sector, which is found where an orientation is given without a size; and
+those that it does not take."""
+
+_DEFAULTS = {
+    "--yaw": 0.0,
+    "--height": "0",
+    "--angle": "all",
+    "--spin": "0",
+    "--half-angle": "0",
+    "--degree": "auto",
+    "--limit-margin": 0.05,
+    "--body-distance": 0.0,
+    "--sigma-min": 0.0,
+    "--held-out": 8192,
+}
 """Defaults of these options, unless they are None or False."""
 
 
@@ -398,10 +451,22 @@ def _require_one_shape(options: Options) -> None:
         for name in filter(given, names):
             if not given(needed_one):
                 raise InputError(f"{name} requires {needed_one}")
+    turned = any(map(given, _ORIENTATIONS))
+    if not turned and not given("--size"):
+        for name in filter(given, ("--yaw", *_OF_THE_TABLE)):
+            raise InputError(f"{name} requires --down, --forward or --rpy")
+    if turned and not given("--size"):
+        for name in filter(given, _NOT_OF_THE_TABLE):
+            raise InputError(f"{name} and {'--down'} without --size are mutually exclusive")
+    for name in _OF_THE_TABLE if given("--size") else ():
+        if given(name):
+            raise InputError(f"{name} and --size are mutually exclusive")
     if options.sector and options.radius is None:
         raise InputError("--sector requires --radius")
-    if not (given("--half-width") or given("--size") or options.sector):
-        raise InputError("--half-width is missing; give it, or --size, or --sector with --radius")
+    if not (given("--half-width") or given("--size") or options.sector or turned):
+        raise InputError(
+            "--half-width is missing; give it, --size, --down, or --sector with --radius"
+        )
 
 
 def _sizes(options: Options) -> tuple[Any, Any]:

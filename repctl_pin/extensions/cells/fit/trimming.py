@@ -52,34 +52,47 @@ class Wanted(NamedTuple):
 
 
 def trimmed(
-    fit: CellFit, cell: Cell, q: Array, wanted: Wanted, *, quick: bool = False
+    fit: CellFit, cell: Cell, q: Array, wanted: Wanted
 ) -> tuple[Cell, Array, CellDesign] | None:
     """Design a function on a part of a cell, whose sides are moved inward until it is covered.
 
-    ``q`` (n,) is the configuration in the middle. Return the part, the configuration in its middle,
-    and the design; None if no part of 5 % is covered.
+    Quick designs find the part. ``q`` (n,) is the configuration in the middle. Return the part, the
+    configuration in its middle, and the design; None if no part of 5 % is covered.
     """
-    volume, cells = 1.0, fit
+    volume, quick = 1.0, True
     for _ in range(_ROUNDS):
-        found = cells.design(cell, q, quick=quick)
+        found = fit.design(cell, q, quick=quick)
         U, bad = _failing(fit, cell, q, found, wanted)
-        whole = isinstance(found, CellDesign) and found.evaluation.everywhere
-        if isinstance(found, CellDesign) and whole and not bad.any():
-            return cell, q, found
         if not bad.any():
-            return None
+            if not isinstance(found, CellDesign):
+                return None
+            if not quick and found.evaluation.everywhere:
+                return cell, q, found
+            if not quick:
+                return None
+            quick = False
+            continue
         low, high = cut_sides(U, bad)
         volume *= float(np.prod((high - low) / 2))
         if volume < _LEAST:
             return None
         part = cell.part(low, high)
-        middle = (low + high) / 2
         try:
-            q = given(part, _configuration(fit, cell, q, found, middle))
+            q = given(part, _configuration(fit, cell, q, found, (low + high) / 2))
         except InputError:
             return None
         cell = part
     return None
+
+
+def covered_share(
+    fit: CellFit, cell: Cell, q: Array, wanted: Wanted
+) -> tuple[float, CellDesign | None]:
+    """Estimate by one quick design which share of a cell is left after a cut, and return it."""
+    found = fit.design(cell, q, quick=True)
+    low, high = cut_sides(*_failing(fit, cell, q, found, wanted))
+    share = float(np.prod((high - low) / 2))
+    return share, found if isinstance(found, CellDesign) else None
 
 
 def _failing(
@@ -162,7 +175,7 @@ def ended_at_bodies(
             least = -w if whole_turn else -w + inner
             ranges[i] = max(w * below, least), min(w * above, -least)
     cut = narrowed(chart, ranges)
-    evaluation = evaluate_cell(fit.desired, cut, found.held_out, fit.seed + 2)
+    evaluation = evaluate_cell(fit.desired, cut, found.held_out, fit.seed + 2, quick=False)
     links = " and ".join(found.evaluation.nearest_bodies)
     names = {sector.coordinate_names[i]: high - low for i, (low, high) in ranges.items()}
     turns = tuple(

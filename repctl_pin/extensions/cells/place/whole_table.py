@@ -6,6 +6,7 @@ rectangles in the best of them are the sectors for which functions are designed.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from ..cell_design import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Wanted, ended_at_bodies, trimmed
+from ..fit.trimming import Wanted, covered_share, ended_at_bodies, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL
 from ..geometry.kinematics import placed
@@ -39,10 +40,10 @@ from ..geometry.symmetry import (
 from .flood import SPACING, Table, connected, flooded, rectangles
 from .posture_search import given
 
-_DRAWN, _SEEDS, _LOCKED = 2048, 24, 192
+_DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
 
-_MIDDLES, _TESTED, _DESIGNED = 12, 12, 3
+_MIDDLES, _TESTED, _DESIGNED = 12, 8, 3
 """Numbers of middles of locked floods from which others begin, of floods whose bodies are tested,
 and of postures for which functions are designed."""
 
@@ -201,9 +202,9 @@ def whole_table(
             "at this orientation",
             remedy="turn the tool, or use --size or another kind of task",
         )
-    order = np.argsort(-area)
-    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     found = rectangles(clear.reached)
+    order = np.argsort(-area * _turns(table, clear, symmetries))
+    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     fit = CellFit(
         Pseudoinverse(task),
         "auto",
@@ -216,23 +217,16 @@ def whole_table(
         keep=True,
     )
     wanted = Wanted(*most_extra, _CLEAR)
-    quick, cells = [], []
+    quick = []
     for k, one in enumerate(order):
         report(f"posture {k + 1} of {len(order)}", 0.3 + 0.15 * k)
-        first, last = found.first[one], found.last[one]
-        cell = _sector(table, line, symmetries, first, last)
-        if cell is None:
-            continue
-        try:
+        cell = _sector(table, line, symmetries, found.first[one], found.last[one])
+        with suppress(InputError):
             q = given(cell, postures[one])
-        except InputError:
-            continue
-        cells.append((cell, q))
-        part = trimmed(fit, cell, q, wanted, quick=True)
-        if part is not None:
-            quick.append(part)
-    quick.sort(key=lambda part: -_worth(part[2]))
-    for k, (cell, q, _) in enumerate(quick):
+            share, design = covered_share(fit, cell, q, wanted)
+            quick.append((share * _worth(cell, design), cell, q))
+    quick.sort(key=lambda part: -part[0])
+    for k, (_, cell, q) in enumerate(quick):
         report("the function", 0.75 + 0.08 * k)
         part = trimmed(fit, cell, q, wanted)
         if part is None:
@@ -247,12 +241,30 @@ def whole_table(
     raise InputError("no function covers a sector at this orientation", remedy="use --size")
 
 
-def _worth(design: CellDesign) -> float:
-    """Evaluate a design by its area, lowered where bodies are near, and by its extra joint speed."""
+def _worth(cell: Cell, design: CellDesign | None) -> float:
+    """Evaluate a quick design by area, how far round it goes, body distance and joint speed."""
+    if design is None:
+        return 0.5 * area_of(cell)
     near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < _CLEAR else 1.0
-    turns = [min(turn.reach / np.pi, 1.0) for turn in design.evaluation.turns]
-    share = 0.5 + 0.5 * min(turns, default=1.0)
-    return area_of(design.cell) * near * share / (1 + design.extra_speed)
+    turns = [max(min(turn.reach / np.pi / 2, 1.0), 0.0) for turn in design.evaluation.turns]
+    extra = float(np.nan_to_num(design.extra_speed, nan=1.0))
+    return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
+
+
+def _turns(table: Table, floods: _Floods, symmetries: tuple[Symmetry, ...]) -> Array:
+    """Evaluate how far round the largest rectangle of each flood goes: (S,), from 0.5 to 1.
+
+    The joint that turns the arm or the tool loses the range by which it differs over the rectangle.
+    """
+    found, task, share = rectangles(floods.reached), table.task, np.ones(len(floods.Q))
+    for k, flood in enumerate(floods.Q):
+        (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
+        Q = flood[i:i_end, j:j_end].reshape(-1, task.n)
+        for one in symmetries:
+            q = Q[:, one.joint]
+            left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(q)
+            share[k] = min(share[k], max(0.0, min(left / (2 * np.pi), 1.0)))
+    return 0.5 + 0.5 * share
 
 
 def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
@@ -372,18 +384,10 @@ def _clear(table: Table, floods: _Floods) -> _Floods:
     area, _, postures = floods.middles()
     order = np.argsort(-area)
     order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
-    Q, bodies = floods.Q[order].copy(), bodies_of(table.task)
-    around = np.flatnonzero(~table.counted)[0]
+    Q = floods.Q[order].copy()
     for flood in Q:
         on = np.argwhere(np.isfinite(flood[..., 0]))
-        own = flood[on[:, 0], on[:, 1]]
-        near = bodies.distances(own) < _CLEAR
-        # surroundings may be in the way at the angle 0 alone
-        for turn in (0.9, -0.9, 1.8, -1.8) if near.any() else ():
-            some = np.flatnonzero(near)
-            turned = own[some] + turn * np.eye(table.task.n)[around]
-            near[some] = bodies.distances(turned) < _CLEAR
-        shut = on[near]
+        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]])]
         flood[shut[:, 0], shut[:, 1]] = np.nan
     nodes, held = floods.nodes[order], floods.held[order]
     clear = _Floods(Q, nodes, held)
@@ -393,19 +397,38 @@ def _clear(table: Table, floods: _Floods) -> _Floods:
     return _Floods(Q, middles, held)
 
 
+def _near(table: Table, on: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
+    """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
+
+    Where convex hulls are too near, the bodies themselves are tested at one node of nine, because
+    that test takes forty times as long. Surroundings may be in the way at the angle 0 alone, so
+    they are tested at five angles.
+    """
+    task, bodies = table.task, bodies_of(table.task)
+    hulls = np.flatnonzero(bodies.hull_distances(Q) < _CLEAR)
+    _, first, block = np.unique(on[hulls] // 3, axis=0, return_index=True, return_inverse=True)
+    some = hulls[first]
+    near = bodies.distances(Q[some]) < _CLEAR
+    if task.robot.surroundings is not None:
+        around = np.eye(task.n)[np.flatnonzero(~table.counted)[0]]
+        for turn in (0.9, -0.9, 1.8, -1.8):
+            near[near] = bodies.distances(Q[some[near]] + turn * around) < _CLEAR
+    found = np.zeros(len(Q), bool)
+    found[hulls] = near[block.ravel()]
+    return found
+
+
 def _sector(
     table: Table,
     line: Array,
     symmetries: tuple[Symmetry, ...],
     first: NDArray[np.intp],
     last: NDArray[np.intp],
-) -> Cell | None:
+) -> Cell:
     """Make the sector between two nodes, with its symmetric coordinates as far as they go."""
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
     (rho, z), half = (low + high) / 2, (high - low) / 2
-    if not half.all():
-        return None
     p = table.origin + rho * table.outward + z * table.up
     spin = "all" if len(symmetries) > 1 else 0.0
     sector = Sector(
