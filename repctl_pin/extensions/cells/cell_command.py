@@ -90,7 +90,11 @@ def add_options(parser: Parser) -> None:
     )
     sigma = "σ_min(J) to keep where possible (default 0: none)"
     add("--sigma-min", type=float, default=0.0, help=sigma)
-    add("--shrink", action="store_true", help="shrink the cell until one function covers it")
+    add(
+        "--shrink",
+        action="store_true",
+        help="move sides of the cell inward until one function covers it",
+    )
     add(
         "--keep",
         action="store_true",
@@ -120,9 +124,7 @@ def _add_size(parser: Parser) -> None:
     for name, where in (("down", "down"), ("forward", "along x of the base")):
         text = f"orientation with the tool's z axis {where}; without --size, the largest sector"
         add(f"--{name}", action="store_true", help=text)
-    add(
-        "--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees"
-    )
+    add("--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees")
     add(
         "--map",
         action="store_true",
@@ -198,15 +200,19 @@ def run(options: Options) -> int:
     cell = asked.cell
     try:
         whole = asked.place.table if asked.place is not None else None
-        design = whole.design if whole else rp.nearest_inverse_function(
-            rp.Pseudoinverse(cell.task),
-            cell,
-            posture=asked.posture,
-            degree=options.asked_degree(),
-            incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-            **options.of("limit_margin", "body_distance", "sigma_min"),
-            options=rp.FitOptions(**options.of("held_out", "seed")),
-            progress=in_percent(say),
+        design = (
+            whole.design
+            if whole
+            else rp.nearest_inverse_function(
+                rp.Pseudoinverse(cell.task),
+                cell,
+                posture=asked.posture,
+                degree=options.asked_degree(),
+                incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
+                **options.of("limit_margin", "body_distance", "sigma_min"),
+                options=rp.FitOptions(**options.of("held_out", "seed")),
+                progress=in_percent(say),
+            )
         )
     except rp.NoFunctionError as error:
         error.remedy = _remedy(error, asked)
@@ -221,7 +227,9 @@ def run(options: Options) -> int:
             made.append(write_whole(staged / "map.png", drawn))
     files = [folder / file.name for file in made]
 
-    if options.shrink and design.function.chart.cell.widths[0] != cell.widths[0]:
+    kept = cell.widths > 0
+    kept[list(cell.free)] = False
+    if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
         notes.insert(0, f"--shrink: {sizes}")
     if asked.note:

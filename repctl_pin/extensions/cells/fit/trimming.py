@@ -120,9 +120,7 @@ def _failing(
     return U, bad
 
 
-def _configuration(
-    fit: CellFit, cell: Cell, q: Array, found: object, u: Array
-) -> Array:
+def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
     """Return the configuration (n,) of a design at u (k,), or that of a ray from the middle.
 
     The design may have moved the sector along its symmetric coordinates, which is undone.

@@ -205,7 +205,9 @@ def best_cell(
             remedy="use another kind of task",
         )
     if size is None:
-        return _whole(task, _rotation(task, orientation, yaw), at, heights, most_extra, seed, progress)
+        return _whole(
+            task, _rotation(task, orientation, yaw), at, heights, most_extra, seed, progress
+        )
     edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")

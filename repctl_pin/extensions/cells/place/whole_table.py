@@ -29,14 +29,7 @@ from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL
 from ..geometry.kinematics import placed
 from ..geometry.sector import HEIGHT, RADIUS, Sector
-from ..geometry.symmetry import (
-    NEAR,
-    Symmetry,
-    axis_symmetry,
-    difference,
-    own_axis,
-    tool_symmetry,
-)
+from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from .flood import SPACING, Table, connected, flooded, rectangles
 from .posture_search import given
 
@@ -455,15 +448,15 @@ def _best_locked(table: Table, locked: _Floods, design: CellDesign) -> LockedJoi
         return None
     task, covered = table.task, locked.reached & inside
     share = covered.sum(axis=(1, 2)) / inside.sum()
-    bodies, best = bodies_of(task), None
-    for one in np.argsort(-share)[:8]:
+    best: LockedJoints | None = None
+    for one in np.argsort(-share)[:4]:
         if share[one] < share.max() - 0.05 and best is not None:
             break
         on = np.argwhere(covered[one])
         if not len(on):
             continue
         Q = locked.Q[one, on[:, 0], on[:, 1]]
-        Q = Q[bodies.distances(Q) >= 0]
+        Q = Q[~_near(table, on, Q)]
         if not len(Q):
             continue
         extra, worst = _locked_price(cell, Q, locked.held[one])
@@ -471,7 +464,10 @@ def _best_locked(table: Table, locked: _Floods, design: CellDesign) -> LockedJoi
         names = tuple(task.joint_names[j] for j in joints)
         row = len(Q) / int(inside.sum()), extra, worst
         made = LockedJoints(names, tuple(Q[0, joints].tolist()), *row)
-        if best is None or (round(made.share, 1), -made.extra) > (round(best.share, 1), -best.extra):
+        if best is None or (round(made.share, 1), -made.extra) > (
+            round(best.share, 1),
+            -best.extra,
+        ):
             best = made
     return best
 
