@@ -74,8 +74,9 @@ _CLOSE = 3e-5
 """Maximum deviation, rad or m, of q_ref of the final chart from the function, so that Newton's
 method takes two steps."""
 _UPRIGHT, _STEEPEST, _DENSE = 0.4, 14, 2048
-"""Minimum leaf margin at the nodes of a chart below which the degree of n_ref is raised, the highest
-degree, and the number of nodes in two coordinates, where the null space may turn within few."""
+"""Minimum leaf margin at the nodes of a chart below which the degree of n_ref is raised, the
+highest degree, and the number of nodes in two coordinates, where the null space may turn within
+few."""
 _STRAIGHT = 0.999
 """Minimum leaf margin at the nodes of the final chart with which n_ref may have a lower degree."""
 

@@ -132,9 +132,9 @@ def nearest_inverse_function(
     incomplete
         Action if no single function covers the cell, which is tested at held-out poses, corners,
         and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
-        works; ``"shrink"`` moves the sides inward beyond which the function fails, or scales the cell
-        about its middle if nothing else is left; ``"keep"`` returns the function on the poses that
-        it covers.
+        works; ``"shrink"`` moves the sides inward beyond which the function fails, or scales the
+        cell about its middle if nothing else is left; ``"keep"`` returns the function on the poses
+        that it covers.
     options
         Nodes and seed: ``samples``, ``held_out`` and ``seed`` of :class:`FitOptions`.
     progress

@@ -188,6 +188,6 @@ def ended_at_bodies(
 
 def _how(found: CellDesign) -> dict[str, object]:
     """Return how a design was made: its attributes that do not depend on the cell."""
-    names = "degrees samples held_out seed steps".split()
+    names = ["degrees", "samples", "held_out", "seed", "steps"]
     names += [f"requested_{name}" for name in ("limit_margin", "body_distance", "sigma_min")]
     return {name: getattr(found, name) for name in names}

@@ -26,8 +26,8 @@ from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
-from .whole_table import WholeTable, whole_table
 from .posture_search import Candidate, chosen, judged, searched
+from .whole_table import WholeTable, whole_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -147,7 +147,8 @@ def best_cell(
     the arm and at every spin of the tool, that one function covers. Floods from random
     configurations, and from arms with locked joints, show what is reached without a change of
     branch. Functions are designed for the largest rectangles of three unlike floods. Sides are cut
-    where a function fails, costs too much or bodies come nearer than 5 mm. The best one is returned.
+    where a function fails, costs too much or bodies come nearer than 5 mm. The best one is
+    returned.
 
     A box fits if J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in its
     middle along straight ways to all corners, inside the joint limits, and no bodies collide in the

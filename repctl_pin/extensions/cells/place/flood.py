@@ -20,7 +20,7 @@ SPACING = 0.03
 """Spacing of the nodes, m."""
 
 _MARGIN = 0.05
-"""Limit margin, rad, m, or that share of the joint's range if it is less, at which a flood stops."""
+"""Limit margin, rad, m, or that share of the joint's range if it is less, where a flood stops."""
 
 _SINGULAR = 0.02
 """σ_min / σ_max of J, of the joints that are not locked, at which a flood stops."""

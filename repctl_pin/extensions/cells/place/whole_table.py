@@ -188,7 +188,7 @@ def whole_table(
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
     clear = _clear(table, floods)
-    area, middles, postures = clear.middles()
+    area, _, postures = clear.middles()
     if not area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
@@ -339,7 +339,7 @@ def _drawn(
 def _locked_floods(
     table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
 ) -> _Floods:
-    """Flood a table with r random joints locked, at 0 or where they are in random configurations."""
+    """Flood a table with r random joints locked, at 0 or as in random configurations."""
     task = table.task
     rows = rng.integers(len(Q), size=_LOCKED)
     joints = np.flatnonzero(table.counted)
