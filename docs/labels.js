@@ -1,6 +1,7 @@
 // What the theme leaves without a name for those who listen to the page.
 
-// The choices of colours: the theme's one visible label is for the choice that follows, the others' labels are hidden.
+// The choices of colours: the theme's one visible label is for the choice that follows,
+// the others' labels are hidden.
 const nameChoices = (colours) => {
   if (colours.querySelector("[role=radiogroup]")) return;
   const group = document.createElement("div");

@@ -1,3 +1,5 @@
+"""The public names, each with the module that defines it: read by Python and by type checkers."""
+
 from . import redundancy as redundancy
 from ._version import __version__ as __version__
 from .base.certificate import ClosingRadius as ClosingRadius

@@ -1,4 +1,4 @@
-"""Load an example, a single file outside any package, as a module."""
+"""Load an example or a script on the paper, a single file outside any package, as a module."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from pathlib import Path
 from types import ModuleType
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
+PAPER = Path(__file__).parent.parent / "docs" / "paper"
 
 
 def example(name: str) -> ModuleType:
-    """Import ``examples/NAME.py``."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    """Import ``examples/NAME.py`` or ``docs/paper/NAME.py``."""
+    file = EXAMPLES / f"{name}.py"
+    if not file.exists():
+        file = PAPER / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up

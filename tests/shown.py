@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-FIGURES = Path(__file__).parent.parent / "examples" / "figures"
+FIGURES = Path(__file__).parent.parent / "docs" / "paper" / "figures"
 
 
 def steady(text: str) -> list[str]:

@@ -33,6 +33,25 @@ def test_style_and_types(command: list[str]) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_scripts_and_styles_of_the_page_are_formatted() -> None:
+    """Lines of 100 characters by prettier, which pre-commit runs, and this test where it exists."""
+    files = [
+        file
+        for folder in ("repctl_pin", "docs")
+        for kind in ("*.js", "*.css")
+        for file in (ROOT / folder).rglob(kind)
+    ]
+    assert len(files) > 20
+    for file in files:
+        lines = file.read_text(encoding="utf-8").splitlines()
+        assert max(map(len, lines)) <= 100, file
+    if prettier := shutil.which("prettier"):
+        done = subprocess.run(
+            [prettier, "--check", *map(str, files)], cwd=ROOT, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_types_without_those_of_numpy() -> None:
     """NumPy's overloads take three quarters of mypy's time, and only its slow run follows them."""
     options = ["--no-warn-unused-ignores", "--no-warn-redundant-casts"]

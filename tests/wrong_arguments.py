@@ -171,9 +171,7 @@ def right_calls(folder: Path) -> list[Call]:
             "corrections": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01,
         },
         "FitOptions": {
-            "samples": 64, "held_out": 64, "seed": 0, "batch": 64, "stream": False,
-            "executor": None,
-            "restarts": 0, "tolerance": 1e-3,
+            "samples": 64, "held_out": 64, "seed": 0, "restarts": 0, "tolerance": 1e-3,
         },
         "nearest_repeatable": {
             "desired": control, "potentials": potentials, "region": box, "degree": None,

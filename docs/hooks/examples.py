@@ -1,4 +1,4 @@
-"""Add the examples to the site: their figures, and each script as a notebook.
+"""Add the examples to the site: their pictures, and each script as a notebook.
 
 ``python docs/hooks/examples.py FOLDER`` writes the notebooks into a folder.
 """
@@ -16,8 +16,8 @@ from nbformat import v4, writes
 from PIL import Image
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-WITHOUT = {"gallery"}
-"""Scripts without a notebook: the gallery requires a browser."""
+WITHOUT = {"pushed_arm", "servos", "torques"}
+"""Files without a notebook: one that scripts import, and these scripts."""
 
 _PICTURES = """\
 from IPython.display import Image, display
@@ -83,11 +83,9 @@ def thumbnail(picture: Path, width: int = 640) -> bytes:
 
 
 def on_files(files: Any, *, config: Any) -> Any:
-    """Add figures, thumbnails and notebooks to the files of the site."""
+    """Add thumbnails and notebooks to the files of the site."""
     from mkdocs.structure.files import File
 
-    for figure in sorted((EXAMPLES / "figures").glob("*.png")):
-        files.append(File.generated(config, f"figures/{figure.name}", abs_src_path=str(figure)))
     for picture in sorted((EXAMPLES / "pictures").glob("*.png")):
         made = thumbnail(picture)
         files.append(File.generated(config, f"pictures/{picture.name}", content=made))
@@ -99,8 +97,8 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 
 def on_page_markdown(text: str, /, **_: object) -> str:
-    """Point the links to figures and pictures of examples at the files of the site."""
-    text = text.replace("](../examples/figures/", "](figures/")
+    """Point the links to pictures of examples at the files of the site."""
+    text = text.replace("](../../examples/pictures/", "](../pictures/")
     return text.replace("](../examples/pictures/", "](pictures/")
 
 

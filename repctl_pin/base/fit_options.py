@@ -1,19 +1,14 @@
-"""Options of a fit: nodes, random seed, memory, parallel work and stopping.
+"""Options of a fit: nodes, random seed and stopping.
 
 Nodes are the configurations at which a fit evaluates its cost; held-out nodes evaluate its result.
 """
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from .arguments import MOST_NODES, as_int, flag, freeze, positive, require_type
+from .arguments import as_int, freeze, positive, require_type
 from .errors import InputError
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 _MOST_RESTARTS = 1000
 
@@ -34,16 +29,9 @@ class FitOptions:
     seed : int
         Random seed of the fit nodes and of the held-out nodes; for a cell, of the search for a
         start configuration, too.
-    batch : int
-        Number of nodes that are evaluated at a time. This and the options below are for
-        :func:`nearest_repeatable` only.
-    stream : bool
-        Rebuild the batches in each pass instead of storing them, so that only one is in memory.
-    executor : concurrent.futures.Executor or Dask client, optional
-        Workers that build and store the batches.
     restarts : int
         Number of additional descents, each from randomly changed start coefficients; the best
-        descent is used.
+        descent is used. This option and the next are for :func:`nearest_repeatable` only.
     tolerance : float
         The optimiser stops when a step is predicted to lower the cost by at most this fraction, or
         when three steps in a row change the cost by at most this fraction each.
@@ -64,9 +52,6 @@ class FitOptions:
     samples: int | None = None
     held_out: int | None = None
     seed: int = 0
-    batch: int = 1024
-    stream: bool = False
-    executor: Executor | Client | None = None
     restarts: int = 0
     tolerance: float = 1e-5
 
@@ -77,14 +62,9 @@ class FitOptions:
         freeze(
             self,
             seed=as_int(self.seed, "seed"),
-            batch=as_int(self.batch, "batch", 1, MOST_NODES),
-            stream=flag(self.stream, "stream"),
             restarts=as_int(self.restarts, "restarts", 0, _MOST_RESTARTS),
             tolerance=positive(self.tolerance, "the tolerance"),
         )
-        if self.executor is not None and not callable(getattr(self.executor, "submit", None)):
-            what = "a concurrent.futures.Executor or a Dask client"
-            require_type(self.executor, Executor, "executor", what)
 
     def require_only(self, names: tuple[str, ...], by: str) -> None:
         """Raise InputError if an option other than ``names`` differs from its default.

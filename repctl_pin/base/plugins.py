@@ -43,8 +43,6 @@ class Extension:
     ----------
     package : str
         The extension's own name, ``__name__``.
-    names
-        Public names, such as ``rp.timed``, separated by spaces, by the module that defines them.
     commands
         Modules of the commands, by the name of the command.
     files
@@ -55,7 +53,6 @@ class Extension:
     """
 
     package: str
-    names: Mapping[str, str] = field(default_factory=dict)
     commands: Mapping[str, str] = field(default_factory=dict)
     files: Mapping[str, str] = field(default_factory=dict)
     parts: Mapping[str, str] = field(default_factory=dict)

@@ -127,7 +127,7 @@ def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
     tracks = read_playbacks(options.motion, robot, cycles=options.cycles)
     if options.only is not None:
         tracks = _only(options.only, tracks, options.motion)
-    task = options.problem(robot, start="reference", path=False).task
+    task = options.asked_task(robot)
     return _drawn(task, tracks, options, say, name=Path(options.motion).name)
 
 

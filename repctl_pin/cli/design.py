@@ -7,8 +7,6 @@ others, the held-out nodes. The desired inverse is the one to which it comes nea
 
 from __future__ import annotations
 
-import signal
-from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -19,8 +17,7 @@ import repctl_pin as rp
 from ..base.defaults import NODES, REGION
 from ..base.errors import InputError
 from ..base.files import write_whole, written_together
-from ..base.threads import BLAS_THREADS
-from ..show.text.lines import fitted
+from ..show.text.lines import fitted, noted
 from ..show.text.numbers import row
 from .given import (
     Options,
@@ -38,8 +35,7 @@ from .options import Parser
 from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from concurrent.futures import Executor
+    from collections.abc import Sequence
 
     from ..design.evaluation import Baseline
     from ..regions import Region
@@ -52,7 +48,7 @@ EXAMPLE = """examples:
   repctl design panda --region 0.4 --degree auto
   repctl design panda --task position --weight inertia --shrink --region 1.2
   repctl design xarm7 --path circle:0.1 --region 0.2  # a tube around the motion
-  repctl design panda --degree 3 --samples 262144 --processes 2"""
+  repctl design panda --degree 3 --samples 262144"""
 
 
 def add_options(parser: Parser) -> None:
@@ -91,9 +87,6 @@ def add_options(parser: Parser) -> None:
         metavar="K",
         help="number of extra starts of the optimiser",
     )
-    add("--stream", action="store_true", help="do not keep the nodes in memory")
-    add("--processes", type=integer, default=1, metavar="P", help="number of processes (default 1)")
-    add("--dask", metavar="ADDRESS", help="address of the scheduler of a Dask cluster to use")
     add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
     add(
         "--prove",
@@ -132,32 +125,28 @@ def run(options: Options) -> int:
     desired, name = choose_desired(task, options.asked_weight())
 
     share_done = in_percent(say)
-    with _executor_of(options) as executor:
 
-        def make(region: Region) -> rp.Design:
-            potentials = _potentials(task, region, degree, options.fourier)
-            return rp.nearest_repeatable(
-                desired,
-                potentials,
-                region,
-                degree=degree if potentials is None else None,
-                shrink=options.shrink,
-                options=rp.FitOptions(
-                    executor=executor,
-                    **options.of("samples", "held_out", "seed", "stream", "restarts"),
-                ),
-                progress=share_done,
-            )
+    def make(region: Region) -> rp.Design:
+        potentials = _potentials(task, region, degree, options.fourier)
+        return rp.nearest_repeatable(
+            desired,
+            potentials,
+            region,
+            degree=degree if potentials is None else None,
+            shrink=options.shrink,
+            options=rp.FitOptions(**options.of("samples", "held_out", "seed", "restarts")),
+            progress=share_done,
+        )
 
-        try:
-            problem, design = design_for(
-                problem, desired, make, width=options.region, seed=options.seed, say=say
-            )
-        except rp.SingularRegionError as error:
-            raise with_options(error, shrink=not options.shrink) from None
-        degrees = degree_curve(design, share_done)
+    try:
+        problem, design = design_for(
+            problem, desired, make, width=options.region, seed=options.seed, say=say
+        )
+    except rp.SingularRegionError as error:
+        raise with_options(error, shrink=not options.shrink) from None
+    degrees = degree_curve(design, share_done)
     baselines = design.evaluate_baselines(progress=share_done)
-    notes = [*_cut(options, problem), *problem.moved, *shrunk_note(design)]
+    notes = [*task.narrowed, *_cut(options, problem), *problem.moved, *shrunk_note(design)]
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, problem)
     notes.extend(more)
@@ -187,7 +176,7 @@ def run(options: Options) -> int:
             lines += ["", table(["degree", "cost", "± error"], rows)]
         if design.proof is not None:
             lines += ["", design.proof.summary()]
-        return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
+        return fitted("\n".join([*lines, *map(noted, notes), ""]))
 
     report(options, lambda: _as_dict(design, degrees, baselines, name, problem, notes), text, files)
     return proof_code(design.proof)
@@ -349,58 +338,3 @@ def _as_dict(
         **({} if design.proof is None else {"proof": asdict(design.proof)}),
         "notes": notes,
     }
-
-
-@contextmanager
-def _executor_of(options: Options) -> Iterator[Any]:
-    """Open the executor that shares the work of a design, and close it at the end of the block.
-
-    It is a pool of ``--processes`` on this machine, or the Dask cluster of ``--dask``; None without
-    these options. InputError is raised if Dask is not installed, or does not answer.
-    """
-    if options.dask is not None:
-        try:
-            from distributed import Client
-        except ImportError:
-            remedy = "run `pip install 'dask[distributed]'`"
-            raise InputError(
-                "--dask requires Dask, which is not installed", remedy=remedy
-            ) from None
-        try:
-            client = Client(options.dask, timeout=10)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(
-                f"{options.dask}: no scheduler answers there ({error})", argument="--dask"
-            ) from None
-        with client:
-            yield client
-    elif options.processes > 1:
-        import multiprocessing
-        import os
-        from concurrent.futures import ProcessPoolExecutor
-
-        # one BLAS thread per worker: more would slow it down
-        os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
-        pool = ProcessPoolExecutor(
-            options.processes, mp_context=multiprocessing.get_context("spawn")
-        )
-        try:
-            _start(pool, options.processes)
-            yield pool
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-    else:
-        yield None
-
-
-def _start(pool: Executor, processes: int) -> None:
-    """Start the worker processes of a pool, with SIGINT blocked in them.
-
-    Only the parent process then handles Ctrl-C, and no worker prints a traceback.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        for _ in range(processes):
-            pool.submit(int)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

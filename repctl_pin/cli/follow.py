@@ -16,7 +16,7 @@ import repctl_pin as rp
 from ..base.defaults import REGION, STEPS
 from ..base.errors import InputError, needed
 from ..base.files import write_whole
-from ..show.text.lines import fitted
+from ..show.text.lines import fitted, noted
 from ..show.text.numbers import number, row
 from .given import Options, integer, positive, with_options
 from .options import Parser
@@ -24,6 +24,7 @@ from .terminal import progress, report, say_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from ..base.certificate import ClosingRadius
     from ..regions import Region
@@ -102,28 +103,24 @@ def run(options: Options) -> int:
     """
     say = progress(options.json)
     from ..model.bodies import bodies_of
-    from ..motion.csv_file import csv_text
     from ..motion.follow import unresolved
-    from ..motion.joint_motion import refuse_violations, violations_of
-    from ..motion.write_motion import commanded, refuse_coarse, yaml_text
+    from ..motion.joint_motion import violations_of
+    from ..motion.write_motion import commanded
     from ..paths.winding import winding, winding_words
     from ..show.text.table import outside_words
     from ..strategies import RepeatableInverse
 
+    # what moves, along which path, from where
     _check_control(options)
     case = _saved(options) if options.saved else _made(options, say)
     strategy, problem = case.strategy, case.problem
     q0, path = problem.start, problem.cycle
-    notes = [*bodies_of(strategy.task).notes, *problem.notes, *case.notes]
-    found: rp.BestLeaf | None = None
-    if options.best_leaf:
-        if not isinstance(strategy, rp.RepeatableInverse):
-            raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
-        say("searching for the best leaf")
-        found = rp.best_leaf(
-            strategy, path, q0, region=case.region, desired=case.desired, by=options.best_leaf
-        )
+    notes = [*problem.task.narrowed, *bodies_of(strategy.task).notes, *problem.notes, *case.notes]
+    found = _searched_leaf(options, case, say) if options.best_leaf else None
+    if found is not None:
         q0 = found.q0
+
+    # the motion, and what is to be said about it
     say("following the path")
     lock = isinstance(strategy, RepeatableInverse)
     motion = rp.follow(
@@ -150,6 +147,8 @@ def run(options: Options) -> int:
     notes += [f"this motion {loose}"] if loose else []
     if not motion.first_closes and (turns := winding(motion.task, path)):
         notes = [winding_words(turns, motion.task.joint_names[0]), *notes]
+
+    # its numbers, and its times from rest to rest
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
     if loose:
@@ -163,33 +162,13 @@ def run(options: Options) -> int:
             keep_times=options.keep_times,
             rate=options.rate or 1000.0,
         )
-        result |= {
-            "duration": rest.duration,
-            "slowed_by": None,
-            "cycle_time": rest.cycle_time,
-            "stops": rest.stops,
-        }
-        result["peak_speed"] = float((rest.qdot**2).sum(axis=1).max() ** 0.5)
-    violated = violations_of(slowed)
-    searched = isinstance(strategy, rp.RepeatableInverse) and found is None
-    later = all(violation.moment > 0 for violation in violated)
-    remedy = _remedy(options, best_leaf=searched, smaller=later)
-    if (options.csv or options.yaml) and not options.allow_violations:
-        refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
-    if (options.csv or options.yaml) and rest is not None:
-        refuse_coarse(rest)
-    written = slowed if rest is None else rest
-    contents = dict[str, str | bytes]()
-    if options.csv is not None:
-        contents[options.csv] = csv_text(written)
-    if options.yaml is not None:
-        contents[options.yaml] = yaml_text(written)
-    if options.profile is not None and rest is not None:
-        from ..show.plots.cycles import phase_figure
-        from ..show.plots.motions import png
+        result |= _timed_result(rest)
 
-        contents[options.profile] = png(phase_figure(rest))
-    files = [write_whole(name, content) for name, content in contents.items()]
+    # the files, unless a limit is violated
+    violated = violations_of(slowed)
+    later = all(violation.moment > 0 for violation in violated)
+    remedy = _remedy(options, best_leaf=lock and found is None, smaller=later)
+    files = _written(options, slowed, rest, remedy)
 
     def text() -> str:
         loud = [
@@ -203,6 +182,65 @@ def run(options: Options) -> int:
         sys.stdout.flush()
         say_line(f"repctl: warning: {'; '.join(map(str, violated))}; {remedy}")
     return 0
+
+
+def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) -> rp.BestLeaf:
+    """Search the leaf that ``--best-leaf`` asks for; InputError without a repeatable controller."""
+    if not isinstance(case.strategy, rp.RepeatableInverse):
+        raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
+    say("searching for the best leaf")
+    return rp.best_leaf(
+        case.strategy,
+        case.problem.cycle,
+        case.problem.start,
+        region=case.region,
+        desired=case.desired,
+        by=options.best_leaf,
+    )
+
+
+def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
+    """Collect the numbers of a motion from rest to rest, replacing those of the path's times."""
+    return {
+        "duration": rest.duration,
+        "slowed_by": None,
+        "cycle_time": rest.cycle_time,
+        "stops": rest.stops,
+        "peak_speed": float((rest.qdot**2).sum(axis=1).max() ** 0.5),
+    }
+
+
+def _written(
+    options: Options, slowed: rp.Motion, rest: rp.TimedMotion | None, remedy: str
+) -> list[Path]:
+    """Write the files that were asked for, of the timed motion if there is one; return them.
+
+    InputError is raised before any is written if a limit is violated or bodies collide, unless
+    ``--allow-violations`` is given; ``remedy`` says how to avoid that.
+    """
+    from ..motion.csv_file import csv_text
+    from ..motion.joint_motion import refuse_violations
+    from ..motion.write_motion import refuse_coarse, refuse_timed_violations, yaml_text
+
+    if (options.csv or options.yaml) and not options.allow_violations:
+        refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
+    if (options.csv or options.yaml) and rest is not None:
+        refuse_coarse(rest)
+        if not options.allow_violations:
+            remedy = "or write it anyway with --allow-violations"
+            refuse_timed_violations(rest, slowed.task, remedy)
+    written = slowed if rest is None else rest
+    contents = dict[str, str | bytes]()
+    if options.csv is not None:
+        contents[options.csv] = csv_text(written)
+    if options.yaml is not None:
+        contents[options.yaml] = yaml_text(written)
+    if options.profile is not None and rest is not None:
+        from ..show.plots.cycles import phase_figure
+        from ..show.plots.motions import png
+
+        contents[options.profile] = png(phase_figure(rest))
+    return [write_whole(name, content) for name, content in contents.items()]
 
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
@@ -422,7 +460,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     if motion.beyond_closing_radius is not None:
         share = percentage(motion.beyond_closing_radius)
         yield f"closing radius  {share} beyond the proved radius"
-    yield from (f"note: {note}" for note in result["notes"])
+    yield from map(noted, result["notes"])
     if written and result["slowed_by"] is not None:
         ends = "this motion starts and ends at path speed"
         yield f"note: {ends}; use --acceleration for a rest-to-rest trajectory"

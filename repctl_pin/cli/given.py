@@ -78,6 +78,15 @@ class Options(argparse.Namespace):
             "surroundings": getattr(self, "surroundings", None),
         }
 
+    def asked_task(self, robot: rp.Robot | None = None) -> rp.Task:
+        """Make the task that the options describe, without a search for a start or a path.
+
+        ``robot`` is loaded if it is None.
+        """
+        from ..studies.task_choice import choose_task
+
+        return choose_task(robot or self.load_robot(), *self.asked_frames())
+
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
         """Make the problem that the options describe: task, start, path and region.
 

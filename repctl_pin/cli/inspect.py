@@ -100,7 +100,7 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
         "frames_left_out": len(set(robot.movable_frames) - set(redundancy)),
         "meshes": len(robot.description.meshes),
         "collision": _with_bodies(robot),
-        "warnings": [*robot.narrowed.values(), *robot.description.notes, *robot.warnings],
+        "warnings": [*robot.narrowed.values(), *robot.warnings],
     }
 
 

@@ -50,7 +50,7 @@ class FitProblem:
     desired, potentials, region
         G_d, the basis of the potentials, and Ω.
     options
-        Nodes, seed, workers and stopping.
+        Nodes, seed and stopping.
     warm : (N_first, r) array, optional
         Coefficients of a design of lower degree, which uses the first N_first potentials of the
         basis; a starting point of the fit.
@@ -161,7 +161,13 @@ class Continuation:
         begin = self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(
-                batches, basis, begin, A, penalty=penalty, tolerance=tolerance, report=self.reported
+                batches,
+                basis,
+                begin,
+                A,
+                penalty=penalty,
+                tolerance=tolerance,
+                report=self.reported,
             )
             penalty = min(10 * penalty, _MOST_PENALTY)
             lowest = self._lowest(found.A)

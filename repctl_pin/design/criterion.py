@@ -6,14 +6,13 @@ J, and the nodes are the configurations over which the mean is taken. Equation n
 paper's.
 
 Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
-(34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost` and
-:func:`gauss_newton` take one batch and return its terms of the sums over all batches. If A has
-fewer rows than there are potentials, only the first potentials are used.
+(34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost`,
+:func:`linearised` and :func:`gauss_newton` take one batch and return its terms of the sums over all
+batches. If A has fewer rows than there are potentials, only the first potentials are used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,8 +84,6 @@ class Batch:
 class Builder:
     """Factory of batches, which holds what is common to all nodes of a fit.
 
-    It can be pickled and sent to another process, which then builds the batches of its own nodes.
-
     Attributes
     ----------
     desired, potentials
@@ -115,11 +112,6 @@ class Builder:
         N_T = np.swapaxes(N, -1, -2)
         B_T = np.concatenate([N_T, np.swapaxes(G, -1, -2)], axis=1)  # (K, n, n)
         return Batch(B_T @ D, N_T @ self.N_center, weights, task.r)
-
-    def batches(self, Q: Array, weights: Array, size: int) -> Iterator[Batch]:
-        """Divide nodes Q (K, n) into batches of ``size`` nodes, and yield them in order."""
-        for i in range(0, len(Q), size):
-            yield self(Q[i : i + size], weights[i : i + size])
 
 
 def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Array, Array, Array]:
@@ -243,20 +235,91 @@ def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
 
 
-def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
-    """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
+@dataclass(frozen=True, eq=False)
+@read_only
+class Differential:
+    """First-order change ``dX = L dA P⁻¹`` of the differences X (38) at K nodes.
+
+    Its mean square is the Gauss–Newton model of the cost, ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL)
+    dA[:, j']`` with S = P⁻¹ P⁻ᵀ.
+
+    Attributes
+    ----------
+    L : (m, K, N) array
+        ``F − X E``.
+    S : (r, r, K) array
+        P⁻¹ P⁻ᵀ, times the quadrature weights.
+    """
+
+    L: Array
+    S: Array
+
+    def product(self, dA: Array) -> Array:
+        """Multiply the Gauss–Newton matrix by dA (N, r): ``Σ Lᵀ L dA S`` (N, r).
+
+        The matrix itself is not built: a product costs about 4 K m N r operations.
+        """
+        m, K, size = self.L.shape
+        rows = self.L.reshape(-1, size)
+        changed = (dA.T @ rows.T).reshape(-1, m, K)
+        return (np.einsum("imk,ijk->jmk", changed, self.S).reshape(-1, m * K) @ rows).T
+
+    def traces(self, basis: Array) -> Array:
+        """Evaluate the trace of each node's term of the matrix (K,), in coordinates ``B⁻¹ A``."""
+        rows = self.L.reshape(-1, self.L.shape[-1]) @ basis
+        return np.trace(self.S) * np.sum(np.sum(rows**2, axis=1).reshape(len(self.L), -1), axis=0)
+
+    def matrix(self) -> Array:
+        """Build the Gauss–Newton matrix (r, N, r, N), with the blocks ``Σ S[j, j'] LᵀL``.
+
+        It costs about K m N² r (r + 1) operations.
+        """
+        size, r = self.L.shape[-1], len(self.S)
+        rows = self.L.reshape(-1, size)
+        matrix = np.empty((r, size, r, size))
+        for j in range(r):
+            scaled = (self.L * np.sqrt(self.S[j, j])[:, None]).reshape(-1, size)
+            matrix[j, :, j, :] = scaled.T @ scaled
+            for i in range(j):
+                part = rows.T @ (self.L * self.S[i, j][:, None]).reshape(-1, size)
+                matrix[i, :, j, :] = part
+                matrix[j, :, i, :] = part.T
+        return matrix
+
+
+def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
+    """Draw ``count`` nodes at random, such that the mean of their matrix is that of all nodes.
+
+    A node is drawn with a probability that is half constant, half in proportion to the trace of its
+    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The
+    terms are divided by the probabilities. Return also the trace of the matrix of all nodes.
+    """
+    traces = [one.traces(basis) for one in model]
+    every = np.concatenate(traces)
+    total = float(np.sum(every))
+    chance = np.full(len(every), 1 / len(every))
+    if total > 0:
+        chance = (chance + every / total) / 2
+    drawn = np.random.default_rng(0).multinomial(count, chance / np.sum(chance))
+    scale = np.split(drawn / (count * chance), np.cumsum([len(one) for one in traces])[:-1])
+    L = [one.L[:, each > 0] for one, each in zip(model, scale, strict=True)]
+    S = [one.S[..., each > 0] * each[each > 0] for one, each in zip(model, scale, strict=True)]
+    return Differential(np.concatenate(L, axis=1), np.concatenate(S, axis=-1)), total
+
+
+def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], SignCount]:
+    """Evaluate this batch's terms of the cost C(A), its gradient, and its first-order model.
 
     E and F are those of the :class:`Batch`, with the arm and all potentials in them. With P = E A,
-    X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order ``dX = L dA P⁻¹``. So
-    ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with ``S = P⁻¹ P⁻ᵀ``.
+    X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order ``dX = L dA P⁻¹``.
 
     Returns
     -------
     cost : float
     half_gradient : (N, r) array
         ½ ∂C/∂A.
-    matrix : (r, N, r, N) array
-        Gauss–Newton matrix of ½ C, with the blocks S[j, j'] LᵀL.
+    differentials : list of Differential
+        That of this batch; the sum over batches is the list of them.
     sides : SignCount
         Number of nodes with either sign of det P.
     """
@@ -265,19 +328,23 @@ def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
     X, P_inv, sides = _difference(b, A)
     total = float(b.weights @ np.sum(X**2, axis=(1, 2)))
     L = b.F - X @ b.E  # (K, m, N)
-    rows = L.reshape(-1, size)
     right = X @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]  # (K, m, r)
-    gradient = rows.T @ right.reshape(-1, r)
+    gradient = L.reshape(-1, size).T @ right.reshape(-1, r)
     S = P_inv @ np.swapaxes(P_inv, -1, -2) * b.weights[:, None, None]
-    matrix = np.empty((r, size, r, size))
-    for j in range(r):
-        scaled = (L * np.sqrt(S[:, j, j])[:, None, None]).reshape(-1, size)
-        matrix[j, :, j, :] = scaled.T @ scaled
-        for i in range(j):
-            part = rows.T @ (L * S[:, i, j, None, None]).reshape(-1, size)
-            matrix[i, :, j, :] = part
-            matrix[j, :, i, :] = part.T
-    return total, gradient, matrix, sides
+    model = Differential(
+        np.ascontiguousarray(np.swapaxes(L, 0, 1)), np.ascontiguousarray(np.moveaxis(S, 0, -1))
+    )
+    return total, gradient, [model], sides
+
+
+def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
+    """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
+
+    They are those of :func:`linearised`, with ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL)
+    dA[:, j']`` and ``S = P⁻¹ P⁻ᵀ`` as a matrix (r, N, r, N).
+    """
+    total, gradient, (differential,), sides = linearised(b, A)
+    return total, gradient, differential.matrix(), sides
 
 
 def named(task: Task, q: Array) -> str:

@@ -9,15 +9,17 @@ the cost, the mean of ‖G_r − G_d‖² over the region, from the repeatable i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
+from scipy.sparse.linalg import LinearOperator, cg
 
 from ..base.arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
 from . import criterion
-from .batches import BarrierCost, Batches
+from .batches import BarrierCost, Batches, Sum
 from .criterion import SignCount
 
 _Report = Callable[[int, float], None]
@@ -34,6 +36,13 @@ _RULES = Damping(
     sufficient=1e-4,
     halvings=20,
 )
+_DENSE = 2000
+"""r² N up to which the whole Gauss–Newton matrix is built."""
+
+_RESIDUAL, _MOST_PRODUCTS, _SAMPLE = 1e-4, 200, 32
+"""Relative residual and number of products of conjugate gradients, and equations sampled per
+potential for their preconditioner."""
+
 _EMPHASIS = (1.0, 0.1, 0.01)
 
 
@@ -161,7 +170,11 @@ def descend(
     report
         Progress callback (step, cost).
     """
-    problem = _PenalisedCost(batches, basis, begin, penalty)
+    size, r = A.shape
+    # products pass over all nodes often, so these must be in memory
+    often = batches.stored and r**2 * size > _DENSE
+    kind = _MatrixFree if often else _PenalisedCost
+    problem = kind(batches, basis, begin, penalty)
     found = levenberg_marquardt(
         problem,
         scipy.linalg.solve_triangular(basis, A),
@@ -179,9 +192,9 @@ def descend(
     return Descent(basis @ at.x, at.cost, gradient, found.converged, found.steps, sides)
 
 
-_Evaluated = tuple[Array, Array, SignCount]
-"""Sums over the nodes: half the gradient (N, r), the blocks (r, N, r, N) of the Gauss–Newton
-matrix, and the number of nodes with either sign of det(Nᵀ V)."""
+_Evaluated = tuple[Array, Any, SignCount]
+"""Sums over the nodes: half the gradient (N, r), the Gauss–Newton matrix (r, N, r, N) or the
+differentials, and the number of nodes with either sign of det(Nᵀ V)."""
 
 
 class _PenalisedCost:
@@ -193,6 +206,8 @@ class _PenalisedCost:
     g. If potentials are nearly dependent, B is large, and the rounding errors of ``Bᵀ H B``
     determine the smallest useful μ.
     """
+
+    terms: Sum = staticmethod(criterion.gauss_newton)
 
     def __init__(self, batches: BarrierCost, basis: Array, begin: Start, penalty: float) -> None:
         self.batches, self.basis = batches, basis
@@ -207,10 +222,10 @@ class _PenalisedCost:
         The pass over the nodes takes most of the time. The merit of the point includes the penalty,
         and the point is allowed if det(Nᵀ V) has one sign at all nodes.
         """
-        total = self.batches.total(criterion.gauss_newton, self.basis @ x)
-        cost, gradient, blocks, sides = total
+        total = self.batches.total(self.terms, self.basis @ x)
+        cost, gradient, second, sides = total
         merit = cost + self._closeness(x)
-        return Point(merit, cost, sides.uniform, (gradient, blocks, sides), x)
+        return Point(merit, cost, sides.uniform, (gradient, second, sides), x)
 
     def merit(self, x: Array) -> float:
         """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs.
@@ -220,30 +235,33 @@ class _PenalisedCost:
         cost, sides = self.batches.total(criterion.cost, self.basis @ x)
         return cost + self._closeness(x) if sides.uniform else np.inf
 
-    def model(self, at: Point[_Evaluated]) -> tuple[Array, Array]:
-        """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x.
+    def gradient(self, at: Point[_Evaluated]) -> Array:
+        """Evaluate half the gradient (N, r) of the penalised cost in x, at an evaluated point."""
+        pull = self.tau * (self.EE @ at.x - self.null_alignment)
+        return self.basis.T @ at.data[0] + pull
+
+    def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
+        """Evaluate half the gradient (N, r) and the Gauss–Newton matrix (r N, r N) in x.
 
         ``at`` is an evaluated point with its sums over the nodes, so that no further pass is
         needed.
         """
         basis, r = self.basis, range(self.r)
-        half_gradient, blocks, _ = at.data
-        pull = self.tau * (self.EE @ at.x - self.null_alignment)
-        gradient = basis.T @ half_gradient + pull
+        blocks = at.data[1]
 
         def block(i: int, j: int) -> Array:
             return basis.T @ blocks[i, :, j, :] @ basis + (self.tau * self.EE if i == j else 0.0)
 
-        H = np.block([[block(i, j) for j in r] for i in r])
-        return gradient.T.ravel(), H
+        return self.gradient(at), np.block([[block(i, j) for j in r] for i in r])
 
-    def step(self, model: tuple[Array, Array], damping: float) -> Step:
+    def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I.
 
         ``model`` is (g, H), half the gradient and the Gauss–Newton matrix. The damping used can be
         larger than asked for, if the matrix is not positive definite.
         """
-        g, H = model
+        gradient, H = model
+        g = gradient.T.ravel()
         H, x, used = _damped_step(H, g, damping)
         predicted = -2 * float(g @ x) - float(x @ (H @ x))
         return Step(x.reshape(self.r, -1).T, predicted, used)
@@ -258,10 +276,58 @@ class _PenalisedCost:
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
 
 
+class _MatrixFree(_PenalisedCost):
+    """Penalised cost whose steps are found by conjugate gradients, for many potentials and large r.
+
+    The Gauss–Newton matrix of all nodes costs K m N² r (r + 1) operations, and a product with it 4
+    K m N r. So it is built from a random sample of the nodes only, as the preconditioner of the
+    products with that of all nodes. With 32 N / m nodes, a step needs some ten products.
+    """
+
+    terms: Sum = staticmethod(criterion.linearised)
+
+    def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
+        """Evaluate half the gradient, and three parts of the Gauss–Newton matrix H in x.
+
+        They are the differentials of all nodes, H of a sample of the nodes, and mean(diag H).
+        """
+        gradient, differentials, sides = at.data
+        count = _SAMPLE * len(self.basis) // len(differentials[0].L)
+        few, trace = criterion.sampled(differentials, self.basis, count)
+        g, H = super().model(replace(at, data=(gradient, few.matrix(), sides)))
+        level = (trace + self.tau * self.r * float(np.trace(self.EE))) / at.x.size
+        return g, (differentials, H, level)
+
+    def step(self, model: tuple[Array, Any], damping: float) -> Step:
+        """Solve ``(H + μ D) dx = −g`` by conjugate gradients, with μ D that of the dense step.
+
+        The residual is at most 1e-4 of ``‖g‖``. The gradient is exact, so that the residual changes
+        the way to the optimum, but not the optimum.
+        """
+        g, (differentials, approximate, level) = model
+        r, flat = self.r, -g.T.ravel()
+        factor, mu, damping = _factor(approximate, damping, level)
+
+        def product(x: Array) -> Array:
+            dx = x.reshape(r, -1).T
+            dA = self.basis @ dx
+            change = self.basis.T @ sum(one.product(dA) for one in differentials)
+            return (change + self.tau * self.EE @ dx + mu * dx).T.ravel()
+
+        def solved(x: Array) -> Array:
+            return scipy.linalg.cho_solve(factor, x)
+
+        H, preconditioner = (
+            LinearOperator((flat.size, flat.size), matvec=function, dtype=float)
+            for function in (product, solved)
+        )
+        x, _ = cg(H, flat, rtol=_RESIDUAL, maxiter=_MOST_PRODUCTS, M=preconditioner)
+        predicted = 2 * float(flat @ x) - float(x @ product(x))
+        return Step(x.reshape(r, -1).T, predicted, damping)
+
+
 def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, float]:
     """Solve ``(H + μ I) x = −g`` with μ = ``damping`` · mean(diag H), raised if necessary.
-
-    The damping is multiplied by 10 until the matrix is positive definite.
 
     Returns
     -------
@@ -272,15 +338,22 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
     damping : float
         The damping that was used.
     """
-    level = max(float(np.trace(H)) / len(g), 1e-300)
+    factor, mu, damping = _factor(H, damping, float(np.trace(H)) / len(g))
+    return H + mu * np.eye(len(g)), -scipy.linalg.cho_solve(factor, g), damping
+
+
+def _factor(H: Array, damping: float, level: float) -> tuple[Any, float, float]:
+    """Factor ``H + μ I`` with μ = ``damping`` · ``level``; return the factor, μ and the damping.
+
+    The damping is multiplied by 10 until the matrix is positive definite.
+    """
+    level = max(level, 1e-300)
     while True:
-        matrix = H + damping * level * np.eye(len(g))
+        mu = damping * level
         try:
-            factor = scipy.linalg.cho_factor(matrix)
+            return scipy.linalg.cho_factor(H + mu * np.eye(len(H))), mu, damping
         except np.linalg.LinAlgError:
             damping *= 10
-        else:
-            return matrix, -scipy.linalg.cho_solve(factor, g), damping
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:

@@ -7,9 +7,7 @@ region at which the cost is evaluated.
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +18,7 @@ from ..model.task import Task
 from ..potentials.basis import PotentialBasis
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
-from .batches import BarrierCost, Batches, Local, hand_out
+from .batches import BarrierCost, Batches
 from .continuation import Continuation, FitProblem
 from .criterion import Builder, evaluate, oriented_nullspace
 from .descend import Descent
@@ -28,9 +26,6 @@ from .design_result import Design
 from .evaluation import evaluate_design
 from .independence import Independent, independent
 from .singularity_search import Dexterity, SingularRegionError, refuse_singular, search
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 _LEAST_NODES = 4096
 _NODES_PER_UNKNOWN = 32
@@ -49,71 +44,101 @@ def fit(problem: FitProblem) -> Design:
     InputError
         If the nodes are too few for the potentials.
     """
-    desired, potentials, region, seed, report = (
-        problem.desired,
-        problem.potentials,
-        problem.region,
-        problem.options.seed,
-        problem.report,
-    )
-    options = problem.options
+    desired = problem.desired
     task = desired.task
-    report("searching Ω for singularities of the arm", 0.0)
-    measure = Dexterity(task)
-    lowest = search(measure, region, region.random(2048, seed))
-    if lowest.value <= 0:
-        raise refuse_singular(
-            "the Jacobian loses rank in Ω", task, measure, region, lowest.at[None]
-        )
-    unknowns = (potentials.size - task.r) * task.r
-    few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
-    count = max(few, NODES) if options.samples is None else options.samples
-    if undetermined(potentials, task, count):
-        least = -(-potentials.size // task.m)
-        raise InputError(
-            f"{count} nodes are too few for {potentials.size} potentials; give at least {least}"
-        )
+    potentials = problem.potentials
+    region = problem.region
+    seed = problem.options.seed
+    _refuse_arm_singularities(problem)
+
+    # choose the nodes: few for most descents, all of them for the last ones
+    count, few = _numbers_of_nodes(problem)
     Q, weights = region.nodes(count, seed)
-    Q_few, w_few = region.nodes(few, seed) if len(Q) >= 2 * few else (Q, weights)
+    Q_few, few_weights = region.nodes(few, seed) if len(Q) >= 2 * few else (Q, weights)
+
+    # choose potentials whose gradients are independent, and fix what all batches share
     chosen = independent(desired, potentials, *region.nodes(max(512, 2 * potentials.size), seed))
     N_center = oriented_nullspace(task.jacobian(region.center)[None], task, region.center[None])[0]
     builder = Builder(desired, potentials, chosen.kept, N_center)
 
-    def batches_of(Q: Array, weights: Array, where: Executor | Client | None) -> Batches:
-        def tick(share: float) -> None:
-            report(f"{len(Q)} nodes", share)
+    def batches_of(Q: Array, weights: Array) -> Batches:
+        return Batches(
+            builder, Q, weights, tick=lambda share: problem.report(f"{len(Q)} nodes", share)
+        )
 
-        if where is None:
-            return Local(builder, Q, weights, options.batch, stream=options.stream, tick=tick)
-        return hand_out(builder, Q, weights, options.batch, where, stream=options.stream, tick=tick)
+    few_nodes = batches_of(Q_few, few_weights)
+    coarse = BarrierCost(few_nodes, builder, 1 / len(Q_few))
+    way = Continuation(problem, chosen, coarse)
+    fine = coarse
+    refusal: SingularRegionError | None = None
+    for near in way.regular():
+        if fine is coarse and len(Q_few) < len(Q):
+            fine = BarrierCost(batches_of(Q, weights), builder, 1 / len(Q), coarse.guards)
+        found = _refined(problem, chosen, way, near, fine, len(Q))
+        if isinstance(found, Design):
+            return found
+        refusal = found
+    raise way.refusal(Q_few, refusal)
 
-    few_nodes = batches_of(Q_few, w_few, options.executor if len(Q_few) == len(Q) else None)
-    all_nodes = few_nodes
-    try:
-        coarse = BarrierCost(few_nodes, builder, 1 / len(Q_few))
-        way = Continuation(problem, chosen, coarse)
-        refusal: SingularRegionError | None = None
-        fine = coarse
-        for near in way.regular():
-            if all_nodes is few_nodes and len(Q_few) < len(Q):
-                all_nodes = batches_of(Q, weights, options.executor)
-                fine = BarrierCost(all_nodes, builder, 1 / len(Q), coarse.guards)
-            for _ in range(_ROUNDS):
-                found = way.descend(fine, near.A, _PENALTY, options.tolerance)
-                result = found or replace(near, converged=False, steps=0)
-                cost, _ = all_nodes.total(criterion.cost, result.A)
-                result = replace(result, cost=cost, steps=result.steps + near.steps)
-                report("evaluating on held-out nodes", 0.0)
-                try:
-                    return _judged(problem, chosen, result, len(Q))
-                except SingularRegionError as error:
-                    refusal = error
-                if way.margin(near.A)(refusal.at[None])[0] <= 0:
-                    break
-                fine.guard(refusal.at[None])
-        raise way.refusal(Q_few, refusal)
-    finally:
-        all_nodes.close()
+
+def _refuse_arm_singularities(problem: FitProblem) -> None:
+    """Raise SingularRegionError if the search finds a singularity of the arm in Ω."""
+    problem.report("searching Ω for singularities of the arm", 0.0)
+    task, region = problem.desired.task, problem.region
+    measure = Dexterity(task)
+    lowest = search(measure, region, region.random(2048, problem.options.seed))
+    if lowest.value <= 0:
+        raise refuse_singular(
+            "the Jacobian loses rank in Ω", task, measure, region, lowest.at[None]
+        )
+
+
+def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
+    """Compute the number of all nodes of a fit, and that of the few for most descents.
+
+    InputError is raised if all nodes are too few for the potentials.
+    """
+    task, size, samples = problem.desired.task, problem.potentials.size, problem.options.samples
+    unknowns = (size - task.r) * task.r
+    few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
+    count = max(few, NODES) if samples is None else samples
+    if undetermined(problem.potentials, task, count):
+        raise InputError(
+            f"{count} nodes are too few for {size} potentials; give at least {-(-size // task.m)}"
+        )
+    return count, few
+
+
+def _refined(
+    problem: FitProblem,
+    chosen: Independent,
+    way: Continuation,
+    near: Descent,
+    fine: BarrierCost,
+    samples: int,
+) -> Design | SingularRegionError:
+    """Descend on all nodes from a result on few, and evaluate the design on held-out nodes.
+
+    A singularity that the evaluation finds becomes a barrier point of ``fine``, and the descent is
+    repeated. The last singularity is returned if the start itself, ``near``, is singular there or
+    the rounds are used up. ``samples`` is the number of all nodes.
+    """
+    refusal: SingularRegionError | None = None
+    for _ in range(_ROUNDS):
+        found = way.descend(fine, near.A, _PENALTY, problem.options.tolerance)
+        result = found or replace(near, converged=False, steps=0)
+        cost, _ = fine.batches.total(criterion.cost, result.A)
+        result = replace(result, cost=cost, steps=result.steps + near.steps)
+        problem.report("evaluating on held-out nodes", 0.0)
+        try:
+            return _judged(problem, chosen, result, samples)
+        except SingularRegionError as error:
+            refusal = error
+        if way.margin(near.A)(refusal.at[None])[0] <= 0:
+            break
+        fine.guard(refusal.at[None])
+    assert refusal is not None
+    return refusal
 
 
 def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:

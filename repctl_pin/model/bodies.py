@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from .collision_model import Pair
 
 _NAMED = 3
-"""Maximum number of link pairs that a note names."""
+"""Maximum number of links, or of pairs of them, that a note names."""
 
 _MADE: WeakKeyDictionary[Task, Bodies] = WeakKeyDictionary()
 _MADE_LOCK = Lock()
@@ -177,17 +178,38 @@ class Bodies:
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:
-        """Find the closest pair of bodies at q (n,)."""
-        distances, which = self._all(vector(q, self.task.n, "q")[None])
+        """Find the closest pair of bodies at q (n,).
+
+        A robot without a pair to measure has the distance inf, with a warning.
+        """
+        self._warn_if_empty()
+        return self._nearest(vector(q, self.task.n, "q"))
+
+    def _nearest(self, q: Array) -> Nearest:
+        """Find the closest pair of bodies at q (n,), without a warning where there is none."""
+        distances, which = self._all(q[None])
         links = ("", "") if which[0] < 0 else self._model.names(int(which[0]))
         return Nearest(float(distances[0]), links)
 
     def distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum body distance at every row of Q (K, n): (K,), m.
 
-        A negative distance is a collision.
+        A negative distance is a collision. Without a pair to measure they are inf, with a warning.
         """
+        self._warn_if_empty()
         return self._all(Q)[0]
+
+    def _warn_if_empty(self) -> None:
+        """Warn that every distance is inf, because there is no pair to measure."""
+        if self.pairs or self.only_contact:
+            return
+        count = len(self.unchecked)
+        cause = f": no shape of {named_links(self.unchecked)}" if count else ""
+        warnings.warn(
+            f"no pair of bodies is checked, so the distance is inf{cause}",
+            UserWarning,
+            stacklevel=3,
+        )
 
     def _along(self, Q: Array, rows: NDArray[np.intp]) -> Clearance:
         """Find the minimum body distance and the first collision of a motion, see :mod:`clearance`.
@@ -293,6 +315,12 @@ def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
         if joint[link] not in found:
             first.setdefault(joint[link], link)
     return tuple(first.values())
+
+
+def named_links(links: Sequence[str]) -> str:
+    """Format names of links as text for a message: the first three, and how many more."""
+    few, more = ", ".join(links[:_NAMED]), len(links) - _NAMED
+    return few if more <= 0 else f"{few} and {more} more link{'s' * (more > 1)}"
 
 
 def _listed(pairs: list[Pair]) -> str:

@@ -78,7 +78,7 @@ class _JointPlacements:
         return R, p
 
 
-_TELLING = 1e-6
+TELLING = 1e-6
 """Minimum distance between two centres at which their direction is well defined, m."""
 
 
@@ -130,7 +130,7 @@ class BodyBounds:
         self._columns, column = np.unique(self._second, return_inverse=True)
         self._flat = row * len(self._columns) + column
         self._reach = self._radii[self._first] + self._radii[self._second]
-        self._tables = self._native_tables()
+        self.tables = self._native_tables()
 
     @property
     def size(self) -> int:
@@ -149,8 +149,8 @@ class BodyBounds:
             Q = np.ascontiguousarray(Q, float)
             bounds = np.empty((len(Q), len(self._pairs)))
             rows = (ctypes.c_void_p(array.ctypes.data) for array in (Q, bounds))
-            count, telling = ctypes.c_long(len(Q)), ctypes.c_double(_TELLING)
-            native.body_bounds(ctypes.byref(self._tables), count, telling, *rows)
+            count, telling = ctypes.c_long(len(Q)), ctypes.c_double(TELLING)
+            native.body_bounds(ctypes.byref(self.tables), count, telling, *rows)
             return bounds
         R, p = self._placements(Q)
         centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
@@ -160,7 +160,7 @@ class BodyBounds:
         gaps = squares[:, self._first] + squares[:, self._second] - 2 * products
         gaps = np.sqrt(np.maximum(gaps, 0.0, out=gaps), out=gaps)
         bounds = gaps - self._reach
-        k, pair = np.nonzero((bounds < gaps.min(axis=1, keepdims=True) / 2) & (gaps > _TELLING))
+        k, pair = np.nonzero((bounds < gaps.min(axis=1, keepdims=True) / 2) & (gaps > TELLING))
         a, b = self._first[pair], self._second[pair]
         u = centers[k, a] - centers[k, b]
         gap = np.sqrt(np.einsum("mi,mi->m", u, u))

@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from threading import Lock, RLock
+from typing import Any
 
 import coal
 import numpy as np
@@ -41,6 +42,9 @@ _FUSED = 0.25
 
 _TOUCHING = 1e-12
 """Minimum penetration reported for colliding bodies, m, so that the distance is below 0."""
+
+_MARGIN = 0.05
+"""Distance of surfaces beyond which their exact distance is not computed, m."""
 
 _BLOCK = 64
 """Number of configurations per batch of bounds; the batch fits in the processor's cache."""
@@ -140,6 +144,11 @@ class _CollisionModel:
         """
         return self._bounds.reach(self._joints)
 
+    @property
+    def tables(self) -> Any:
+        """The struct :data:`BODY_TABLES` of the bodies and pairs."""
+        return self._bounds.tables
+
     def kept(self, distance: float) -> Array:
         """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked.
 
@@ -147,18 +156,34 @@ class _CollisionModel:
         """
         return np.where(self._only_contact, 0.0, distance)
 
-    def some_distances(self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False) -> Array:
+    def some_distances(
+        self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False, outside: bool = False
+    ) -> Array:
         """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
 
-        q has a value per joint of the model, and ``pairs`` are K indices. The distances are those
-        of the hulls. Where the hulls of a pair that is checked for collisions only overlap, it is
-        that of the exact shapes, and with ``exact`` that of every pair; below 0 in a collision.
+        The distances are those of the hulls. Where the hulls of a pair that is checked for
+        collisions only overlap, it is that of the exact shapes, or a lower bound on it.
+
+        Parameters
+        ----------
+        q
+            Configuration, a value per joint of the model.
+        pairs
+            Indices of K pairs.
+        exact
+            Use the distance of the exact shapes where the hulls of any pair overlap; below 0 in a
+            collision.
+        outside
+            Take for granted that no body is inside a mesh without touching its surface. It is so on
+            a way from a known configuration on which all bounds are above 0, and far faster.
         """
         with self._lock:
             self._move(q)
             found = [self._apart(k) for k in pairs.tolist()]
             for i, k in enumerate(pairs.tolist()):
-                if found[i] <= 0 and (exact or self._only_contact[k]):
+                if outside and self._only_contact[k] and found[i] < _MARGIN:
+                    found[i] = max(found[i], self._surfaces(k))
+                elif found[i] <= 0 and (exact or self._only_contact[k]):
                     found[i] = self._exact_distance(k)
         return np.array(found)
 
@@ -304,6 +329,23 @@ class _CollisionModel:
         one, other = self._bodies[a].exact, self._bodies[b].exact
         here, there = self._transform(a), self._transform(b)
         return float(coal.distance(one, here, other, there, self._request, result))
+
+    def _surfaces(self, k: int) -> float:
+        """Bound the distance of the surfaces of pair k from below, m; below 0 if they intersect.
+
+        Whether they are farther apart than a margin is found far faster than their distance. It is
+        −inf for two convex bodies, whose hulls are exact.
+        """
+        (a, b), request = self._both[k], coal.CollisionRequest()
+        one, other = self._bodies[a].exact, self._bodies[b].exact
+        here, there = self._transform(a), self._transform(b)
+        request.enable_contact = False
+        if self._bodies[a].convex and self._bodies[b].convex:
+            return -np.inf  # the hulls' distance is exact
+        request.security_margin = _MARGIN
+        if not coal.collide(one, here, other, there, request, coal.CollisionResult()):
+            return _MARGIN
+        return float(coal.distance(one, here, other, there, self._request, coal.DistanceResult()))
 
     def _transform(self, k: int) -> coal.Transform3s:
         """Return the current placement of body k as coal's Transform3s.

@@ -47,8 +47,8 @@ class Robot(Mechanism):
     end_frames : tuple of str
         Frames at the ends of arms, the default first.
     warnings : tuple of str
-        Notes on the file: missing meshes, ignored limits of mimic joints, and values of the
-        reference pose that were moved within the limits.
+        Notes on the file: what was read otherwise than it is written, missing meshes, ignored
+        limits of mimic joints, and values of the reference pose that were moved within the limits.
 
     Examples
     --------
@@ -126,7 +126,7 @@ class Robot(Mechanism):
         self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
         self.reference = self.poses["reference"]
         self.frames = tuple(link_ids(model))
-        self.warnings = (*notes, *self._mesh_notes())
+        self.warnings = (*description.notes, *notes, *self._mesh_notes())
         if base is not None:
             self._frame_id(base)  # raises if there is no such link
 

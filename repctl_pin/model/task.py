@@ -398,6 +398,14 @@ class Task:
         """Names of the robot's own joints that move the frame, independent of joint coordinates."""
         return tuple(self.robot.joint_names[i] for i in self._columns)
 
+    @property
+    def narrowed(self) -> list[str]:
+        """Sentences on the joints whose limits in the URDF are narrowed by joints that mimic them.
+
+        A warning begins with ``! ``."""
+        narrowed = self.robot.narrowed
+        return [narrowed[joint] for joint in self.robot_joints if joint in narrowed]
+
     def from_robot(self, whole: ArrayLike) -> Array:
         """Extract q (..., n) from configurations of the whole robot; inverts :meth:`to_robot`."""
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))

@@ -26,6 +26,9 @@ from .task import Task
 _EXACT = 1e-14
 """Entry of RᵀR − I below which a rotation is left as it is."""
 
+_FARTHEST = 1000.0
+"""Maximum distance of a tool from its frame, m; rounding errors of poses grow with it."""
+
 _SAME = 1e-9
 """Largest difference, m or rad, of two placements that are one."""
 
@@ -98,11 +101,16 @@ def rigid(placement: Placement) -> pin.SE3:
     """Check the placement of a tool, and make its rotation exact where it is not.
 
     A rotation that is written with few digits is replaced by the nearest rotation. InputError is
-    raised if it is none, or if the position is not finite.
+    raised if it is none, if the position is not finite, or if it is more than 1,000 m away.
     """
     tool = as_placement(placement, "placement")
     if not np.isfinite(tool.translation).all():
         raise InputError("the position of the tool must be finite numbers, m")
+    if (away := float(np.linalg.norm(tool.translation))) > _FARTHEST:
+        raise InputError(
+            f"the tool is {away:.3g} m from the frame: at most {_FARTHEST:,.0f} m is taken",
+            remedy="give its position in m",
+        )
     require_rotation(tool.rotation, "the tool")
     if np.abs(tool.rotation.T @ tool.rotation - np.eye(3)).max() < _EXACT:
         return tool

@@ -155,7 +155,7 @@ class JointMotion:
 
         Bodies are the URDF's collision shapes, meshes as their convex hulls. 0 if only hulls
         overlap, inf without shapes. See :class:`Bodies`."""
-        distances = bodies_of(self.task).distances(self.q)
+        distances = bodies_of(self.task)._all(self.q)[0]
         distances.setflags(write=False)
         return distances
 
@@ -241,11 +241,6 @@ class JointMotion:
             if isinstance(v, np.ndarray) and len(v) == len(self.q)
         }
         return replace(self, steps=len(rows) // self.cycles, **kept)
-
-    @cached_property
-    def coarse(self) -> Self:
-        """The motion at no more than 100 points per cycle, for figures of body distances."""
-        return self.thinned(_COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
         """Convert positions or velocities (..., n) from the task's ψ to the robot's joints.

@@ -64,7 +64,7 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     """
     entry = task.robot.entry
     names = task.robot_joints
-    own = _of_file(task, "acceleration")
+    own = limits_of_file(task, "acceleration")
     if np.isfinite(own).all():
         return own, "acceleration limits of the URDF"
     if entry is not None and entry.acceleration is not None:
@@ -222,7 +222,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     acceleration = limits.acceleration
     if acceleration is None:
         acceleration = _own_acceleration(task, also_jerk=limits.jerk is not None)
-    jerk = _of_file(task, "jerk") if limits.jerk is None else limits.jerk
+    jerk = limits_of_file(task, "jerk") if limits.jerk is None else limits.jerk
     unlimited = not isinstance(jerk, str) and np.isinf(jerk).any()
     found = JointLimits(
         own if given is None else per_joint(given, len(names), "velocity"),
@@ -245,7 +245,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     return replace(found, torque=efforts, dynamics=task.dynamics())
 
 
-def _of_file(task: Task, what: str) -> Array:
+def limits_of_file(task: Task, what: str) -> Array:
     """Get the URDF's ``acceleration`` or ``jerk`` limits of a task's joints (n,), inf if none."""
     robot = task.robot
     columns = [robot.joint_names.index(name) for name in task.robot_joints]
@@ -259,7 +259,7 @@ def _own_acceleration(task: Task, *, also_jerk: bool) -> Array:
     InputError is raised if a joint has none; ``also_jerk`` says that jerk is limited, which
     requires them.
     """
-    own = _of_file(task, "acceleration")
+    own = limits_of_file(task, "acceleration")
     if not np.isfinite(own).all():
         joint = task.robot_joints[int(np.argmax(~np.isfinite(own)))]
         also = "; jerk= requires it too" if also_jerk else ""
@@ -300,7 +300,7 @@ def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
     one_frame(task, "tool_speed")
 
     def share(Q: Array, Qdot: Array) -> Array:
-        twists = task.twists(_own(task, Q), _own(task, Qdot))
+        twists = task.twists(own_coordinates(task, Q), own_coordinates(task, Qdot))
         v = np.linalg.norm(twists[:, :3], axis=1)
         omega = np.linalg.norm(twists[:, 3:], axis=1)
         return np.maximum(v / v_max, omega / omega_max)
@@ -308,7 +308,7 @@ def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
     return share
 
 
-def _own(task: Task, joints: Array) -> Array:
+def own_coordinates(task: Task, joints: Array) -> Array:
     """Convert positions or velocities (K, n) of the robot's own joints to those in ψ.
 
     ψ are the coordinates in which the task computes; most tasks have the robot's own joints.

@@ -10,9 +10,11 @@ import numpy as np
 from ..base.arguments import file_name, flag, require_type
 from ..base.errors import InputError
 from ..base.files import write_whole
+from ..model.task import Task
 from ..strategies import Strategy
 from .csv_file import csv_text
-from .joint_motion import refuse_violations
+from .joint_motion import JointMotion, refuse_violations, violations_of
+from .limits import own_coordinates
 from .motion import Motion
 from .timed_motion import TimedMotion
 
@@ -62,9 +64,10 @@ def write_motion(
         raise InputError(f"{str(path)!r} must end in .csv or .yaml")
     followed = motion.motion if isinstance(motion, TimedMotion) else motion
     if followed is not None and not flag(allow_violations, "allow_violations"):
-        refuse_violations(
-            followed, "choose another start or path, or write it anyway with allow_violations=True"
-        )
+        remedy = "choose another start or path, or write it anyway with allow_violations=True"
+        refuse_violations(followed, remedy)
+        if isinstance(motion, TimedMotion):
+            refuse_timed_violations(motion, followed.task, remedy)
     return write_whole(path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion))
 
 
@@ -76,6 +79,29 @@ def refuse_coarse(motion: TimedMotion) -> None:
         raise InputError(
             f"a rate with {count:.2g} samples per cycle loses the path between them",
             remedy=f"use a rate of at least {rate:g} per second",
+        )
+
+
+def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> None:
+    """Raise InputError if a sample of a timed motion exceeds a joint limit, or bodies collide.
+
+    A timed motion is a smooth curve through the points of the motion that it was made from, which
+    is straight between them: so it can collide where that one does not. ``remedy`` ends the
+    message. A motion through poses is its own curve, and is checked once.
+    """
+    followed = motion.motion
+    if followed is not None and followed.q.shape == motion.q.shape:
+        return
+    q, qdot = own_coordinates(task, motion.q), own_coordinates(task, motion.qdot)
+    found = violations_of(JointMotion(task, motion.t, q, qdot, 1, len(q) - 1))
+    if found:
+        names = " and ".join(found[0].names)
+        verb = "exceeds its limits" if len(found[0].names) == 1 else "collide"
+        moment = found[0].moment * (motion.t[-1] - motion.t[0])
+        raise InputError(
+            f"{names} {verb} at {moment:.3g} s of the timed motion, between two points of the "
+            "path: no trajectory was written",
+            remedy=f"use more steps, {remedy}",
         )
 
 

@@ -164,6 +164,14 @@ BODY_TABLES = _struct(
 )
 """The struct BodyTables of body_bounds.c."""
 
+BODY_GUARD = _struct(
+    ints="pairs joints anchors room most at_once move nodes next left nearest excess",
+    doubles="stop noise telling",
+    pointers="tables reach turned kept rest anchor bound far lower way found rows best open which "
+    "exact failed settled measure",
+)
+"""The struct BodyGuard of body_guard.c."""
+
 ARM_ANGLE = _struct(
     ("space", SPACE),
     ints="P stereographic",

@@ -3,6 +3,7 @@
 A path is a function of s from 0 to 1, once along a cycle; it has no time yet.
 """
 
+from . import pieces as pieces  # paths pickle by their pieces
 from .shapes import circle as circle
 from .shapes import figure_eight as figure_eight
 from .shapes import rose as rose

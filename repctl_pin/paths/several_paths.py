@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -54,6 +55,11 @@ class SeveralPaths(TaskPath):
 
     def __repr__(self) -> str:
         return f"<SeveralPaths {self.name}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the path of each frame, since functions of s cannot be pickled."""
+        names = {name: getattr(self, name) for name in ("spec", "plane", "corners")}
+        return partial(_together, **names), (self.name, self.paths)
 
 
 def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> TaskPath:
@@ -129,15 +135,20 @@ def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
         f"{frame} {_STILL}" if path.name == _STILL else f"{frame}: {path.name}"
         for frame, path in zip(task.frames, made, strict=True)
     ]
-    first = made[0]
+    return _together(", ".join(names), tuple(made))
+
+
+def _together(name: str, paths: tuple[TaskPath, ...], **names: Any) -> SeveralPaths:
+    """Join paths of equal period under a name, with other texts of :class:`TaskPath`."""
     return SeveralPaths(
-        ", ".join(names),
-        lambda s: np.concatenate([path.point(s) for path in made]),
-        lambda s: np.concatenate([path.slope(s) for path in made]),
-        first.rotation,
-        tuple(sorted({s for path in made for s in path.breaks})),
-        period=next(iter(periods), None),
-        paths=tuple(made),
+        name,
+        lambda s: np.concatenate([path.point(s) for path in paths]),
+        lambda s: np.concatenate([path.slope(s) for path in paths]),
+        paths[0].rotation,
+        tuple(sorted({s for path in paths for s in path.breaks})),
+        period=next((path.period for path in paths if path.period is not None), None),
+        paths=paths,
+        **names,
     )
 
 

@@ -82,14 +82,18 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
             f"must be a study, a figure or the HTML of a page; got {type(shown).__name__}",
             argument="shown",
         )
-    text = study_table(shown)
+    page = frame(study_page(shown), height)
+    return _Inline(f"{page}\n{table_and_figures(shown)}", study_table(shown))
+
+
+def table_and_figures(study: Study) -> str:
+    """Write the table and the figures of a study as HTML, to stand below its animation."""
     parts = (
-        frame(study_page(shown), height),
-        f'<pre style="{_TABLE}">{html.escape(text)}</pre>',
-        _picture(drift_figure(drawn(shown), ""), captions.drift_words(shown)),
-        _picture(joints_figure(drawn(shown), ""), captions.joints_words(shown)),
+        f'<pre style="{_TABLE}">{html.escape(study_table(study))}</pre>',
+        _picture(drift_figure(drawn(study), ""), captions.drift_words(study)),
+        _picture(joints_figure(drawn(study), ""), captions.joints_words(study)),
     )
-    return _Inline("\n".join(parts), text)
+    return "\n".join(parts)
 
 
 def frame(page: str, height: int = 640) -> str:

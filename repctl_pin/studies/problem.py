@@ -153,8 +153,7 @@ class Problem:
         given = frozenset(name for name, value in parts.items() if value is not None)
         warnings: tuple[str, ...] = ()
         if isinstance(loaded, Robot):
-            narrowed = (loaded.narrowed.get(joint, "") for joint in task.robot_joints)
-            warnings = (*loaded.warnings, *filter(None, narrowed))
+            warnings = (*loaded.warnings, *task.narrowed)
         freeze(self, task=task, given=given, period=None, warnings=warnings)
         freeze(self, _draw=draw, _asked=asked)
         self._begin(next(starts(task, start, draw, any_path=path is None)))

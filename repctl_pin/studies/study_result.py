@@ -209,6 +209,12 @@ class Study:
 
         return rp.animation(self).show()
 
+    def _repr_html_(self) -> str:
+        """Show animation, table and figures in a notebook cell."""
+        import repctl_pin as rp
+
+        return rp.animation(self)._repr_html_()
+
     def row(self, key: str) -> Row:
         """Find a strategy's row by its key, such as ``pseudoinverse``."""
         require_choice(key, [row.key for row in self.rows], "strategy of this study")

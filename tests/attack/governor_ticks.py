@@ -1,4 +1,4 @@
-"""Millions of ticks of the governor in C, on five arms and three pairs of hands: random twists,
+"""Millions of ticks of the governor in C, on six arms and three pairs of hands: random twists,
 targets, jumps, reversals and garbage.
 Run: python tests/attack/governor_ticks.py [ticks per arm] [repeats] [arm ...]
 
@@ -103,6 +103,11 @@ def _rail(folder: Path) -> Arm:
     return task, np.array([0.0, 0.3, 0.5, 0.9, -0.6, 0.7, 0.3]), 6.0, 300.0
 
 
+def _planar(_: Path) -> Arm:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    return task, np.array([0.3, 0.8, 0.8]), 6.0, 400.0
+
+
 def _hands(robot: str, left: str, right: str) -> Arm:
     task = rp.Robot.load(robot).task([left, right])
     return task, start_of(task), 5.0, 500.0
@@ -118,6 +123,7 @@ ARMS: dict[str, Callable[[Path], Arm]] = {
     "xarm7": _xarm7,
     "baxter": _baxter,
     "rail": _rail,
+    "planar3r": _planar,
     "baxter, both hands": lambda _: _hands(*_BAXTER),
     "talos, both hands": lambda _: _hands(*_TALOS),
     "tiago_dual, both hands": lambda _: _hands(*_TIAGO),

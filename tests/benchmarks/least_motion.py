@@ -86,7 +86,7 @@ def measured(robot: str) -> Row:
         *(motion.rms_speed / plain.rms_speed for motion in speeds),
         margin=float(leaf.limit_margin.min()),
         largest=float(found.clearest.limit_margin.min()),
-        bodies=float(leaf.coarse.body_distance.min()),
+        bodies=float(leaf.clearance.distance),
     )
 
 

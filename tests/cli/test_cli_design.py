@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import json
 import os
 import signal
 import struct
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from arms import heed_interrupts
-from commands import main, told
+from commands import main
 
 SMALL = ("--samples", "512", "--held-out", "512")
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
@@ -91,7 +89,7 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
         (
             (
                 *("panda", "--start", PANDA_START, "--task", "axis", "--region", "0.2"),
-                *("--restarts", "1", "--stream"),
+                *("--restarts", "1"),
             ),
             "box",
         ),
@@ -156,25 +154,6 @@ def test_bad_input_gets_one_clear_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_processes_give_the_same_figures(
-    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Threads in their place here; test_interruption has processes, and so has test_scale.py."""
-    asked: list[int] = []
-
-    def pool(count: int, **options: object) -> ThreadPoolExecutor:
-        asked.append(count)
-        return ThreadPoolExecutor(count)
-
-    monkeypatch.setattr(concurrent.futures, "ProcessPoolExecutor", pool)
-    small = ["--degree", "1", "--samples", "512", "--held-out", "128", "--out", str(tmp_path)]
-    one, two = (
-        told(capsys, "design", "planar3r", *small, *more) for more in ([], ["--processes", "2"])
-    )
-    assert asked == [2]
-    assert abs(one["cost"] - two["cost"]) < 1e-10 * one["cost"]
-
-
 INTERRUPTED = """
 import sys
 import repctl_pin as rp
@@ -185,12 +164,12 @@ def begun(step, share):
 rp.nearest_repeatable = lambda *given, **options: design(*given, **options | {"progress": begun})
 sys.exit(main())
 """
-"""The command, which says on stderr what its workers do."""
+"""The command, which says on stderr what it does."""
 
 
 def test_interruption(tmp_path: Path) -> None:
-    """Ctrl-C ends a long run in two processes with one clear line and code 130."""
-    long = ["planar4r", "--degree", "4", "--samples", "1000000", "--stream", "--processes", "2"]
+    """Ctrl-C ends a long run with one clear line and code 130."""
+    long = ["planar4r", "--degree", "4", "--samples", "1000000"]
     running = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED, "design", *long, "--out", str(tmp_path), "--json"],
         stdout=subprocess.PIPE,
@@ -207,31 +186,3 @@ def test_interruption(tmp_path: Path) -> None:
     assert running.returncode == 130 and out == ""
     assert err.splitlines()[-1] == "repctl: interrupted; nothing half-written was left"
     assert "Traceback" not in err and list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_cluster_gives_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    distributed = pytest.importorskip("distributed")
-    command = [
-        "design",
-        "ppr",
-        "--degree",
-        "1",
-        "--region",
-        "0.4",
-        "--out",
-        str(tmp_path),
-        "--json",
-    ]
-
-    def cost(*more: str) -> float:
-        assert main([*command, *more]) == 0
-        return json.loads(capsys.readouterr().out)["cost"]
-
-    alone = cost()
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-    ) as cluster:
-        assert abs(cost("--dask", cluster.scheduler_address) - alone) < 1e-10 * alone
-    assert main([*command, "--dask", "nowhere:x"]) == 2
-    refused(capsys, "--dask nowhere:x", "no scheduler answers there")

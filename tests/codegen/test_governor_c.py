@@ -136,6 +136,92 @@ def test_it_commands_the_joints_that_the_library_does(
     assert rp.Status.BAD_NUMBER in said
 
 
+CPP = """#include "arm.hpp"
+#include <cstdio>
+int main()
+{
+    arm::Governor governor;
+    arm::Limits limits = arm::governor_limits();
+    for (double& a : limits.acceleration) a = 6.0;
+    for (double& j : limits.jerk) j = 400.0;
+    arm::Joints q = @q, next = q;
+    arm::Pose inside = {@p, @R};
+    if (arm::governor_start(governor, q, @dt, limits) != arm::Status::ok) return 1;
+    for (int k = 0; k < 1000; k++) {
+        arm::Status status = arm::governor_step(governor, &inside, nullptr, next);
+        std::printf("%d", static_cast<int>(status));
+        if (status == arm::Status::recovering) std::printf(" back");
+        for (double x : next) std::printf(" %.17g", x);
+        std::printf("\\n");
+    }
+}
+"""
+
+
+@NEEDS_C
+@pytest.mark.parametrize("dt", [0.001, 0.02])
+def test_exported_code_moves_back_from_beyond_a_limit(dt: float, tmp_path: Path) -> None:
+    """Item 26.4: C and C++ command the library's way back, and refuse what is farther out."""
+    needed("g++", "cc")
+    inverse, q, acceleration, jerk = planar()
+    task = inverse.task
+    q = np.array([q[0], q[1], task.upper[2] + 0.05])
+    goal = task.placement(np.array([q[0], q[1], task.upper[2] - 0.2]))
+    governor = rp.Governor(inverse, dt, rp.Limits(acceleration=acceleration, jerk=jerk))
+    governor.start(q)
+    rp.export_c(inverse, tmp_path, "arm")
+    listed = {
+        "@q": q, "@p": goal.translation, "@R": goal.rotation.ravel(), "@dt": dt,
+    }  # fmt: skip
+    text = CPP
+    for name, value in listed.items():
+        numbers = np.atleast_1d(value).tolist()
+        joined = ", ".join(map(repr, numbers))
+        text = text.replace(name, joined if name == "@dt" else f"{{{joined}}}")
+    (tmp_path / "use.cpp").write_text(text)
+    run(["cc", "-std=c99", "-c", "arm.c"], tmp_path)
+    run(["g++", "-std=c++17", "use.cpp", "arm.o", "-o", "use", "-lm"], tmp_path)
+    said = run(["./use"], tmp_path).splitlines()
+    for line in said:
+        status, *joints = line.replace(" back", "").split()
+        wanted, known = governor.step(goal)
+        assert int(status) == known and (" back" in line) == (known is rp.Status.RECOVERING)
+        assert np.abs(np.array(joints, float) - wanted).max() < 1e-8
+    assert " back" in said[0] and said[-1].startswith("0 ")
+    library, n = in_c(tmp_path), 3
+    limits = (DOUBLE * 10)(*[2.0] * n, *[5.0] * n, *[np.inf] * n, 0.0)
+    far, state = (DOUBLE * n)(*q[:2], task.upper[2] + 0.11), ctypes.create_string_buffer(1 << 20)
+    assert library.arm_governor_start(state, far, DOUBLE(dt), limits) == rp.Status.LIMIT
+
+
+@NEEDS_C
+def test_the_limits_of_the_urdf_are_those_of_exported_code(tmp_path: Path) -> None:
+    """Item 26.13: accelerations and jerks of URDF 1.2 were left out of ``arm_governor_limits``."""
+    text = rp.Robot.load("planar3r").description.path.read_text()
+    found = {}
+    for name, more in (
+        ("none", ""),
+        ("some", 'acceleration="6" deceleration="5"'),
+        ("both", 'acceleration="6" deceleration="5" jerk="300"'),
+    ):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "arm.urdf").write_text(text.replace("<limit ", f"<limit {more} "))
+        task = rp.Robot.load(folder / "arm.urdf").task("tool", "xy")
+        inverse = control(task, Q_PLANAR, rp.Polynomial(Q_PLANAR, 2, 0.5))
+        rp.export_c(inverse, folder, "arm")
+        limits = (DOUBLE * 10)()
+        library = in_c(folder)
+        library.arm_governor_limits(limits)
+        found[name] = limits[3], limits[6]
+        state, start = ctypes.create_string_buffer(1 << 20), (DOUBLE * 3)(*Q_PLANAR)
+        began = library.arm_governor_start(state, start, DOUBLE(DT), limits)
+        assert began == (rp.Status.BAD_NUMBER if name == "none" else rp.Status.OK)
+        if name != "none":
+            rp.Governor(inverse, DT, rp.Limits())  # the same defaults
+    assert found == {"none": (0.0, np.inf), "some": (5.0, np.inf), "both": (5.0, 300.0)}
+
+
 @NEEDS_C
 def test_wrong_limits_are_refused(tmp_path: Path) -> None:
     inverse, q0, _, _ = planar()

@@ -20,9 +20,17 @@ from proofs import design_of
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design.batches import BarrierCost, Local
+from repctl_pin.design.batches import BarrierCost, Batches
 from repctl_pin.design.continuation import Continuation, FitProblem
-from repctl_pin.design.criterion import Builder, cost, evaluate, gauss_newton, oriented_nullspace
+from repctl_pin.design.criterion import (
+    Builder,
+    cost,
+    evaluate,
+    gauss_newton,
+    linearised,
+    oriented_nullspace,
+    sampled,
+)
 from repctl_pin.design.design_map import degree_curve, design_map
 from repctl_pin.design.independence import independent
 from repctl_pin.design.singularity_search import Dexterity, LeafMargin, largest_free, search
@@ -117,6 +125,45 @@ def test_gauss_newton_matrix_is_the_first_order_of_X(setting) -> None:
     assert np.isclose(np.einsum("ai,iajb,bj->", D, matrix, D), expected, rtol=1e-3)
 
 
+def test_product_without_the_matrix_is_that_of_the_matrix(setting) -> None:
+    """32.6: in several batches, with the trace that fixes the damping."""
+    task, potentials, builder, Q, weights = setting
+    A, D = some_A(potentials, task.r, 5), some_A(potentials, task.r, 6)
+    nodes = Batches(builder, Q, weights, size=100)
+    value, half, matrix, _ = nodes.total(gauss_newton, A)
+    same_value, same_half, model, _ = nodes.total(linearised, A)
+    assert len(model) == 3 and same_value == value and (same_half == half).all()
+    product = sum(one.product(D) for one in model)
+    expected = np.einsum("iajb,bj->ai", matrix, D)
+    assert np.allclose(product, expected, rtol=1e-10, atol=1e-11 * np.abs(expected).max())
+    B = np.tril(np.random.default_rng(0).normal(size=2 * (len(A),))) + np.eye(len(A))
+    few, trace = sampled(model, B, 128)
+    assert np.isclose(trace, np.einsum("ab,iaic,cb->", B, matrix, B), rtol=1e-10)
+    # without bias: a sample of 40,000 is off by some 1/√40,000 of the heaviest direction
+    many = sampled(model, B, 40_000)[0].matrix()
+    whole, drawn = (M.reshape(len(A) * task.r, -1) for M in (matrix, many))
+    assert np.linalg.norm(drawn - whole, 2) < 0.05 * np.linalg.norm(whole, 2)
+    assert few.L.shape[1] <= 128
+
+
+def test_steps_by_conjugate_gradients_end_at_the_same_cost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """32.6: the same fit with the whole matrix and without, through the door."""
+    task = planar_task([0.2] * 7, tmp_path)
+    box = rp.Box(np.array([0.3] + [0.45] * 6), 0.3)
+    options = rp.FitOptions(samples=2048, held_out=256)
+    found = []
+    for most in (np.inf, 0):
+        monkeypatch.setattr("repctl_pin.design.descend._DENSE", most)
+        found.append(
+            rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, options=options)
+        )
+    assert all(one.converged for one in found)
+    assert found[1].fit_cost == pytest.approx(found[0].fit_cost, rel=1e-6)
+    assert found[1].cost == pytest.approx(found[0].cost, rel=1e-6)
+
+
 def test_gauge_changes_nothing(setting) -> None:
     task, potentials, builder, Q, weights = setting
     b = builder(Q, weights)
@@ -128,12 +175,12 @@ def test_gauge_changes_nothing(setting) -> None:
 def test_order_and_cut_of_the_nodes_change_nothing(setting) -> None:
     task, potentials, builder, Q, weights = setting
     A = some_A(potentials, task.r, 9)
-    whole = Local(builder, Q, weights, 256).total(gauss_newton, A)
+    whole = Batches(builder, Q, weights, size=256).total(gauss_newton, A)
     order = np.random.default_rng(1).permutation(len(Q))
     for other in (
-        Local(builder, Q, weights, 7),
-        Local(builder, Q, weights, 64, stream=True),
-        Local(builder, Q[order], weights[order], 100),
+        Batches(builder, Q, weights, size=7),
+        Batches(builder, Q, weights, size=64, most_bytes=0),
+        Batches(builder, Q[order], weights[order], size=100),
     ):
         for ours, theirs in zip(whole[:3], other.total(gauss_newton, A)[:3], strict=True):
             assert np.allclose(ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(ours).max())
@@ -256,16 +303,21 @@ def test_the_node_at_which_a_gradient_is_not_finite_is_named() -> None:
             evaluate(rp.Pseudoinverse(task), potentials, Q)
 
 
-def test_progress_tells_the_share_of_the_nodes_that_are_built(setting) -> None:
-    """They are built once, or anew for each sum."""
-    _, potentials, builder, Q, weights = setting
-    A, shares = some_A(potentials, setting[0].r, 0), []
-    for options, times in (({}, 1), ({"stream": False}, 1), ({"stream": True}, 2)):
+def test_batches_beyond_the_bound_of_memory_are_built_for_each_sum(setting) -> None:
+    """Of three batches, two fit; sums are those of stored batches to the bit."""
+    task, potentials, builder, Q, weights = setting
+    A, shares = some_A(potentials, task.r, 0), []
+    one = builder(Q[:20], weights[:20])
+    two_batches = 2 * (one.EF.nbytes + one.null_alignment.nbytes)
+    found = []
+    for most, again in ((np.inf, []), (two_batches, [1.0]), (0, [0.4, 0.8, 1.0])):
         shares.clear()
-        nodes = Local(builder, Q[:50], weights[:50], 20, tick=shares.append, **options)
-        for _ in range(2):
-            nodes.total(cost, A)
-        assert shares == pytest.approx(times * [0.4, 0.8, 1.0])
+        nodes = Batches(builder, Q[:50], weights[:50], tick=shares.append, size=20, most_bytes=most)
+        shares.clear()
+        found += [nodes.total(gauss_newton, A) for _ in range(2)]
+        assert shares == pytest.approx(2 * again)
+    for other in found[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(found[0][:3], other[:3], strict=True))
 
 
 def test_gradients_of_zero_are_no_error_and_on_no_side(setting) -> None:
@@ -288,7 +340,7 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     N = oriented_nullspace(panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None])[0]
     builder = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N)
     Q, weights = box.nodes(64, 0)
-    guarded = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5)
+    guarded = BarrierCost(Batches(builder, Q, weights, size=16), builder, 0.5)
     A = np.random.default_rng(0).normal(size=(potentials.size, 1))
     plain, _ = guarded.total(cost, A)
     at = box.random(4, 1)[:2]
@@ -300,7 +352,7 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     with_guards, sides = guarded.total(cost, A)
     assert with_guards == pytest.approx(plain + 0.5 * distance.sum())
     assert sides.positive + sides.negative == len(Q) + 2
-    given = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5, [at[:1], at[1:]])
+    given = BarrierCost(Batches(builder, Q, weights, size=16), builder, 0.5, [at[:1], at[1:]])
     assert given.total(cost, A) == (pytest.approx(with_guards), sides)
     # the first potentials alone: the same as the others' coefficients at 0
     alone = guarded.total(gauss_newton, A[:7])
@@ -574,7 +626,7 @@ def continuation(
     chosen = independent(desired, potentials, *box.nodes(512, 0))
     N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
     builder = Builder(desired, potentials, chosen.kept, N)
-    points = BarrierCost(Local(builder, Q, weights, 16), builder, 1 / len(Q))
+    points = BarrierCost(Batches(builder, Q, weights, size=16), builder, 1 / len(Q))
     problem = FitProblem(desired, potentials, box, rp.FitOptions(), warm)
     return Continuation(problem, chosen, points)
 

@@ -190,3 +190,12 @@ def test_what_is_no_placement_is_refused(at_flange: rp.Design) -> None:
     for wrong in (np.diag([1, 1, -1, 1.0]), np.eye(3), "tool", np.full((4, 4), np.nan)):
         with pytest.raises(rp.InputError):
             at_flange.with_tool(wrong)
+
+
+def test_a_tool_far_from_its_frame_is_refused(at_flange: rp.Design) -> None:
+    """Item 26.23: a tool 1e9 m away was refused with "it moves relative to it"."""
+    for away in (1001.0, 1e9):
+        with pytest.raises(rp.InputError, match=f"{away:.3g} m from the frame".replace("+", ".")):
+            at_flange.with_tool(pin.SE3(np.eye(3), np.array([away, 0, 0])))
+    moved = at_flange.with_tool(pin.SE3(np.eye(3), np.array([999.0, 0, 0])))
+    assert moved.task.placement(Q_PANDA).translation[0] != 0

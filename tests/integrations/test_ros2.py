@@ -23,6 +23,7 @@ import repctl_pin as rp
 pytest.importorskip(
     "rclpy", reason="rclpy is not installed: the extra ros2, or a ROS 2 of one's own"
 )
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from ros2_stage import Stage, on_loopback
 from std_msgs.msg import Float64MultiArray
 
@@ -273,6 +274,64 @@ def test_stale_stamps_start_nothing(
         stage.node(*LIMITS, until=said)
         time.sleep(0.3)
         assert not stage.commands
+
+
+def test_an_arm_beyond_a_limit_is_told_and_moves_back(
+    found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Item 26.4: the diagnostics warn while a joint moves back inside from beyond its limit."""
+    on_loopback(monkeypatch)
+    task, levels = rp.Robot.load("panda").task("panda_hand_tcp", "position"), []
+    q = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 1.9, 0.7])
+    q[3] = task.lower[3]
+    few = rp.FitOptions(samples=64, held_out=64)
+    inside = q + [0, 0, 0, 0.3, 0, 0, 0]
+    box = rp.Box(inside, 0.4)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, options=few)
+    q[3] -= 0.05
+    file = rp.save(design, tmp_path / "design.json")
+    with Stage(tmp_path, file, q, task.joint_names) as stage:
+        stage.subscribe(DiagnosticArray, "/diagnostics", lambda m: levels.append(told(m)))
+        stage.node(*LIMITS)
+        time.sleep(0.3)
+        assert all((np.array(sent) == q).all() for _, sent in stage.commands)
+        stage.pose(task.placement(inside))
+        stage.wait_for("a joint is beyond its limit or margin: it moves back inside first")
+        stage.wait_for_motion()
+        end = stage.settle()
+    Q = np.array([sent for _, sent in stage.commands])
+    out = Q[:, 3] < task.lower[3]
+    assert end[3] > task.lower[3] and np.diff(Q[out, 3]).min() >= -1e-12
+    assert np.abs(np.diff(Q, axis=0))[out[:-1]].max() * RATE <= 0.1 * task.velocity_limit.max()
+    assert used(Q, task) <= 1 + 1e-6
+    assert (DiagnosticStatus.WARN, "RECOVERING") in levels
+
+
+def told(message: DiagnosticArray) -> tuple[bytes, str]:
+    """Level of the diagnostics, and the governor's status in them."""
+    status = message.status[0]
+    return status.level, {one.key: one.value for one in status.values}["governor"]
+
+
+def test_links_without_a_shape_are_refused_unless_allowed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Item 26.5: the node takes bodies that lack shapes only with ``unchecked:=allow``."""
+    on_loopback(monkeypatch)
+    text = rp.Robot.load("panda").description.path.read_text()
+    mesh = "example-robot-data/robots/panda_description/meshes/collision/link5"
+    (tmp_path / "arm.urdf").write_text(text.replace(mesh, "gone/link5"))
+    folders = rp.Robot.load("panda").package_dirs
+    task = rp.Robot.load(tmp_path / "arm.urdf", package_dirs=folders).task("panda_hand_tcp")
+    box = rp.Box(task.reference, 0.1)
+    few = rp.FitOptions(samples=64, held_out=64)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, options=few)
+    given = ["--ros-args", "-p", "acceleration:=panda", "-p", "body_distance:=0.01"]
+    with pytest.raises(rp.InputError, match="1 body without a shape.*: panda_link5;.*unchecked"):
+        spin(design, given, threading.Event())
+    stop = threading.Event()
+    stop.set()
+    spin(design, [*given, "-p", "unchecked:=allow"], stop)
 
 
 def test_a_simulation_that_steps_back(

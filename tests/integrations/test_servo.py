@@ -36,8 +36,8 @@ def design() -> rp.Design:
 class Bench:
     """A servo, and an arm that is always where it was commanded to be."""
 
-    def __init__(self, q: np.ndarray = Q0) -> None:
-        self.servo = Servo(design(), RATE, rp.Limits(acceleration=A, jerk=J))
+    def __init__(self, q: np.ndarray = Q0, of: rp.Design | None = None) -> None:
+        self.servo = Servo(of or design(), RATE, rp.Limits(acceleration=A, jerk=J))
         self.task, self.q, self.now, self.answers = self.servo.task, q.copy(), 0.0, True
         self.age = 0.0
         self.sent: list[np.ndarray] = []
@@ -257,6 +257,73 @@ def test_stale_joints_brake_then_nothing_is_sent(bench: Bench) -> None:
     assert q is not None and (q == last).all()  # on the same leaf, without the old target
 
 
+def beyond_a_limit() -> tuple[Bench, np.ndarray, pin.SE3]:
+    """A bench whose second joint is measured 0.05 rad beyond its limit, and a target inside."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    q = np.array([0.3, task.upper[1] + 0.05, 0.8])
+    middle = np.array([0.3, task.upper[1] - 0.4, 0.8])
+    few = rp.Polynomial(middle, 2, 0.5)
+    box = rp.Box(middle, 0.6)
+    of = rp.nearest_repeatable(rp.Pseudoinverse(task), few, box, options=FEW)
+    bench = Bench(q, of)
+    bench.run(0.2)
+    inside = np.array([0.3, task.upper[1], 0.8])
+    goal, back = task.placement(inside), of.inverse(inside)[1]  # towards a smaller second joint
+    goal.translation[:2] -= 0.02 * back / np.linalg.norm(back)
+    return bench, q, goal
+
+
+def slowly_inside(bench: Bench, q: np.ndarray) -> bool:
+    """Tell whether the way back is never farther out, and at most at a tenth of the speed."""
+    Q = np.array([q, *bench.sent])
+    out = Q[:, 1] > bench.task.upper[1]
+    speed = np.abs(np.diff(Q, axis=0))[out[:-1]].max() * RATE
+    back = bool(np.diff(Q[out, 1]).max() <= 1e-12)
+    return back and bool(speed <= 0.1 * bench.task.velocity_limit.min())
+
+
+def test_an_arm_beyond_a_limit_moves_back_inside_first() -> None:
+    """Item 26.4: it waits for a target, says why it moves elsewhere, and then follows it."""
+    bench, q, goal = beyond_a_limit()
+    servo = bench.servo
+    assert servo.state is State.RUNNING and (np.array(bench.sent) == q).all()
+    servo.pose(goal.translation, (0, 0, 0, 1))
+    bench.run(0.1)
+    assert servo.stopped_early and servo.status.name == "RECOVERING"
+    assert (
+        servo.said == "running: a joint is beyond its limit or margin: it moves back inside first"
+    )
+    bench.run(5)
+    assert servo.status.name == "OK" and servo.said == "running"
+    assert slowly_inside(bench, q) and bench.used() <= 1 + 1e-6
+    assert np.abs(bench.task.placement(bench.q).translation - goal.translation).max() < 1e-9
+
+
+@pytest.mark.parametrize("event", ["hold", "stale", "leaf", "twist"])
+def test_the_way_back_inside_is_not_broken_off(event: str) -> None:
+    """Item 26.4: whatever comes in between, the arm comes to rest inside its limits."""
+    bench, q, goal = beyond_a_limit()
+    servo, inside = bench.servo, bench.task.upper[1]
+    servo.pose(goal.translation, (0, 0, 0, 1))
+    bench.run(0.3)
+    assert servo.status.name == "RECOVERING" and bench.q[1] > inside
+    if event == "hold":
+        servo.hold()
+    elif event == "stale":
+        bench.answers = False
+    elif event == "leaf":
+        at = np.array([0.3, inside, 0.8])
+        still = np.linalg.svd(bench.task.jacobian(at))[2][-1]  # the self-motion
+        servo.leaf(servo._inverse.leaf(at - 0.03 * np.sign(still[1]) * still))
+    else:
+        servo.twist([0.05, 0, 0, 0, 0, 0], bench.now)
+    bench.run(5)
+    assert bench.q[1] <= inside and servo.at_rest
+    assert slowly_inside(bench, q) and bench.used() <= 1 + 1e-6
+    if event == "leaf":  # reached afterwards, then the target
+        assert np.abs(bench.task.placement(bench.q).translation - goal.translation).max() < 1e-9
+
+
 def test_hold_outlasts_stale_joints(bench: Bench) -> None:
     bench.servo.hold()
     bench.answers = False
@@ -467,6 +534,22 @@ def test_bodies_stop_the_arm_and_are_named(tmp_path: Path) -> None:
     moved = task.placement(q) * TOOL  # on the tool's own straight line
     assert moved.translation[0] > place.translation[0] + 0.01
     assert np.abs(moved.translation - place.translation)[1:].max() < 1e-6
+
+
+def test_links_without_a_shape_are_refused_unless_allowed(tmp_path: Path) -> None:
+    """Item 26.5."""
+    text = rp.Robot.load("panda").description.path.read_text()
+    mesh = "example-robot-data/robots/panda_description/meshes/collision/link5"
+    (tmp_path / "arm.urdf").write_text(text.replace(mesh, "gone/link5"))
+    folders = rp.Robot.load("panda").package_dirs
+    task = rp.Robot.load(tmp_path / "arm.urdf", package_dirs=folders).task("panda_hand_tcp")
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(Q_PANDA, 0.1), degree=1, options=FEW
+    )
+    limits, bodies = rp.Limits(acceleration="panda"), rp.Bodies(task)
+    with pytest.raises(rp.InputError, match="1 body without a shape.*: panda_link5;"):
+        Servo(design, RATE, limits, bodies=bodies)
+    Servo(design, RATE, limits, bodies=bodies, unchecked="allow")
 
 
 def test_a_design_of_several_frames_is_refused(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from controls import control
 
 import repctl_pin as rp
 
@@ -129,3 +130,58 @@ def test_a_study_whose_motions_all_collide_says_so_first(tmp_path: Path) -> None
     text = "".join(span.text for span in study_answer(study)).replace("\u00a0", " ")
     assert text.startswith("No motion without a collision was found: ")
     assert "and thin collide" in " ".join(text.split())
+
+
+def test_a_timed_motion_is_checked_where_it_leaves_the_points(tmp_path: Path) -> None:
+    """Item 26.2: a smooth curve through few points hits a wire that the straight lines pass."""
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(
+        f'<robot name="arm"><link name="l0"/>{"".join(map(_link, (1, 2, 3)))}{_TOOL}</robot>'
+    )
+    task, q0 = rp.Robot.load(arm).task("tool", "xy"), np.array([0.3, 0.8, 0.8])
+    path = rp.circle(task, q0, radius=0.25)
+    inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
+    motion = rp.follow(inverse, path, q0, cycles=1, steps=12, integrator=rp.LeafLock(4))
+    timed = rp.timed(motion, rp.Limits(acceleration=4.0), rate=200)
+    shares = np.arange(50)[:, None, None] / 50
+    straight = (motion.q[:-1] + shares * np.diff(motion.q, axis=0)).reshape(-1, 3)
+    beside = None
+    for angle in np.linspace(0, 2 * np.pi, 24, endpoint=False):
+        ray = np.array([np.cos(angle), np.sin(angle), 0])
+        ends = [max(task.placement(q).translation @ ray for q in Q) for Q in (straight, timed.q)]
+        if ends[1] - ends[0] > 3e-3:
+            k = int(np.argmax([task.placement(q).translation @ ray for q in timed.q]))
+            beside = task.placement(timed.q[k]).translation - 2e-4 * ray
+            break
+    assert beside is not None
+    post = tmp_path / "post.urdf"
+    post.write_text(_POST.format(at=" ".join(map(repr, beside.tolist()))))
+    walled = rp.Robot.load(arm, surroundings=post).task("tool", "xy")
+    bodies = rp.Bodies(walled)
+    assert bodies.distances(straight).min() > 0 > bodies.distances(timed.q).min()
+    motion = replace(motion, task=walled)
+    timed = rp.timed(motion, rp.Limits(acceleration=4.0), rate=200)
+    assert motion.first_touch is None
+    with pytest.raises(rp.InputError, match=r"ball and wire collide at .* s of the timed motion"):
+        rp.write_motion(timed, tmp_path / "timed.csv")
+    assert not (tmp_path / "timed.csv").exists()
+    rp.write_motion(motion, tmp_path / "plain.csv")
+    rp.write_motion(timed, tmp_path / "timed.csv", allow_violations=True)
+
+
+def _link(k: int) -> str:
+    """A link without a shape, and the joint that carries it."""
+    return (
+        f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/>'
+        f'<child link="l{k}"/><origin xyz="{0.5 * (k > 1)} 0 0"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="2" effort="1"/></joint>'
+    )
+
+
+_TOOL = """<link name="tool"/><joint name="e" type="fixed"><parent link="l3"/><child link="tool"/>
+<origin xyz="0.5 0 0"/></joint><link name="ball"><collision><geometry><sphere radius="0.0005"/>
+</geometry></collision></link><joint name="b" type="fixed"><parent link="tool"/>
+<child link="ball"/></joint>"""
+_POST = """<robot name="w"><link name="room"/><link name="wire"><collision><geometry>
+<box size="0.0005 0.0005 1"/></geometry></collision></link><joint name="a" type="fixed">
+<parent link="room"/><child link="wire"/><origin xyz="{at}"/></joint></robot>"""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import Q_PANDA
+from arms import Q_PANDA, planar_urdf
 from cell_functions import function_of
 from controls import control
 
@@ -18,6 +19,7 @@ import repctl_pin as rp
 DT = 0.001
 Q0 = np.array([0.3, 0.8, 0.8])
 A, J = 6.0, 400.0
+LOW = rp.Limits(acceleration=A, jerk=J)
 
 Input = tuple["pin.SE3 | None", "np.ndarray | None"]
 
@@ -324,3 +326,17 @@ def test_it_moves_back_from_beyond_a_limit(dt: float) -> None:
     assert np.abs(np.diff(Q, 3, axis=0)).max() / dt**3 <= J
     with pytest.raises(rp.InputError, match="by more than 0.1"):
         governor.start(upper + 0.2)
+
+
+def test_a_frame_a_thousand_kilometres_away_is_refused(tmp_path: Path) -> None:
+    """Item 26.13: such a start was accepted, and every step was BAD_NUMBER."""
+    for away, fits in ((9e5, True), (5e6, False)):
+        text = planar_urdf([1, 1, 1]).replace('xyz="0.0 0 0"', f'xyz="{away} 0 0"')
+        (tmp_path / "far.urdf").write_text(text)
+        task = rp.Robot.load(tmp_path / "far.urdf").task("tool", "xy")
+        governor = rp.Governor(control(task, Q0, rp.Polynomial(Q0, 2, 0.5)), DT, LOW)
+        if fits:
+            governor.start(Q0)
+            continue
+        with pytest.raises(rp.InputError, match="10⁶ m from the base or farther"):
+            governor.start(Q0)

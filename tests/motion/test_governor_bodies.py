@@ -39,6 +39,20 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> rp.Task:
     return rp.Robot.load(folder / "arm.urdf", surroundings=around).task("tool", "xy")
 
 
+@pytest.fixture(scope="module")
+def lacking(tmp_path_factory: pytest.TempPathFactory) -> rp.Task:
+    """The same arm, whose second link has a mesh that is missing."""
+    folder = tmp_path_factory.mktemp("lacking")
+    links = [LINK.format(k=k, before=k - 1, x=0.5 * (k > 1)) for k in (1, 2, 3)]
+    mesh = '<mesh filename="package://gone/l2.stl"/>'
+    links[1] = links[1].replace('<cylinder radius="0.03" length="0.4"/>', mesh)
+    text = f'<robot name="arm"><link name="l0"/>{"".join(links)}{TOOL}</robot>'
+    (folder / "arm.urdf").write_text(text)
+    around = folder / "post.urdf"
+    around.write_text(POST.format(name="post", size="0.001 0.001 1", at="0.6 1.15 0"))
+    return rp.Robot.load(folder / "arm.urdf", surroundings=around).task("tool", "xy")
+
+
 def governed(task: rp.Task, **more: object) -> rp.Governor:
     inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
     governor = rp.Governor(inverse, DT, LIMITS, **more)  # type: ignore[arg-type]
@@ -193,3 +207,115 @@ def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:
         governor.step(twist=np.zeros(6))
     with pytest.raises(rp.InputError, match="surroundings"):
         rp.Bodies(task, surroundings=3)  # type: ignore[arg-type]
+
+
+def test_the_work_of_a_tick_is_bounded_and_the_same_every_time(task: rp.Task) -> None:
+    """Fast ticks towards and past the wire: at most 60 distances per tick, and the same motion."""
+    motions = []
+    for _ in range(2):
+        governor = governed(task, bodies=rp.Bodies(task), body_distance=D)
+        model, counts, Q = governor._guard._model, [], []
+        measure = model.some_distances
+
+        def counted(q, pairs, measure=measure, counts=counts, **how):  # type: ignore[no-untyped-def]
+            counts[-1] += len(pairs)
+            return measure(q, pairs, **how)
+
+        model.some_distances = counted
+        try:
+            for k in range(1200):
+                counts.append(0)
+                Q.append(governor.step(beyond(task, *[(0.3, 0.2), (-0.4, 0.2)][k // 200 % 2]))[0])
+        finally:
+            del model.some_distances
+        assert 0 < max(counts) <= 60
+        motions.append(np.array(Q))
+    assert np.abs(motions[0] - motions[1]).max() < 1e-9
+
+
+def test_surfaces_are_bounded_from_below() -> None:
+    """Pairs whose hulls overlap, although the torso's mesh is not convex."""
+    own = rp.Robot.load("baxter").task("left_gripper")
+    guard = governed_by(own)._guard
+    model, every, seen = guard._model, np.arange(len(guard._reach)), 0
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        q = guard._drive.joints(own.reference + 0.1 * rng.normal(size=own.n))
+        slow, bound = (model.some_distances(q, every, outside=quick) for quick in (False, True))
+        differ = np.flatnonzero(np.abs(bound - slow) > 1e-5)
+        exact = np.array([model._exact_distance(k) for k in differ.tolist()])
+        assert (bound[differ] > 0).all() and (bound[differ] <= exact + 1e-6).all()
+        seen += len(differ)
+    assert seen
+
+
+def governed_by(task: rp.Task) -> rp.Governor:
+    """A governor with bodies of a robot of the catalogue."""
+    inverse = control(task, task.reference, rp.Polynomial(task.reference, 1, 0.5))
+    return rp.Governor(inverse, DT, rp.Limits(acceleration=A), bodies=rp.Bodies(task))
+
+
+def test_links_without_a_shape_are_refused_unless_allowed(lacking: rp.Task) -> None:
+    """Item 26.5: a link whose mesh is missing was accepted in silence."""
+    bodies = rp.Bodies(lacking)
+    assert bodies.unchecked == ("l2",)
+    with pytest.raises(rp.InputError, match="1 body without a shape.*: l2; .*unchecked") as caught:
+        governed(lacking, bodies=bodies)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(rp.InputError, match="unchecked"):
+        governed(lacking, bodies=bodies, unchecked="yes")
+    governor = governed(lacking, bodies=bodies, unchecked="allow")
+    for _ in range(20):
+        governor.step(beyond(lacking, 0.05, 0.05))
+    assert (governor.q != Q0).any()
+
+
+def test_a_distance_without_a_pair_is_said(lacking: rp.Task) -> None:
+    """Item 26.5: ``nearest`` gave inf without a word."""
+    planar = rp.Robot.load("planar3r").task("tool", "xy")
+    with pytest.warns(UserWarning, match="no pair of bodies is checked.*base, link1, link2 and 1"):
+        assert rp.Bodies(planar).nearest(Q0).distance == np.inf
+    with pytest.warns(UserWarning, match="no pair of bodies"):
+        assert rp.Bodies(planar).distances([Q0]).tolist() == [np.inf]
+    path = rp.circle(lacking, Q0, radius=0.02)
+    motion = rp.follow(rp.Pseudoinverse(lacking), path, Q0, cycles=1, steps=40)
+    with pytest.warns(UserWarning, match="collisions are not checked: no shape of l2"):
+        rp.approach(Q0 + 0.1, motion, LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("side", "gap", "starts"),
+    [(1, 0.1, True), (1, 0.024, True), (1, 0.018, False), (-1, 0.1, True), (-1, 0.03, False)],
+)
+def test_the_way_back_inside_the_limits_keeps_the_distance(
+    side: int, gap: float, starts: bool, tmp_path: Path
+) -> None:
+    """Item 26.4: near a post, the way back from beyond a joint limit keeps away, or is refused.
+
+    The post is beside the end of the last cylinder, farther out (1) or further inside (-1).
+    """
+    links = [LINK.format(k=k, before=k - 1, x=0.5 * (k > 1)) for k in (1, 2, 3)]
+    links[2] = links[2].replace('lower="-3" upper="3"', 'lower="-1" upper="1"')
+    text = f'<robot name="arm"><link name="l0"/>{"".join(links)}{TOOL}</robot>'
+    (tmp_path / "arm.urdf").write_text(text)
+    q, inside = np.array([0.1, 0.5, 1.05]), np.array([0.1, 0.5, 1.0])
+    elbow = 0.5 * np.exp(0.1j) + 0.5 * np.exp(0.6j)
+    at = elbow + (0.44 + side * (0.0305 + gap) * 1j) * np.exp(1j * q.sum())
+    post = tmp_path / "post.urdf"
+    post.write_text(POST.format(name="post", size="0.001 0.001 1", at=f"{at.real} {at.imag} 0"))
+    task = rp.Robot.load(tmp_path / "arm.urdf", surroundings=post).task("tool", "xy")
+    inverse = control(task, inside, rp.Polynomial(inside, 2, 0.5))
+    bodies = rp.Bodies(task)
+    governor = rp.Governor(inverse, DT, LIMITS, bodies=bodies, body_distance=D)
+    if not starts:
+        with pytest.raises(rp.InputError, match="near each other on the way back|from each other"):
+            governor.start(q)
+        return
+    governor.start(q)
+    Q, said = [q], []
+    for _ in range(1200):
+        now, status = governor.step(task.placement(inside))
+        Q.append(now)
+        said.append(status)
+    assert said[0] is rp.Status.RECOVERING and said[-1] is rp.Status.OK and Q[-1][2] <= 1.0
+    assert bodies.distances(between(np.array(Q), 3)).min() >= D

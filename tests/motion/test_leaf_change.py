@@ -14,6 +14,8 @@ from proofs import design_of
 
 import repctl_pin as rp
 from repctl_pin.extensions.integrations.servo import Servo, State
+from repctl_pin.extensions.runtime.leaf_change import leaf_change
+from repctl_pin.motion.limits import joint_limits
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*Python serves")
 RATE = 200.0
@@ -108,3 +110,36 @@ def test_a_motion_out_of_omega_or_the_limits_is_refused(tmp_path: Path) -> None:
         Q, servo = changed(inverse, Q0, inverse.leaf(Q0) + away)
         assert servo.reason.startswith(refused + "the limits of 'theta")
         assert (Q == Q0).all()
+
+
+def test_an_end_outside_omega_by_half_a_millionth_is_refused() -> None:
+    """Item 26.23: the end was accepted up to 1e-6 outside Ω, where a governor cannot start."""
+    inverse = planar()
+    limits = joint_limits(inverse.task, rp.Limits(velocity=0.5, acceleration=4.0, jerk=300.0))
+    wanted = inverse.leaf(Q0) + 0.02
+    end = leaf_change(inverse, Q0, wanted, limits, 1 / RATE)[-1]
+    far = np.abs(end - Q0).max()
+
+    def within(ratio: float) -> rp.RepeatableInverse:
+        region = rp.Box(Q0, far / ratio)
+        return rp.RepeatableInverse(inverse.task, inverse.potentials, region=region)
+
+    with pytest.raises(rp.InputError, match="would leave Ω"):
+        leaf_change(within(1 + 5e-7), Q0, wanted, limits, 1 / RATE)
+    inside = within(1 - 1e-6)
+    governor = rp.Governor(inside, 1 / RATE, rp.Limits(acceleration=4.0))
+    governor.start(leaf_change(inside, Q0, wanted, limits, 1 / RATE)[-1])
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])
+def test_called_again_it_keeps_the_jerk_limit_at_the_junction(rate: float) -> None:
+    """Item 26.23: the third difference across two parts was up to 6 % above the limit."""
+    inverse, jerk = planar(), 300.0
+    limits = joint_limits(inverse.task, rp.Limits(velocity=0.5, acceleration=4.0, jerk=jerk))
+    wanted, q, parts = inverse.leaf(Q0) + 0.2, Q0, [np.tile(Q0, (3, 1))]
+    while not at(inverse, q, wanted):
+        parts.append(leaf_change(inverse, q, wanted, limits, 1 / rate))
+        q = parts[-1][-1]
+    assert len(parts) > 2
+    used = np.abs(np.diff(np.vstack(parts), 3, axis=0)).max() * rate**3 / jerk
+    assert 0.3 < used <= 1 + 1e-9

@@ -325,6 +325,22 @@ def test_jerk_is_kept_between_the_samples_and_costs_hardly_any_time(panda_motion
     assert max(far) < 0.6 * np.linalg.norm(np.diff(path, axis=0), axis=1).max()
 
 
+def test_an_approach_from_beyond_a_limit_never_goes_farther_out(ring) -> None:
+    """Item 26.4: a measured joint 0.05 rad beyond its limit was refused."""
+    upper = ring.task.upper
+    for j in range(3):
+        begin = Q3.copy()
+        begin[j] = upper[j] + 0.05
+        way = rp.approach(begin, ring, rp.Limits(velocity=2.0, acceleration=6.0, jerk=100.0))
+        np.testing.assert_allclose(way.q[0], begin, atol=1e-12)
+        np.testing.assert_allclose(way.q[-1], ring.q[0], atol=1e-9)
+        assert np.diff(way.q[:, j]).max() <= 1e-12
+        assert max(differences(way)) < 1.01
+        begin[j] = upper[j] + 0.2
+        with pytest.raises(rp.InputError, match="by more than 0.1"):
+            rp.approach(begin, ring, rp.Limits(acceleration=6.0))
+
+
 def test_a_straight_way_with_bounded_jerk_takes_the_time_of_the_closed_form(ring) -> None:
     """``T = a/J + √((a/J)² + 4Δ/a)`` where the acceleration limit is met, ``T³ = 32 Δ/J`` where it
     is not."""

@@ -152,10 +152,12 @@ def test_the_build_asks_for_ziglang_only_without_a_compiler_and_where_it_can_be_
     options = ["--no-index", *([index.format(wheels=tmp_path)] if index else [])]
     asking = [sys.executable, "-c", code]
     frontend = "import subprocess, sys; subprocess.run(sys.argv[1:4], check=True)"
+    # no index of the machine's own settings
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
     answer = subprocess.run(
         [sys.executable, "-c", frontend, *asking, *options],
         cwd=ROOT,
-        env=os.environ | {"CC": compiler},
+        env=plain | {"CC": compiler},
         capture_output=True,
         text=True,
         check=True,

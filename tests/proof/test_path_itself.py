@@ -3,6 +3,7 @@ checked."""
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -17,7 +18,6 @@ import repctl_pin as rp
 from repctl_pin.extensions.proof.boxes import cover, enclosing
 from repctl_pin.extensions.proof.enclosure import Enclosure, enclosed
 from repctl_pin.extensions.proof.leaf_margin_bounds import leaf_margin_of
-from repctl_pin.paths.pieces import path_of, pieces_of
 from repctl_pin.paths.task_path import TaskPath, with_arc
 
 FEW = rp.FitOptions(samples=256, held_out=64)
@@ -140,8 +140,7 @@ def test_lengths_of_arcs_are_bounds() -> None:
         rp.waypoints(*turning, times=[0, 0.1, 3, 4, 4.2, 6]),
     ]
     for path in list(paths):
-        start = path.placement(0).rotation
-        paths.append(path_of(pieces_of(path), start, name=path.name, breaks=path.breaks))
+        paths.append(pickle.loads(pickle.dumps(path)))
     for path in paths:
         assert path.arc is not None
         for a, b in (sorted(rng.uniform(0, 1, 2)) for _ in range(60)):

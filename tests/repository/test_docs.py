@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -129,6 +130,7 @@ def test_the_python_of_a_page_runs(
 ) -> None:
     """With fewer nodes, which change no claim. What is compiled by jax runs in the slow test."""
     monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "examples" / "my_arm.urdf", tmp_path)
     names: dict = {}
     for block in python_of(page):
         code = compile(block, str(page), "exec")
@@ -177,6 +179,18 @@ def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_dear_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
     redraw(["cell", "proofs"], tmp_path)
+
+
+def test_version_and_date_are_the_same_wherever_they_stand() -> None:
+    """In the changelog, which is one page, in CITATION.cff and in the BibTeX entry of the site."""
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    version, date = re.findall(r"^## (\S+), (\d{4}-\d\d-\d\d)$", changes, flags=re.MULTILINE)[0]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert version == rp.__version__ == citation["version"]
+    assert date == str(citation["date-released"])
+    entry = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert f"version = {{{version}}}" in entry and f"year    = {{{date[:4]}}}" in entry
+    assert len(changes.splitlines()) <= 80
 
 
 def test_the_slow_tests_run_on_a_schedule() -> None:

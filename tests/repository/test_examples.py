@@ -1,4 +1,4 @@
-"""Every example runs as a person runs it, and prints what examples/README.md shows.
+"""Every example and script on the paper runs as a person runs it, and prints what its page shows.
 
 What the runs return is checked too: that the numbers shown are what theory says.
 """
@@ -17,15 +17,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from loading import EXAMPLES, example
+from loading import EXAMPLES, PAPER, example
 from shown import FIGURES, likeness, steady
 
 import repctl_pin as rp
 
 ROOT = EXAMPLES.parent
-PAGE = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+PAGES = {
+    "examples": (EXAMPLES / "README.md").read_text(encoding="utf-8"),
+    "docs/paper": (PAPER / "index.md").read_text(encoding="utf-8"),
+}
 SHOWN = dict(
-    re.findall(r"```bash\n(python examples/.*?)\n```\n\n```text\n(.*?)```", PAGE, flags=re.DOTALL)
+    re.findall(
+        r"```bash\n(python \S+\.py.*?)\n```\n\n```text\n(.*?)```",
+        "".join(PAGES.values()),
+        flags=re.DOTALL,
+    )
 )
 """The text shown under each command."""
 
@@ -33,7 +40,7 @@ Run = Callable[[str], tuple[dict[str, Any], str]]
 
 
 def start(command: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Run ``python examples/NAME.py …`` in this process; return the names it leaves behind."""
+    """Run ``python FOLDER/NAME.py …`` in this process; return the names it leaves behind."""
     script, *arguments = shlex.split(command.removeprefix("python "))
     monkeypatch.setattr(sys, "argv", [script, *arguments])
     # where python looks first when it runs a script from there
@@ -69,22 +76,28 @@ def size_of(file: Path) -> tuple[int, int]:
     return struct.unpack(">II", head[16:24])
 
 
-def test_every_example_is_on_the_page_and_run_here() -> None:
-    files = {file.stem for file in EXAMPLES.glob("*.py")}
-    assert set(re.findall(r"^## (\w+)\.py: ", PAGE, flags=re.MULTILINE)) == files
-    # test_gallery.py
-    assert {command.split("/")[1].partition(".py")[0] for command in SHOWN} == files - {"gallery"}
+@pytest.mark.parametrize("folder", PAGES)
+def test_every_script_is_on_its_page_and_run_here(folder: str) -> None:
+    """An example ends within 150 lines; what is imported by others is no script."""
+    files = list((ROOT / folder).glob("*.py"))
+    scripts = {file.stem for file in files if "__main__" in file.read_text(encoding="utf-8")}
+    assert set(re.findall(r"^## (\w+)\.py: ", PAGES[folder], flags=re.MULTILINE)) == scripts
+    shown = {command for command in SHOWN if command.startswith(f"python {folder}/")}
+    assert {Path(command.split()[1]).stem for command in shown} == scripts
     source = Path(__file__).read_text(encoding="utf-8")
-    assert all(f'run("{command}")' in source for command in SHOWN)
+    assert all(f'run("{command}")' in source for command in shown)
+    if folder == "examples":
+        assert all(len(file.read_text(encoding="utf-8").splitlines()) <= 150 for file in files)
 
 
-def test_every_picture_of_the_page_is_there_and_small() -> None:
-    links = re.findall(r"\]\(([^)#:]+)\)", PAGE)
-    assert all((EXAMPLES / name).is_file() for name in links)
+def test_every_picture_of_the_pages_is_there_and_small() -> None:
+    for folder, page in PAGES.items():
+        links = re.findall(r"\]\(([^)#:]+)\)", page)
+        assert all((ROOT / folder / name).is_file() for name in links)
     kept = sorted(FIGURES.iterdir())
-    assert {f"figures/{file.name}" for file in kept} == {
-        name for name in links if name.startswith("figures/")
-    }
+    assert {f"figures/{file.name}" for file in kept} == set(
+        re.findall(r"\]\((figures/[^)]+)\)", PAGES["docs/paper"])
+    )
     assert all(file.stat().st_size <= 150_000 for file in kept)
 
 
@@ -133,13 +146,16 @@ def test_audit_pink(run: Run) -> None:
     assert abs(last["pink + repeatable"] - first["pink + repeatable"]) < 1e-6
 
 
-def test_a_short_run_of_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_short_run_with_servos_and_with_torques(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two cycles of a second after a push: J⁺ stays where it was pushed to; torques let go and
     come back."""
     pytest.importorskip("mujoco")
-    module = example("physics")
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    servos, torques = example("servos"), example("torques")
+    pushed_arm = sys.modules["pushed_arm"]
     for name, value in {"PERIOD": 1.5, "CYCLES": 4, "PUSH_CYCLE": 3, "DT": 4e-3}.items():
-        monkeypatch.setattr(module, name, value)
+        monkeypatch.setattr(servos, name, value)
+    monkeypatch.setattr(pushed_arm, "DT", 4e-3)
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     q0 = np.array(task.reference)
     few = rp.FitOptions(samples=256, held_out=64)
@@ -148,22 +164,28 @@ def test_a_short_run_of_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     path = rp.circle(task, q0, radius=0.05, normal="x")
     off = {}
-    for name, control in module.controls(design, path, q0).items():
-        ends = module.ten_cycles(task, path, q0, control)[:: round(module.PERIOD / module.DT)]
+    for name, control in servos.controls(design, path, q0).items():
+        ends = servos.ten_cycles(task, path, q0, control)[:: round(servos.PERIOD / servos.DT)]
         off[name] = np.linalg.norm(ends[4] - ends[2])
     assert off["nearest repeatable"] < 1e-2 < 3e-2 < off["J⁺"]
-    monkeypatch.setattr(module, "DT", 2e-3)
-    held = np.linalg.norm(module.held_by_torques(design, q0) - q0, axis=1)
+    monkeypatch.setattr(pushed_arm, "DT", 2e-3)
+    held = np.linalg.norm(torques.held_by_torques(design, q0) - q0, axis=1)
     assert held.max() > 0.3 and held[-1] < 1e-3
 
 
 @pytest.mark.slow
-def test_physics(run: Run) -> None:
-    """With servos, noise and a push: back within 1e-3 rad of cycle 2, as J⁺ is not; torques hold
-    the hand to 5 mm."""
+def test_servos(run: Run) -> None:
+    """With servos, noise and a push: back within 1e-3 rad of cycle 2, as J⁺ is not."""
     pytest.importorskip("mujoco")
-    found = run("python examples/physics.py")[0]["found"]
+    found = run("python examples/servos.py")[0]["found"]
     assert found["nearest repeatable"][3:].max() < 1e-3 < 0.05 < found["J⁺"][3:].min()
+
+
+@pytest.mark.slow
+def test_torques(run: Run) -> None:
+    """The elbow gives way and comes back; the hand is held to 5 mm."""
+    pytest.importorskip("mujoco")
+    found = run("python examples/torques.py")[0]["found"]
     assert found["joints"].max() > 0.3 and found["joints"][-1] < 1e-3 and found["hand"].max() < 5e-3
 
 
@@ -183,7 +205,7 @@ def test_best_leaf(run: Run) -> None:
 
 @pytest.mark.slow
 def test_nearest_panda(run: Run) -> None:
-    names, told = run("python examples/nearest_panda.py")
+    names, told = run("python docs/paper/nearest_panda.py")
     found = names["found"]
     the_panda_is_understood(found)
     assert found.designs[3].cost < found.designs[2].cost
@@ -218,7 +240,7 @@ def the_panda_is_understood(found: Any) -> None:
 
 @pytest.mark.slow
 def test_stable_surfaces(run: Run) -> None:
-    names, told = run("python examples/stable_surfaces.py")
+    names, told = run("python docs/paper/stable_surfaces.py")
     cases = names["found"]
     has = {(case.name, case.coordinates): len(case.found.stable) > 0 for case in cases}
     assert has == {
@@ -264,7 +286,7 @@ def check_table_one(rows: list[str], *, solved: bool) -> None:
 
 @pytest.mark.slow
 def test_nearest_ppr(run: Run) -> None:
-    names, told = run("python examples/nearest_ppr.py")
+    names, told = run("python docs/paper/nearest_ppr.py")
     check_table_one(told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6], solved=True)
     assert "J⁺: not repeatable" in told and told.count(": repeatable") == 3
 
@@ -310,7 +332,7 @@ def test_the_largest_square_of_the_paper() -> None:
 
 @pytest.mark.slow
 def test_ten_squares(run: Run) -> None:
-    names, told = run("python examples/ten_squares.py")
+    names, told = run("python docs/paper/ten_squares.py")
     result = names["found"]
     assert [file.name for file in result.figures] == [f"figure_{n:02d}.png" for n in range(4, 13)]
     assert all(min(size_of(file)) > 400 for file in result.figures)

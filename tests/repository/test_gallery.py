@@ -20,7 +20,7 @@ PICTURES = ROOT / "examples" / "pictures"
 @pytest.mark.slow
 def test_the_script_makes_a_picture(tmp_path: Path) -> None:
     require_browser()
-    command = [sys.executable, str(ROOT / "examples" / "gallery.py"), "ppr", "--out", str(tmp_path)]
+    command = [sys.executable, str(ROOT / "docs" / "pictures.py"), "ppr", "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"wrote .*ppr\.png \(\d+ kB\)\n", done.stdout)
@@ -49,8 +49,8 @@ def test_kept_pictures_are_small_and_show_both_arms() -> None:
 def test_an_unknown_picture_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["gallery.py", "pandda"])
+    monkeypatch.setattr(sys, "argv", ["pictures.py", "pandda"])
     with pytest.raises(SystemExit) as stopped:
-        runpy.run_path(str(ROOT / "examples" / "gallery.py"), run_name="__main__")
+        runpy.run_path(str(ROOT / "docs" / "pictures.py"), run_name="__main__")
     assert stopped.value.code == 2
     assert "no picture 'pandda'" in capsys.readouterr().err

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import runpy
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from shown import steady
@@ -59,20 +61,51 @@ def test_the_code_of_a_notebook_runs_and_prints(
     assert abs(last[2] - first[2]) < 1e-5
 
 
+BOOK = Path(__file__).parents[2] / "examples" / "first_study.ipynb"
+
+
+def test_the_notebook_of_the_examples_has_no_outputs_and_is_on_their_page() -> None:
+    book = json.loads(BOOK.read_text(encoding="utf-8"))
+    assert not any(cell.get("outputs") for cell in book["cells"])
+    page = (BOOK.parent / "README.md").read_text(encoding="utf-8")
+    assert f"## {BOOK.name}: " in page
+
+
+@pytest.mark.slow
+def test_the_notebook_of_the_examples_runs_from_top_to_bottom(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its first cell shows the animation, the table and two figures; J⁺ drifts, ours does not."""
+    done = run_in_a_kernel(BOOK.read_text(encoding="utf-8"), tmp_path, monkeypatch)
+    outputs = [cell.outputs for cell in done.cells if cell.cell_type == "code"]
+    shown = outputs[0][-1].data["text/html"]
+    assert shown.startswith("<iframe ") and "<pre " in shown and shown.count("<img ") == 2
+    last = outputs[1][0].text.splitlines()[-1]
+    usual, repeatable = map(float, re.findall(r"(\S+) rad", last))
+    assert usual > 1 and repeatable < 1e-9
+    drifts = [float(text) for text in re.findall(r"drift (\S+) rad", outputs[2][0].text)]
+    assert drifts[0] > 1e-2 and drifts[-1] < 1e-10
+
+
+def run_in_a_kernel(book: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run a notebook from top to bottom in an empty folder, with nobody's own settings."""
+    from nbclient import NotebookClient
+    from nbformat import reads
+
+    for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+        monkeypatch.setenv(name, str(folder / name.lower()))
+    client = NotebookClient(reads(book, as_version=4), kernel_name="python3", timeout=900)
+    return client.execute(cwd=str(folder))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 def test_a_notebook_runs_and_prints_what_the_script_prints(
     script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from nbclient import NotebookClient
-    from nbformat import reads
-
     if script.stem == "audit_pink":
         pytest.importorskip("pink")
-    for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
-        monkeypatch.setenv(name, str(tmp_path / name.lower()))
-    book = reads(HOOK["notebook"](script), as_version=4)
-    done = NotebookClient(book, kernel_name="python3", timeout=900).execute(cwd=str(tmp_path))
+    done = run_in_a_kernel(HOOK["notebook"](script), tmp_path, monkeypatch)
     outputs = [output for cell in done.cells if cell.cell_type == "code" for output in cell.outputs]
     told = "".join(
         output.text

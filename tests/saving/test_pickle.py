@@ -4,7 +4,9 @@ good."""
 from __future__ import annotations
 
 import copy
+import multiprocessing
 import pickle
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +63,36 @@ def test_motions_pickle_with_their_figures(task: rp.Task) -> None:
     timed = rp.timed(motion, rp.Limits(acceleration=10.0), rate=100.0)
     once_more = pickle.loads(pickle.dumps(timed))
     assert np.array_equal(once_more.q, timed.q) and once_more.duration == timed.duration
+
+
+def test_paths_of_several_frames_pickle() -> None:
+    robot = rp.Robot.load("talos")
+    hands = robot.task(["gripper_left_base_link", "gripper_right_base_link"])
+    square = [[0.1, 0, 0], [0.1, 0.1, 0]]
+    path = rp.several_paths(
+        hands, hands.reference, [lambda task, q0: rp.polygon(task, q0, square), None]
+    )
+    again = pickle.loads(pickle.dumps(path))
+    assert (again.name, again.breaks, again.period) == (path.name, path.breaks, path.period)
+    for s in (0.0, 0.4, 0.9):
+        np.testing.assert_allclose(again.twist(s), path.twist(s), atol=1e-9)
+
+
+def test_surveys_send_whole_results_from_another_process(task: rp.Task) -> None:
+    """Issue 56, item 8: a fresh process makes a study, an audit and a best cell."""
+    arm = rp.Robot.load("planar3r").task("tool", "xy")
+    t = np.arange(0.0, 40.0, 0.01)
+    q = Q0 + 0.2 * np.sin(2 * np.pi * t / 5.0)[:, None] + 0.002 * t[:, None] * [1, -2, 1]
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        study = pool.submit(rp.study, "planar3r")
+        audit = pool.submit(rp.audit, (t, q), arm)
+        best = pool.submit(rp.best_cell, arm, 0.1)
+        study, audit, best = (one.result(timeout=300) for one in (study, audit, best))
+    ours = rp.study("planar3r")
+    assert study.summary() == ours.summary()
+    assert np.array_equal(study.rows[-1].motion.q, ours.rows[-1].motion.q)
+    assert audit.summary() == rp.audit((t, q), arm).summary()
+    assert repr(best) == repr(rp.best_cell(arm, 0.1))
 
 
 def test_bodies_pickle_and_measure_the_same(tmp_path: Path) -> None:

@@ -150,6 +150,10 @@ def test_a_cell_holds_the_page_the_table_and_the_figures(
         assert ax.lines[0].get_ydata().tolist() == q.tolist()
 
 
+def test_a_study_shows_itself(study: rp.Study) -> None:
+    assert study._repr_html_() == inline(study).html == rp.animation(study)._repr_html_()
+
+
 def test_pictures_have_words(study: rp.Study, cell: tuple[Any, list[Figure]]) -> None:
     """For who cannot see them: how far each is off, and the drift of every joint under J⁺."""
     found = re.findall('alt="([^"]*)"', cell[0]._repr_html_())

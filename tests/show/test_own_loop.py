@@ -551,8 +551,10 @@ def two_hands(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_loop_is_drawn_with_either_hand(driver: Any, two_hands: Path, mirrored: bool) -> None:
-    """28.10: a ring at each hand; the other holds still or mirrors it; the link reproduces it."""
+def test_a_loop_is_drawn_with_either_hand(
+    driver: Any, two_hands: Path, mirrored: bool, tmp_path: Path
+) -> None:
+    """28.10: a ring at each hand; the other rests or mirrors it; link and CSV give it again."""
     schemes(driver, width=900, height=700)
     open_page(driver, two_hands)
     caption = driver.find_element("id", "caption").get_attribute("textContent")
@@ -583,6 +585,20 @@ def test_a_loop_is_drawn_with_either_hand(driver: Any, two_hands: Path, mirrored
         across = (homes[0] - homes[1]) / np.linalg.norm(homes[0] - homes[1])
         assert np.allclose((a + b) @ across, 0, atol=1e-12)
         assert np.allclose(np.cross(a - b, across), 0, atol=1e-12)
+    file = tmp_path / "loop.csv"
+    file.write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
+    task = rp.Robot.load("baxter").task(["left_gripper", "right_gripper"])
+    start = np.array(driver.execute_script("return Array.from(repctl.own.chain.start)"))
+    told = rp.Problem(task, start=start, path=str(file)).path.paths
+    for path, drawn, home in zip(told, paths, homes, strict=True):
+        corners = [home] if drawn is None else drawn
+        near = path.points() if path.length else home[None]
+        for corner in np.array(corners):
+            assert np.linalg.norm(near - corner, axis=1).min() < 2e-3
+    axe = pytest.importorskip("axe_selenium_python").Axe(driver)
+    axe.inject()
+    found = axe.run(options="{rules: {dlitem: {enabled: false}}}")["violations"]
+    assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
     ends = np.array(driver.execute_script(ENDS))
     assert np.abs(ends[1] - ends[1][0]).max() < 1e-6
     tips = "const { own } = repctl; return own.arms.map((arm) => [0, 1].map((f) => arm.handOff(f)))"

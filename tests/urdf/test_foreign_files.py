@@ -100,6 +100,50 @@ def test_a_narrowed_axis_is_told_by_inspect_and_study(tmp_path: Path, capsys) ->
     assert said not in rp.Problem(rp.Robot.load(path, base="l2")).warnings
 
 
+def test_a_narrowed_axis_is_told_by_design_cell_follow_and_move(tmp_path: Path, capsys) -> None:
+    """26.12: where a user would trust the range of the file, on its own line; in JSON too."""
+    limit = '<limit lower="-0.3" upper="0.5" velocity="9"/>'
+    load(tmp_path, *arm(), joint("rod", "l1", "cylinder", more=FOLLOWER + limit))
+    path, said = str(tmp_path / "made.urdf"), "! j2 narrowed from [-2, 2] to [-2, 1.2] by rod"
+    few = ["--task", "position", "--samples", "64", "--held-out", "64", "--out", str(tmp_path)]
+    assert main(["design", path, *few, "--degree", "1"]) == 0
+    assert f"\n{said}" in capsys.readouterr().out
+    assert main(["follow", path, "--task", "position", "--cycles", "1", "--steps", "60"]) == 0
+    assert f"\n{said}" in capsys.readouterr().out
+    small = ["--half-width", "0.02", "--out", str(tmp_path)]
+    assert main(["cell", path, "--task", "position", *small]) == 0
+    assert f"\n{said}" in capsys.readouterr().out
+    cell = next(tmp_path.rglob("cell.json"))
+    task = rp.Robot.load(path).task("l7", "position")
+    middle = rp.load(cell, task).cell.placement.translation
+    poses = tmp_path / "poses.csv"
+    rows = [middle, middle + [0.01, 0, 0]]
+    poses.write_text("x,y,z\n" + "".join(",".join(map(repr, p.tolist())) + "\n" for p in rows))
+    words = ["move", str(cell), "--through", str(poses), "--acceleration", "5", "--robot", path]
+    assert main(words) == 0
+    assert f"\n{said}" in capsys.readouterr().out
+
+
+def test_notes_on_the_file_are_warnings_of_the_robot(tmp_path: Path, capsys) -> None:
+    """26.11 and 26.13: a study was silent on limits of -1 and on quaternions that are dropped."""
+    limit = '<limit lower="-2" upper="2" effort="-1" velocity="-1"/>'
+    turned = arm(limit)
+    turned[3] = turned[3].replace('xyz="0.3 0 0"', 'xyz="0.3 0 0" quat_xyzw="0 0 0 1"')
+    robot = load(tmp_path, *turned)
+    notes = robot.description.notes
+    assert any("of −1 read as not given" in note for note in notes)
+    assert any("quat_xyzw" in note for note in notes)
+    assert robot.warnings[: len(notes)] == notes
+    path = str(tmp_path / "made.urdf")
+    few = ["--task", "position", "--cycles", "1", "--steps", "100", "--full"]
+    assert main(["study", path, *few, "--out", str(tmp_path)]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert all(" ".join(note.split()) in out for note in notes)
+    assert main(["inspect", path]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert all(out.count(" ".join(note.split())) == 1 for note in notes)
+
+
 @pytest.mark.parametrize(
     ("limit", "said"),
     [
@@ -298,3 +342,27 @@ def test_named_fingers_collision_links_and_sensors_are_no_end_effectors(tmp_path
     assert load(tmp_path, *arm(), spindle, *other).default_frame == "b5"
     grip = joint("g", "l7", "gripper_left_base_link", "fixed", "")
     assert load(tmp_path, *arm(), grip).default_frame == "gripper_left_base_link"
+
+
+def test_a_cell_says_which_bodies_are_not_checked_as_a_study_does(tmp_path: Path, capsys) -> None:
+    """26.7: an arm whose meshes were not found had "no collision bodies" in a cell."""
+    lost = [
+        line.replace(
+            f'<link name="l{i}"/>',
+            f'<link name="l{i}"><collision><geometry><mesh filename="package://gone/l{i}.stl"/>'
+            "</geometry></collision></link>",
+        )
+        for i, line in enumerate(arm(), 1)
+    ]
+    robot = load(tmp_path, *lost)
+    bodies = rp.Bodies(robot.task(None, "position"))
+    assert len(bodies.unchecked) == 7
+    words = "not checked: 7 bodies without a shape; meshes missing: --package-dir DIR"
+    path, out = str(tmp_path / "made.urdf"), ["--task", "position", "--out", str(tmp_path)]
+    assert main(["study", path, *out, "--cycles", "1", "--steps", "100"]) == 0
+    assert words in " ".join(capsys.readouterr().out.split())
+    assert main(["cell", path, *out, "--half-width", "0.02"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert words in said and "No collision bodies" not in said
+    page = next(tmp_path.rglob("cell.html")).read_text(encoding="utf-8")
+    assert words.removeprefix("not checked: ") in page.replace("&nbsp;", " ")

@@ -27,7 +27,7 @@ from ...cli.given import (
 )
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, page_lines, progress, report
-from ...show.text.lines import Span, fitted, wrapped
+from ...show.text.lines import Span, fitted, noted, wrapped
 
 HELP = (
     "find one function for a whole cell, a box of poses or a sector around the base: each pose "
@@ -221,6 +221,7 @@ def run(options: Options) -> int:
     say("drawing")
     with written_together(folder) as staged:
         pictures, notes = _pictures(design, staged, options.command_line)
+        notes = [*design.task.narrowed, *notes]
         made = [*pictures, rp.save(design, staged / "cell.json")]
         if options.map and asked.place is not None:
             drawn = png(asked.place.figure(in_percent(say)))
@@ -243,7 +244,7 @@ def run(options: Options) -> int:
         lines = ["", "", design.summary(), ""]
         if design.proof is not None:
             lines += [design.proof.summary(), ""]
-        lines += [*(f"note: {note}" for note in [*notes, _MEANING]), ""]
+        lines += [*map(noted, [*notes, _MEANING]), ""]
         lines += page_lines(files)
         said = cell_headline(design)
         sentences = [Span(f"{span.text} ", span.tone) for span in said.notes]
@@ -393,11 +394,11 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 def _oriented_task(options: Options) -> rp.Task:
     """Make the task whose orientation is given: of kind pose, or axis without that redundancy."""
     if options.task is not None or options.size is not None:
-        return options.problem(path=False).task
+        return options.asked_task()
     robot = options.load_robot()
     frame = options.frame or robot.default_frame
     joints = len(robot.chain(frame))
-    return options.problem(robot, path=False, kind="pose" if joints > 6 else "axis").task
+    return robot.task(frame, "pose" if joints > 6 else "axis")
 
 
 _NOT_BOTH = (
@@ -459,13 +460,13 @@ def _require_one_shape(options: Options) -> None:
         for name in filter(given, names):
             if not given(needed_one):
                 raise InputError(f"{name} requires {needed_one}")
-    turned = any(map(given, _ORIENTATIONS))
+    turned = next(filter(given, _ORIENTATIONS), "")
     if not turned and not given("--size"):
         for name in filter(given, ("--yaw", *_OF_THE_TABLE)):
             raise InputError(f"{name} requires --down, --forward or --rpy")
     if turned and not given("--size"):
         for name in filter(given, _NOT_OF_THE_TABLE):
-            raise InputError(f"{name} and {'--down'} without --size are mutually exclusive")
+            raise InputError(f"{turned} with {name} requires --size")
     for name in _OF_THE_TABLE if given("--size") else ():
         if given(name):
             raise InputError(f"{name} and --size are mutually exclusive")

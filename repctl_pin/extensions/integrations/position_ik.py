@@ -31,7 +31,7 @@ def answer(
 
     F is the function of a cell, a box of poses: it gives one configuration per pose. The seed, the
     group and the constraints of the request are not used: the pose alone determines the joints.
-    With ``avoid_collisions`` the robot's own bodies are checked.
+    With ``avoid_collisions`` the robot's own bodies are checked, except those without a shape.
 
     Parameters
     ----------
@@ -69,6 +69,6 @@ def _solved(
         q = InverseFunction(F.chart)(target, leaf=leaf)  # which refuses joints beyond a limit
     except InputError:
         return None, NO_SOLUTION
-    if request.avoid_collisions and bodies_of(F.task).nearest(q).distance < 0:
+    if request.avoid_collisions and bodies_of(F.task)._nearest(q).distance < 0:
         return None, IN_COLLISION
     return q, SUCCESS

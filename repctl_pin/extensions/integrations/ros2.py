@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ...base.arguments import Array
 from ...base.errors import InputError, unknown
 from ...design.design_result import Design
-from ...model.bodies import Bodies
+from ...model.bodies import Bodies, bodies_of
 from ...motion.limits import Limits
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
@@ -58,6 +58,7 @@ _DEFAULTS = {
     "tolerance": 0.2,
     "surroundings": None,
     "body_distance": None,
+    "unchecked": "refuse",
     "tool": None,
     "hand_scale": 1.0,
     "hand_axes": None,
@@ -161,6 +162,8 @@ class _ArmNode(Node):
             )
 
         self.create_service(GetPositionIK, "compute_ik", on_request)
+        if lacks := bodies_of(F.task).not_checked:
+            self.get_logger().warning(f"compute_ik: collisions are not checked: {lacks}")
 
     # ---- parameters ----------------------------------------------------------------------------
 
@@ -316,14 +319,15 @@ def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]
 def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:
     """Read the bodies whose distance is kept, as arguments of :class:`Servo`; empty if none are.
 
-    The parameters ``surroundings``, a URDF, and ``body_distance``, m, ask for them.
+    The parameters ``surroundings``, a URDF, and ``body_distance``, m, ask for them. Links without a
+    body are refused, unless the parameter ``unchecked`` is ``allow``.
     """
     around, distance = given["surroundings"], given["body_distance"]
     if around is None and distance is None:
         return {}
     bodies = Bodies(design.task, surroundings=around)
     kept = {} if distance is None else {"body_distance": distance}
-    return {"bodies": bodies, **kept}
+    return {"bodies": bodies, "unchecked": given["unchecked"], **kept}
 
 
 def _hand_axes(given: dict[str, Any]) -> Array | None:

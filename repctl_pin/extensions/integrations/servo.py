@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from enum import Enum
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -36,7 +37,7 @@ _REST = 4
 
 
 _AHEAD = {
-    Status.SINGULAR: "J_V is singular ahead, or the target is out of reach",
+    Status.SINGULAR: "J_V is singular ahead, or no motion to the target was found",
     Status.BAD_NUMBER: "one of its numbers is too large, or its matrix is not a rotation",
     Status.OUTSIDE: "the region Ω, or the cell, ends ahead",
     Status.LIMIT: "a joint limit is ahead",
@@ -85,8 +86,9 @@ class Servo:
     tolerance
         Maximum distance of a measured joint from its command, rad or m; beyond it, the arm stops,
         because it does not follow.
-    bodies, body_distance
-        Bodies whose distance is kept, and this distance, m, as for :class:`Governor`.
+    bodies, body_distance, unchecked
+        Bodies whose distance is kept, this distance, m, and whether links without a body are
+        accepted, as for :class:`Governor`.
     tool
         Placement of the tool in the frame of the design; targets and twists are then the tool's.
     clutch
@@ -103,6 +105,7 @@ class Servo:
         tolerance: float = 0.2,
         bodies: Bodies | None = None,
         body_distance: float = 0.02,
+        unchecked: Literal["refuse", "allow"] = "refuse",
         tool: Placement | None = None,
         clutch: Clutch | None = None,
     ) -> None:
@@ -121,7 +124,12 @@ class Servo:
         proof = design.proof if isinstance(design, Design) else None
         self._closes = proof.closes if proof else None
         self._governor = Governor(
-            inverse, self.dt, limits, bodies=bodies, body_distance=body_distance
+            inverse,
+            self.dt,
+            limits,
+            bodies=bodies,
+            body_distance=body_distance,
+            unchecked=unchecked,
         )
         self._clutch = Clutch() if clutch is None else clutch
         self._coupled = False

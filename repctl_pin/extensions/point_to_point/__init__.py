@@ -6,8 +6,4 @@ is in the same configuration whenever it comes back to a pose.
 
 from ...base.plugins import Extension
 
-EXTENSION = Extension(
-    __name__,
-    names={"motion_between": "MotionBetween motion_between"},
-    commands={"move": "move_command"},
-)
+EXTENSION = Extension(__name__, commands={"move": "move_command"})

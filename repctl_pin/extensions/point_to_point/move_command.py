@@ -13,7 +13,7 @@ from ...base.files import write_whole
 from ...cli.given import Options, positive
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
-from ...show.text.lines import fitted
+from ...show.text.lines import fitted, noted
 from ...show.text.numbers import counted, number
 
 if TYPE_CHECKING:
@@ -132,6 +132,7 @@ def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
         "samples": len(moved.t),
         "limit_margin": float(motion.limit_margin.min()),
         **bodies_dict(motion),
+        "notes": motion.task.narrowed,
     }
 
 
@@ -162,3 +163,4 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
         yield f"body distance   {least}, between {links}"
     if unchecked := bodies_of(motion.task).not_checked:
         yield f"not checked     {unchecked}"
+    yield from map(noted, result["notes"])

@@ -3,7 +3,5 @@
 from ...base.plugins import Extension
 
 EXTENSION = Extension(
-    __name__,
-    names={"certify": "prove", "path_certificate": "PathCertificate path_certificate"},
-    parts={"study_design": "study:with_certificate", "study_notes": "study:unproved_note"},
+    __name__, parts={"study_design": "study:with_certificate", "study_notes": "study:unproved_note"}
 )

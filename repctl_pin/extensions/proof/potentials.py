@@ -337,19 +337,7 @@ class _Builder:
         E = np.abs(G) @ wrong + (np.abs(C) @ wrong) @ half
         size = (V + slopes).max(axis=1)
         T = np.asarray(self.T * (1 + 1e-12), float)
-        third = np.array(sorted({f for terms in self.C3.values() for f in terms}), np.int32)
-        at = {int(f): i for i, f in enumerate(third)}
-        C3, T4 = (
-            np.zeros((r, n, n, n, len(third))),
-            np.zeros((r, n, n, n, n) if len(third) else (r, 0, 0, 0, 0)),
-        )
-        for ijl, terms in self.C3.items():
-            for f, c in terms.items():
-                for i, j, l in permutations(ijl):
-                    C3[:, i, j, l, at[f]] = c
-        for key, bound4 in self.T4.items():
-            for i, j, l, m in permutations(key):
-                T4[:, i, j, l, m] = bound4 * (1 + 1e-12)
+        third, C3, T4 = self._third_and_fourth()
         E += 0.5 * ((np.abs(C3) @ wrong[third]) @ half) @ half
         return Features(
             np.array([one.row for one in self.arguments]).reshape(-1, n),
@@ -367,6 +355,26 @@ class _Builder:
             size,
             tuple(self.arms),
         )
+
+    def _third_and_fourth(self) -> tuple[NDArray[np.int32], Array, Array]:
+        """Create the arrays of the third derivatives, and the bounds of the fourth.
+
+        The first array are the indices of the features in the third derivatives.
+        """
+        assert self.T is not None, "a field has at least one term"
+        r, n = len(self.T), self.n
+        third = np.array(sorted({f for terms in self.C3.values() for f in terms}), np.int32)
+        at = {int(f): i for i, f in enumerate(third)}
+        C3 = np.zeros((r, n, n, n, len(third)))
+        T4 = np.zeros((r, n, n, n, n) if len(third) else (r, 0, 0, 0, 0))
+        for ijl, terms in self.C3.items():
+            for f, c in terms.items():
+                for i, j, l in permutations(ijl):
+                    C3[:, i, j, l, at[f]] = c
+        for key, bound4 in self.T4.items():
+            for i, j, l, m in permutations(key):
+                T4[:, i, j, l, m] = bound4 * (1 + 1e-12)
+        return third, C3, T4
 
 
 def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:

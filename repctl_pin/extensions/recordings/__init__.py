@@ -7,8 +7,4 @@ that a policy that learns from them is not given several answers for one pose.
 
 from ...base.plugins import Extension
 
-EXTENSION = Extension(
-    __name__,
-    names={"audit": "Audit audit", "recording": "Recording", "relabel": "Relabeled relabel"},
-    commands={"audit": "audit_command", "relabel": "relabel_command"},
-)
+EXTENSION = Extension(__name__, commands={"audit": "audit_command", "relabel": "relabel_command"})

@@ -23,7 +23,7 @@ EXAMPLE = """examples:
 
 FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the
 base, and optionally time and session. The command writes the same file with new
-joints, cell.json (the function), and report.html."""
+joints, cell.json (the function), and relabel.png."""
 
 
 def add_options(parser: Parser) -> None:
@@ -57,7 +57,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Relabel a recording, print the figures, and write the new file, cell.json and report.html.
+    """Relabel a recording, print the figures, and write the new file, cell.json and relabel.png.
 
     Returns the exit code.
     """
@@ -66,14 +66,14 @@ def run(options: Options) -> int:
     if file.resolve() == (folder / file.name).resolve():
         raise InputError(f"would replace {file}", argument="--out", remedy="choose another folder")
     say = progress(options.json)
-    needed("matplotlib", "meshcat", by="repctl relabel")
+    needed("matplotlib", by="repctl relabel")
     design = options.load_saved() if options.saved else None
     if isinstance(design, rp.Design):
         raise InputError(
             f"this command takes the function of a cell, but {options.what} is over joint space",
             remedy="make one with repctl cell",
         )
-    task = options.problem(path=False).task if design is None else design.task
+    task = options.asked_task() if design is None else design.task
     leaf = None
     if options.leaf is not None:
         what = "is not a list of numbers; separate them by commas"
@@ -86,23 +86,57 @@ def run(options: Options) -> int:
         options=rp.FitOptions(**options.of("held_out", "seed")),
         progress=in_percent(say),
     )
-    from .relabel_page import ambiguity_words, relabel_page, relabel_sentence
+    from ...show.plots.motions import png
+    from .relabel_plots import joints_figure
 
     say("drawing")
-    page = relabel_page(relabeled, command=options.command_line)
+    picture = png(joints_figure(relabeled))
     with written_together(folder) as staged:
         made = [
             relabeled.save(staged / file.name),
             rp.save(relabeled.design, staged / "cell.json"),
-            write_whole(staged / "report.html", page),
+            write_whole(staged / "relabel.png", picture),
         ]
         files = [folder / one.name for one in made]
 
     def text() -> str:
-        said = f"{relabel_sentence(relabeled)} {ambiguity_words(relabeled)}"
+        said = f"{_sentence(relabeled)} {_ambiguity(relabeled)}"
         return fitted(f"{said}\n\n{relabeled.summary()}\n")
 
     return report(options, lambda: _as_dict(relabeled), text, files)
+
+
+def _sentence(relabeled: rp.Relabeled) -> str:
+    """Write in one sentence whether the recorded joints were ambiguous, and that they are not now.
+
+    They were, if the ambiguity of the new joints, the misfit of a smooth function of the pose, is
+    less than half of theirs.
+    """
+    import numpy as np
+
+    from ...show.text.parts import redundant_part
+
+    before = relabeled.residual_before
+    part = redundant_part(relabeled.recording.task)
+    if np.isnan(before):
+        return f"Every pose has one {part}."
+    if relabeled.residual_after < 0.5 * before:
+        several = "elbows" if part.startswith("elbow") else f"{part}s"
+        return f"Your demonstrations used several {several} for one pose; now one."
+    return f"Your demonstrations used one {part} for each pose already."
+
+
+def _ambiguity(relabeled: rp.Relabeled) -> str:
+    """Write the ambiguity of the joints before and after relabelling, as a sentence.
+
+    It is the rms misfit of a smooth function of the pose, rad or m.
+    """
+    import numpy as np
+
+    unit, after = relabeled.recording.task.unit, f"{relabeled.residual_after:.2g}"
+    if np.isnan(relabeled.residual_before):
+        return f"Ambiguity of the joints: {after} {unit}."
+    return f"Ambiguity of the joints: {relabeled.residual_before:.2g} → {after} {unit}."
 
 
 def _as_dict(relabeled: rp.Relabeled) -> dict[str, Any]:

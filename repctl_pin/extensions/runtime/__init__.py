@@ -6,13 +6,4 @@ every tick, whatever targets come; the torque law is for robots that take torque
 
 from ...base.plugins import Extension
 
-EXTENSION = Extension(
-    __name__,
-    names={
-        "codegen.export": "export_c",
-        "clutch": "Clutch",
-        "governor": "Governor Status",
-        "impedance": "LeafImpedance",
-    },
-    commands={"export": "export_command"},
-)
+EXTENSION = Extension(__name__, commands={"export": "export_command"})

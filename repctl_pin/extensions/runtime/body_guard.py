@@ -6,21 +6,26 @@ at one configuration bounds it at others, and between two samples of a plan
 
 .. math:: d \ge \tfrac{1}{2} (d_k + d_{k+1} - \rho \cdot s),
 
-with s the ways of the joints from one to the other. Distances are measured only for the pairs and
-at the samples where these bounds do not decide.
+with s the ways of the joints from one to the other. A part of a plan on which a pair's distance
+changes by at most w from the middle needs d ≥ w + the kept distance there, or it is halved. At a
+sample, d is bounded by spheres, boxes, and remembered distances. Distances are measured only for
+the pairs and at the samples where these bounds do not decide. In C it is body_guard.c. The work of
+a tick is counted, not timed, so that the same ticks give the same motion.
 """
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import Array, require_type
 from ...base.errors import InputError
-from ...model.bodies import Bodies
+from ...model.bodies import Bodies, named_links
+from ...model.body_bounds import TELLING
 from ...model.task import Task
+from ...native import BODY_GUARD, filled_struct, required_library
 
 ROOM = 32
 """Maximum number of samples of a plan at which distances are bounded."""
@@ -36,14 +41,34 @@ _NOISE = 5e-6
 """Error of a measured distance that is allowed on the way, m: a plan from rest to rest that leads
 away is not refused for it."""
 
-_ANCHORS = 12
+_ANCHORS = 8
 """Number of configurations whose distances are remembered."""
 
-_AT_ONCE = 3
+_AT_ONCE = 2
 """Maximum number of them that a plan replaces."""
 
-_MOST = 100
-"""Maximum number of distances measured in a tick; a plan that needs more is not allowed."""
+_WORK = 60
+"""Work of a tick, in measured distances; a plan that needs more is not allowed."""
+
+_MOVE = 2, 0.1
+"""Work of each sample at which distances are measured, because the bodies are placed there: of the
+call, and per body."""
+
+_NODES = 1500
+"""Maximum number of bounds of a plan that are computed one by one; a plan that needs more is not
+allowed."""
+
+_OPEN = 128
+"""Maximum number of pairs that a plan can bring near each other; a plan of more is not allowed."""
+
+_ENDLESS = 2**31 - 1
+"""Work of a motion that is judged outside the loop."""
+
+_MEASURE = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)
+"""Function of Python that C calls for the distances of some pairs at a sample."""
+
+_KNOWN = ("rest", "anchor", "bound")
+"""Arrays of the struct that a copy needs."""
 
 
 class BodyGuard:
@@ -61,6 +86,8 @@ class BodyGuard:
         Task of the governor.
     distance
         Distance to keep, m; pairs that are checked for collisions only keep 0.
+    unchecked
+        Accept links without a body.
 
     Attributes
     ----------
@@ -68,30 +95,56 @@ class BodyGuard:
         Links of the two bodies that did not allow the last plan that was refused.
     """
 
-    def __init__(self, bodies: Bodies, task: Task, distance: float) -> None:
-        self._bodies = _bodies_of(bodies, task)
+    def __init__(self, bodies: Bodies, task: Task, distance: float, *, unchecked: bool) -> None:
+        self._bodies = _bodies_of(bodies, task, unchecked)
         self._distance = distance
         self.nearest: tuple[str, str] | None = None
         self._connect()
 
     def _connect(self) -> None:
-        """Find the collision model, which a copy of the guard cannot contain."""
+        """Find the collision model and fill the struct of C, which a copy cannot contain."""
         from ...model.collision_model import collision_model
 
         self._model = collision_model(self._bodies.task)
         self._drive = self._bodies.task.bodies_model()[1]
-        self._reach = self._model.reach()
+        self._reach = reach = self._model.reach()
         self._kept = self._model.kept(self._distance)
-        self._left = _MOST
+        pairs, joints = reach.shape
+        most = min(pairs, _OPEN)
+        ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}
+        ints |= {"exact": np.zeros((most, ROOM)), "failed": np.zeros((most, ROOM))}
+        ints |= {"settled": np.zeros(most)}
+        reals = {"reach": reach, "turned": reach.T, "kept": self._kept, "rest": self._kept.copy()}
+        reals |= {"anchor": np.zeros((_ANCHORS, joints)), "bound": np.zeros((_ANCHORS, pairs))}
+        reals |= {"far": np.zeros(pairs), "found": np.zeros(pairs)}
+        reals |= {"lower": np.zeros((most, ROOM)), "way": np.zeros((most, ROOM))}
+        reals |= {"rows": np.zeros(pairs)}
+        scalars = {"pairs": pairs, "joints": joints, "anchors": _ANCHORS, "room": ROOM}
+        move = int(_MOVE[0] + _MOVE[1] * self._model.tables.bodies)
+        scalars |= {"most": most, "at_once": _AT_ONCE, "move": move, "nodes": _NODES}
+        scalars |= {"stop": _STOP, "noise": _NOISE, "telling": TELLING}
+        scalars |= {"tables": ctypes.addressof(self._model.tables)}
+        self._outside = False
+        self._measure = _MEASURE(self._measured)
+        scalars |= {"measure": ctypes.cast(self._measure, ctypes.c_void_p)}
+        self._error: BaseException = RuntimeError("no distance was measured")
+        self._own = filled_struct(BODY_GUARD, ints, reals, scalars)[0]
+        self._address = ctypes.addressof(self._own)
+        self._native = required_library("a governor with bodies", holds=True)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs; the collision model, which cannot be copied, is found again."""
-        own = ("_model", "_drive", "_reach", "_kept")
-        return {name: value for name, value in vars(self).items() if name not in own}
+        kept = {name: vars(self)[name] for name in ("_bodies", "_distance", "nearest")}
+        known = {name: self._own.held[name].copy() for name in _KNOWN}
+        return kept | {"known": known, "numbers": (self._own.next, self._own.left)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        known, (after, left) = state.pop("known"), state.pop("numbers")
         vars(self).update(state)
         self._connect()
+        for name, values in known.items():
+            self._own.held[name][...] = values
+        self._own.next, self._own.left = after, left
 
     def start(self, q: Array) -> None:
         """Begin at q (n,), at rest; measure and remember all distances there.
@@ -106,10 +159,10 @@ class BodyGuard:
         worst = int(np.argmin(found - self._kept))
         if found[worst] < self._kept[worst] + _START:
             self._refuse_start(worst, 1e3 * max(float(found[worst]), 0.0))
-        self._rest = np.minimum(self._kept + _STOP, found)
-        self._anchors = np.repeat(q[None], _ANCHORS, axis=0)
-        self._bounds = np.repeat(found[None], _ANCHORS, axis=0)
-        self._next = 0
+        held = self._own.held
+        held["rest"][...] = np.minimum(self._kept + _STOP, found)
+        held["anchor"][...], held["bound"][...] = q, found
+        self._own.next = 0
         self.nearest = None
 
     def keeps(self, Q: Array) -> bool:
@@ -119,11 +172,33 @@ class BodyGuard:
         needed.
         """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
-        for k in range(0, max(len(Q) - 1, 1), ROOM - 1):
-            self._left = ROOM * len(self._reach)
-            if not self.allows(Q[k : k + ROOM], S[k : k + ROOM]):
-                return False
-        return True
+        own, held = self._own, self._own.held
+        known, after = (held["anchor"].copy(), held["bound"].copy()), own.next
+        # what is remembered holds for ways from the present; here nothing is known
+        held["bound"][...] = -np.inf
+        own.nodes, self._outside = _ENDLESS, False
+        try:
+            parts = range(0, max(len(Q) - 1, 1), ROOM - 1)
+            return all(self._keeps_part(Q[k : k + ROOM], S[k : k + ROOM]) for k in parts)
+        finally:
+            held["anchor"][...], held["bound"][...] = known
+            own.next, own.nodes = after, _NODES
+
+    def _keeps_part(self, Q: Array, S: Array) -> bool:
+        """Tell whether all distances are kept along at most ROOM samples, or along both halves.
+
+        Q and S are as for :meth:`allows`.
+        """
+        self._own.left = _ENDLESS
+        if self.allows(Q, S):
+            return True
+        middle = len(Q) // 2
+        return (
+            len(Q) > 2
+            and self._own.excess == 1
+            and self._keeps_part(Q[: middle + 1], S[: middle + 1])
+            and self._keeps_part(Q[middle:], S[middle:])
+        )
 
     def _refuse_start(self, pair: int, distance: float) -> None:
         """Raise the InputError for a start at which a pair (its index) is too near, mm."""
@@ -138,14 +213,14 @@ class BodyGuard:
         )
 
     def begin_tick(self) -> None:
-        """Begin a tick of the control loop: allow 100 more distances to be measured."""
-        self._left = _MOST
+        """Begin a tick of the control loop, with its work ahead."""
+        self._own.left, self._outside = _WORK, True
 
     def allows(self, Q: Array, S: Array) -> bool:
         """Tell whether a plan, the motion of the next ticks to rest, keeps all body distances.
 
-        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if too many
-        distances would have to be measured in this tick.
+        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if it needs
+        more than the work of this tick: the arm then follows the plan before, which ends at rest.
 
         Parameters
         ----------
@@ -158,81 +233,38 @@ class BodyGuard:
         """
         if not self._drive.identity:
             Q, S = self._drive.joints(Q), S @ np.abs(self._drive.S).T
-        pairs = self._undecided(Q, S)
-        if not len(pairs):
-            return True
-        reach, kept = self._reach[pairs], self._kept[pairs]
-        least = np.tile(self._rest[pairs] - _NOISE, (len(Q), 1))
-        least[-1] = self._rest[pairs]
-        way = np.diff(S, axis=0) @ reach.T  # (K - 1, P)
-        lower = self._known(Q, pairs)  # (K, P)
-        exact = np.zeros(lower.shape, bool)
-        while True:
-            failed = ~(lower >= least)
-            between = ~(lower[:-1] + lower[1:] - way >= 2 * kept)
-            failed[:-1] |= between
-            failed[1:] |= between
-            unsure = failed & ~exact
-            if not unsure.any() or (failed & exact)[-1].any():
-                break
-            k = len(Q) - 1
-            if not unsure[k].any():
-                k = int(np.argmin(np.where(unsure, lower - kept, np.inf)) // len(pairs))
-            which = np.flatnonzero(unsure[k])
-            self._left -= len(which)
-            if self._left < 0:
-                break
-            found = self._model.some_distances(Q[k], pairs[which])
-            exact[k, which] = True
-            moved = np.abs(Q - Q[k]) @ reach[which].T
-            lower[:, which] = np.maximum(lower[:, which], found - moved)
-        self._remember(Q, pairs, lower, np.flatnonzero(exact.any(axis=1))[::-1])
-        if not failed.any():
-            return True
-        worst = int(np.argmin(np.where(failed, lower - kept, np.inf)))
-        self.nearest = self._model.names(int(pairs[worst % len(pairs)]))
-        return False
+        Q, S = np.ascontiguousarray(Q), np.ascontiguousarray(S)
+        own, self._samples = self._own, Q
+        at = (ctypes.c_void_p(address) for address in (self._address, Q.ctypes.data, S.ctypes.data))
+        guard, samples, ways = at
+        allowed = self._native.body_guard_allows(guard, ctypes.c_int(len(Q)), samples, ways)
+        if allowed < 0:
+            raise self._error
+        if not allowed:
+            self.nearest = self._model.names(own.nearest)
+        return allowed == 1
 
-    def _undecided(self, Q: Array, S: Array) -> NDArray[np.intp]:
-        """Find the pairs, by index, that no remembered configuration shows to keep their distance.
+    def _measured(self, sample: int, count: int) -> int:
+        """Measure the distances of ``count`` pairs that C chose at a sample of a plan: 1, or 0.
 
-        Q and S are the samples and ways of a plan, as for :meth:`allows`. Only these pairs need a
-        closer look; usually there are few.
+        An error, which must not pass through C, is kept for :meth:`allows`.
         """
-        low, high = Q.min(axis=0), Q.max(axis=0)
-        moved = np.maximum(high - self._anchors, self._anchors - low)
-        lower = (self._bounds - moved @ self._reach.T).max(axis=0)
-        way = (np.diff(S, axis=0).max(axis=0, initial=0.0) @ self._reach.T) / 2
-        return np.flatnonzero(~(lower >= self._kept + np.maximum(way, _STOP)))
-
-    def _known(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Bound the distances of pairs from below at all samples, by remembered ones: (K, P), m.
-
-        A distance decreases by at most the reach ρ of each joint times the way to the sample.
-        """
-        moved = np.abs(Q[:, None] - self._anchors) @ self._reach[pairs].T
-        known: Array = (self._bounds[:, pairs] - moved).max(axis=1)
-        return known
-
-    def _remember(
-        self, Q: Array, pairs: NDArray[np.intp], lower: Array, measured: NDArray[np.intp]
-    ) -> None:
-        """Remember the bounds at some samples of a plan, in place of the oldest remembered ones.
-
-        ``pairs`` have the bounds ``lower`` (K, P), m, at all samples; those of other pairs follow
-        from remembered configurations. ``measured`` are the numbers of samples at which distances
-        were measured.
-        """
-        some = measured[:: max(1, len(measured) // _AT_ONCE)][:_AT_ONCE]
-        bounds = self._known(Q[some], np.arange(len(self._reach)))
-        bounds[:, pairs] = np.maximum(bounds[:, pairs], lower[some])
-        at = (self._next + np.arange(len(some))) % _ANCHORS
-        self._anchors[at], self._bounds[at] = Q[some], bounds
-        self._next = (self._next + len(some)) % _ANCHORS
+        try:
+            held = self._own.held
+            pairs, q = held["which"][:count], self._samples[sample]
+            found = self._model.some_distances(q, pairs, outside=self._outside)
+            held["found"][:count] = found
+            return 1
+        except BaseException as error:
+            self._error = error
+            return 0
 
 
-def _bodies_of(bodies: Bodies, task: Task) -> Bodies:
-    """Check that bodies are those of the task's robot and joints, and some; return them."""
+def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
+    """Check that bodies are those of the task's robot and joints, and some; return them.
+
+    With ``unchecked``, links without a body are accepted.
+    """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task
     if (
@@ -249,5 +281,11 @@ def _bodies_of(bodies: Bodies, task: Task) -> Bodies:
             "there are no bodies whose distance can be kept: the URDF has no collision geometry "
             "that moves, and there are no surroundings",
             remedy="give surroundings=, or leave bodies out",
+        )
+    if bodies.unchecked and not unchecked:
+        raise InputError(
+            f"{bodies.not_checked.split(';')[0]}, so that their collisions are not detected: "
+            f"{named_links(bodies.unchecked)}",
+            remedy='give the missing shapes (package_dirs=), or set unchecked to "allow"',
         )
     return bodies

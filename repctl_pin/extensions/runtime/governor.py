@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from enum import IntEnum
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from ...base.arguments import (
     as_configurations,
     as_numbers,
     positive,
+    require_choice,
     require_type,
     row,
     shown,
@@ -122,6 +123,9 @@ class Governor:
         Bodies of the robot and its surroundings whose distance is kept, ``rp.Bodies(task)``.
     body_distance
         Minimum distance of these bodies, m; pairs of :attr:`Bodies.only_contact` do not collide.
+    unchecked
+        ``"allow"`` accepts bodies with links that have no shape, :attr:`Bodies.unchecked`, whose
+        collisions are not detected.
 
     Attributes
     ----------
@@ -133,7 +137,8 @@ class Governor:
     Raises
     ------
     InputError
-        If a limit is missing or not above 0, or dt is not, or the bodies are of another task.
+        If a limit is missing or not above 0, or dt is not, or the bodies are of another task, or
+        a link has no body.
 
     Examples
     --------
@@ -155,6 +160,7 @@ class Governor:
         closes: ClosingRadius | None = None,
         bodies: Bodies | None = None,
         body_distance: float = 0.02,
+        unchecked: Literal["refuse", "allow"] = "refuse",
     ) -> None:
         self._inverse = require_type(
             inverse,
@@ -187,7 +193,8 @@ class Governor:
             one_frame(task, "a closing radius")
         self._closes = closes
         kept = positive(body_distance, "body_distance", "m", zero=True)
-        self._guard = None if bodies is None else BodyGuard(bodies, task, kept)
+        lacks = require_choice(unchecked, ("refuse", "allow"), "unchecked") == "allow"
+        self._guard = None if bodies is None else BodyGuard(bodies, task, kept, unchecked=lacks)
         native = required_library("a governor")
         self._on = False
         self._state = np.zeros(native.governor_bytes(), np.uint8)

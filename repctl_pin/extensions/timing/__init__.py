@@ -6,8 +6,4 @@ of speed, acceleration, jerk and torque allow.
 
 from ...base.plugins import Extension
 
-EXTENSION = Extension(
-    __name__,
-    names={"run": "Run", "timing": "approach timed"},
-    parts={"study_row": "timing:with_cycle_time"},
-)
+EXTENSION = Extension(__name__, parts={"study_row": "timing:with_cycle_time"})

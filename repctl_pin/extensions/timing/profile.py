@@ -367,16 +367,92 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
     InputError
         As :func:`fastest` does.
     """
-    from scipy.optimize import Bounds, LinearConstraint, milp  # slow to import
-    from scipy.sparse import csr_array
+    program = _program(curve, grid, limits)
+    found = program.best(np.ones(len(grid)))
+    # Along a rough path the largest sum of x can rest at a stage: weigh x by the time it saves.
+    if not (found[1:-1] > _RESTING).all():
+        found = _without_rests(program, found)
+    t = np.concatenate([[0.0], np.cumsum(program.times(found))])
+    return Segment(curve, grid, np.sqrt(found * program.scale), t, t)
 
-    # Scale x by what the limits of speed, and the acceleration from rest at the nearer end, allow.
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """Linear program of a profile, with K stages and L limits.
+
+    Its unknowns are ``x / scale``, with x = ṡ². They are between 0 and ``top``, which is 0 at both
+    ends, and ``low ≤ A x / scale ≤ high`` are the limits of acceleration and torque.
+
+    Attributes
+    ----------
+    grid, scale, top : (K,) arrays
+        Stages, scale of x, and largest x / scale by the limits of speed.
+    A : (L, K) sparse array
+        Two entries in each row: a limit at one end of an interval.
+    low, high : (L,) arrays
+        Bounds of the rows.
+    limits
+        The limits, for the message.
+    """
+
+    grid: Array
+    scale: Array
+    top: Array
+    A: Any
+    low: Array
+    high: Array
+    limits: JointLimits
+
+    def best(self, weights: Array) -> Array:
+        """Find the x / scale (K,) with the largest sum, weighted by ``weights`` (K,)."""
+        from scipy.optimize import Bounds, LinearConstraint, milp  # slow to import
+
+        rows, bounds = LinearConstraint(self.A, self.low, self.high), Bounds(0.0, self.top)
+        x = milp(-weights, bounds=bounds, constraints=rows, options={"presolve": False}).x
+        if x is None:
+            raise _no_speed(self.limits)
+        return np.asarray(np.maximum(x, 0.0))
+
+    def times(self, x: Array) -> Array:
+        """Compute the time of each interval (K − 1,), s, from x / scale (K,)."""
+        speed = np.sqrt(x * self.scale)
+        return np.asarray(2 * np.diff(self.grid) / np.maximum(speed[1:] + speed[:-1], 1e-300))
+
+
+def _program(curve: Any, grid: Array, limits: JointLimits) -> _Program:
+    """Make the linear program of a curve q(s) with stages ``grid`` (K,), scaled and reduced."""
     Q, slope, bend = curve(grid), curve(grid, 1), curve(grid, 2)
+
+    # scale x by what the limits of speed, and the acceleration from rest at the nearer end, allow
     most = limits.most_rate(Q, slope) ** 2
     push = np.min(limits.acceleration / np.maximum(np.abs(slope), 1e-9), axis=1).max()
     way = np.minimum(grid - grid[0], grid[-1] - grid)
     scale = np.minimum(most, 2 * push * np.maximum(way, np.diff(grid).min()))
-    # Each strip low ≤ along s̈ + across x ≤ high limits one joint at one stage.
+
+    # leave out the sides of strips that others hide
+    along, across, low, high = _strips(limits, Q, slope, bend)
+    unit = np.minimum(most, 2 * push * (grid[-1] - grid[0]))
+    used = _sides_that_bound(along * push, across * unit[:, None], low, high, most / unit)
+    if not used.any(axis=(1, 2)).all():
+        raise _no_speed(limits)
+    low = np.where(used[..., 0], low, -np.inf)
+    high = np.where(used[..., 1], high, np.inf)
+
+    A, low, high = _rows(grid, scale, along, across, low, high)
+    # the arm is at rest at both ends
+    top = most / scale
+    top[[0, -1]] = 0.0
+    return _Program(grid, scale, top, A, low, high, limits)
+
+
+def _strips(
+    limits: JointLimits, Q: Array, slope: Array, bend: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Write the limits of acceleration and torque as strips ``low ≤ along s̈ + across x ≤ high``.
+
+    Q, slope and bend (K, n) are q, q′ and q″ at the stages. Each of the four arrays is (K, n), or
+    (K, 2 n) with limits of torque: one strip per joint and stage.
+    """
     ones = np.ones_like(slope)
     strips = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]
     effort = torques_along(limits, Q, slope, bend)
@@ -384,15 +460,23 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
         turning, moving, still = (part / limits.torque for part in effort)
         strips.append((turning, moving, -1 - still, 1 - still))
     along, across, low, high = (np.hstack(parts) for parts in zip(*strips, strict=True))
-    unit = np.minimum(most, 2 * push * (grid[-1] - grid[0]))
-    used = _sides_that_bound(along * push, across * unit[:, None], low, high, most / unit)
-    if not used.any(axis=(1, 2)).all():
-        raise _no_speed(limits)
-    low, high = np.where(used[..., 0], low, -np.inf), np.where(used[..., 1], high, np.inf)
-    # Each row is a strip at one end of an interval, where s̈ = (x₁ − x₀) / 2h.
+    return along, across, low, high
+
+
+def _rows(
+    grid: Array, scale: Array, along: Array, across: Array, low: Array, high: Array
+) -> tuple[Any, Array, Array]:
+    """Make the rows of the program: a strip at one end of an interval, ``s̈ = (x₁ − x₀) / 2h``.
+
+    Strips without a finite bound give none. Return the sparse matrix for x / scale, and the bounds
+    of its rows.
+    """
+    from scipy.sparse import csr_array  # slow to import
+
+    used = np.isfinite(low) | np.isfinite(high)
     rows = []
     for end in (0, 1):
-        i, joint = np.nonzero(used[end : len(grid) - 1 + end].any(axis=2))
+        i, joint = np.nonzero(used[end : len(grid) - 1 + end])
         at = (i + end, joint)
         per_x = along[at] / (2 * (grid[i + 1] - grid[i]))
         pair = np.stack([-per_x, per_x], axis=1)
@@ -402,36 +486,25 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
     values *= scale[columns]
     ends = np.arange(0, values.size + 1, 2)
     A = csr_array((values.ravel(), columns.ravel(), ends), shape=(len(values), len(grid)))
-    # Solve for x / scale; it is 0 at both ends.
-    top = most / scale
-    top[[0, -1]] = 0.0
-    rows, bounds = LinearConstraint(A, low, high), Bounds(0.0, top)
+    return A, low, high
 
-    def best(weights: Array) -> Array:
-        x = milp(-weights, bounds=bounds, constraints=rows, options={"presolve": False}).x
-        if x is None:
-            raise _no_speed(limits)
-        return np.asarray(np.maximum(x, 0.0))
 
-    def times(x: Array) -> Array:
-        speed = np.sqrt(x * scale)
-        return 2 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-300)
+def _without_rests(program: _Program, found: Array) -> Array:
+    """Improve x / scale (K,) by programs that weigh it by the time it saves, until no stage rests.
 
-    found = best(np.ones(len(grid)))
-    # Along a rough path the largest sum of x can rest at a stage: weigh x by the time it saves.
-    if not (found[1:-1] > _RESTING).all():
-        reach = np.gradient(grid)
-        for _ in range(_MOST_PROGRAMS):
-            new = best(reach / np.sqrt(scale) / np.maximum(found, _RESTING) ** 1.5)
-            mixed = [found + share * (new - found) for share in np.linspace(0, 1, 21)]
-            took = times(found).sum()
-            found = min(mixed, key=lambda x: times(x).sum())
-            if times(found).sum() > (1 - _ENOUGH) * took:
-                break
-        if not (found[1:-1] > 0).all():
-            raise _no_speed(limits)
-    t = np.concatenate([[0.0], np.cumsum(times(found))])
-    return Segment(curve, grid, np.sqrt(found * scale), t, t)
+    InputError is raised if one still does.
+    """
+    reach = np.gradient(program.grid)
+    for _ in range(_MOST_PROGRAMS):
+        new = program.best(reach / np.sqrt(program.scale) / np.maximum(found, _RESTING) ** 1.5)
+        mixed = [found + share * (new - found) for share in np.linspace(0, 1, 21)]
+        took = program.times(found).sum()
+        found = min(mixed, key=lambda x: program.times(x).sum())
+        if program.times(found).sum() > (1 - _ENOUGH) * took:
+            break
+    if not (found[1:-1] > 0).all():
+        raise _no_speed(program.limits)
+    return found
 
 
 def _no_speed(limits: JointLimits) -> InputError:

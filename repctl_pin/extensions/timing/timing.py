@@ -6,6 +6,7 @@ is one traversal of the closed path.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import Array, flag, positive, read_only, require_choice, require_type
 from ...base.errors import InputError
-from ...model.bodies import bodies_of
+from ...model.bodies import bodies_of, named_links
 from ...model.task import RECOVERABLE
 from ...motion.joint_motion import JointMotion
 from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration
@@ -348,7 +349,8 @@ def approach(
     rate
         Samples per second, Hz.
     bodies
-        Check for collisions of the robot with itself or its surroundings on the way.
+        Check for collisions of the robot with itself or its surroundings on the way. A warning
+        names links without a shape, whose collisions are not detected.
 
     Returns
     -------
@@ -394,6 +396,9 @@ def approach(
                 "joint-space path: go through an intermediate configuration, or pass "
                 "bodies=False if this contact is not real"
             )
+        if known.unchecked:
+            lacking = named_links(known.unchecked)
+            warnings.warn(f"collisions are not checked: no shape of {lacking}", stacklevel=2)
     line = begin + share * (end - begin)
     rate = positive(rate, "rate", "samples per second")
     segment = fastest(line, kept)

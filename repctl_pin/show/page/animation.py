@@ -18,7 +18,7 @@ from ...motion import Motion
 from ...paths.several_paths import paths_of
 from ...studies.quantities import KEYS
 from ...studies.study_result import Study
-from ..notebook import frame
+from ..notebook import frame, table_and_figures
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
 from .playback import TracedChain, playback_of, playback_page, traced_chains
@@ -32,12 +32,14 @@ _BACK = 0.01
 class Animation:
     """A page that shows motions side by side. Make it with :func:`animation`.
 
-    A notebook shows it in its cell.
+    A notebook shows it in its cell, and the table and the figures of a study below it.
 
     Attributes
     ----------
     page : str
         The page's HTML: self-contained, with no network access.
+    study : Study or None
+        The study whose motions the page shows, if it shows one.
 
     Examples
     --------
@@ -47,6 +49,7 @@ class Animation:
     """
 
     page: str
+    study: Study | None = None
 
     def save(self, file: str | Path) -> Path:
         """Write the page to a file atomically, and return its path.
@@ -67,7 +70,8 @@ class Animation:
         return file
 
     def _repr_html_(self) -> str:
-        return frame(self.page)
+        page = frame(self.page)
+        return page if self.study is None else f"{page}\n{table_and_figures(self.study)}"
 
     def __repr__(self) -> str:
         return f"Animation(a page of {len(self.page) / 1e6:.1f} MB)"
@@ -104,7 +108,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     """
     seconds = None if seconds is None else positive(seconds, "seconds", "s")
     if isinstance(motions, Study):
-        return Animation(study_page(motions, seconds=seconds))
+        return Animation(study_page(motions, seconds=seconds), motions)
     named = "motions by name, as in {'mine': motion}, or a study"
     require_type(motions, Mapping, "motions", named)
     if not motions:

@@ -86,6 +86,7 @@ def own_loop(
     return {
         "frames": [
             {
+                "frame": single.frame,
                 "kind": str(single.kind) if single.kind.turns else "position",
                 "rows": single.kind.rows.tolist(),
                 "chain": chain.tolist(),

@@ -442,8 +442,8 @@ def _bodies(
         margin = cell.task.limit_margin(nearer.Q).min(axis=1)
         nearer = rows_of(nearer, nearer.found & (margin >= 0))
         U, Q = np.concatenate([U, nearer.U]), np.concatenate([Q, nearer.Q])
-        distances = np.concatenate([distances, bodies.distances(nearer.Q)])
-    links = bodies.nearest(Q[int(np.argmin(distances))]).links
+        distances = np.concatenate([distances, bodies._all(nearer.Q)[0]])
+    links = bodies._nearest(Q[int(np.argmin(distances))]).links
     return float(distances.min()), links, touching(cell, U, distances, links, share)
 
 

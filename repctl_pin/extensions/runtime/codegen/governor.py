@@ -11,6 +11,7 @@ import re
 import numpy as np
 
 from ....model.task import Task
+from ....motion.limits import limits_of_file
 from .text import filled, initialiser, pasted
 
 _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
@@ -25,11 +26,14 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     if task.coordinates is not None:
         return "", "", ""
     structs, types = _structs("governor.h", name)
+    acceleration, jerk = limits_of_file(task, "acceleration"), limits_of_file(task, "jerk")
     parts = {
         "structs": structs,
         "types": types,
         "library": pasted("governor.h", *_GOVERNOR),
         "velocity": initialiser(task.velocity_limit),
+        "acceleration": initialiser(np.where(np.isfinite(acceleration), acceleration, 0.0)),
+        "jerk": initialiser(jerk if np.isfinite(jerk).all() else np.full(task.n, np.inf)),
     }
     header, code, more = (filled(f"governor.{end}", name, parts) for end in _ENDINGS)
     return header, code, more

@@ -752,9 +752,17 @@ export class Own {
     ].filter(Boolean);
   }
 
+  // The loop as a file of waypoints: columns x,y,z, or those of each frame that moves.
   csv() {
-    const rows = this.points.map((p) => p.map((v) => Number(v.toFixed(9))).join(","));
-    return `${["x,y,z", ...rows].join("\n")}\n`;
+    const { frames } = this.chain;
+    const moving = this.paths()
+      .map((path, f) => ({ path, name: frames.length > 1 ? `${frames[f].frame}.` : "" }))
+      .filter(({ path }) => path);
+    const head = moving.flatMap(({ name }) => ["x", "y", "z"].map((axis) => name + axis));
+    const rows = this.points.map((_, i) =>
+      moving.flatMap(({ path }) => Array.from(path[i], (v) => Number(v.toFixed(9)))),
+    );
+    return `${[head, ...rows].map((row) => row.join(",")).join("\n")}\n`;
   }
 
   // ---- what is written and where

@@ -24,7 +24,7 @@ Each arm is a row of the table: Newton's method takes seeds from all of joint sp
 each point found is tested. The figure shows s and these points. The two short strokes through a
 point are the directions in which J⁺ moves the arm: on a stable surface both are tangent to it.
 
-    python examples/stable_surfaces.py
+    python docs/paper/stable_surfaces.py
 """
 
 from __future__ import annotations

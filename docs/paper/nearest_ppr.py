@@ -22,7 +22,7 @@ the potentials {d₁, d₂, polynomials of θ₃}. It prints Table I and then go
 potentials of all three joints, the mean of ‖G_r − J⁺‖² over |d₁|, |d₂|, |θ₃| ≤ 1 falls from 0.136
 to 0.0186. The figure shows both foliations: a motion that starts on a leaf stays on it.
 
-    python examples/nearest_ppr.py
+    python docs/paper/nearest_ppr.py
 """
 
 from __future__ import annotations

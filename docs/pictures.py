@@ -1,8 +1,8 @@
 """Make the pictures of the README: arms after cycles of a closed path, as the animation shows them.
 
-    python examples/gallery.py                  all pictures, into examples/pictures/
-    python examples/gallery.py ppr talos        some of them
-    python examples/gallery.py --out elsewhere
+    python docs/pictures.py                  all pictures, into examples/pictures/
+    python docs/pictures.py ppr talos        some of them
+    python docs/pictures.py --out elsewhere
 
 Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last
 cycle. Translucent arms show cycle 1, lines show the traces of end effector and elbow, and the
@@ -10,13 +10,14 @@ colour of a body shows its displacement. ``panda.webp`` shows the end of every c
 effector stays, the elbow drifts.
 
 This requires a browser and its driver (Debian: ``chromium`` and ``chromium-driver``),
-``pip install selenium``, and for ``audit`` the packages of `audit_pink.py`."""
+``pip install selenium``, and for ``audit`` the packages of `examples/audit_pink.py`."""
 
 from __future__ import annotations
 
 import argparse
 import io
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -29,7 +30,9 @@ from selenium.webdriver.chrome.service import Service
 import repctl_pin as rp
 from repctl_pin.show.study_files import study_page
 
-PICTURES = Path(__file__).parent / "pictures"
+EXAMPLES = Path(__file__).parents[1] / "examples"
+PICTURES = EXAMPLES / "pictures"
+sys.path.append(str(EXAMPLES))
 SIZE = (720, 620)
 """Size of the browser window in CSS pixels, each drawn as 2 × 2: small, so that text is legible at
 the width of the gallery."""
@@ -69,7 +72,7 @@ def audit() -> str:
 
 GALLERY: dict[str, Callable[[], str]] = {
     "panda": lambda: one_arm("panda"),
-    "my_arm": lambda: one_arm(str(Path(__file__).parent / "my_arm.urdf")),
+    "my_arm": lambda: one_arm(str(EXAMPLES / "my_arm.urdf")),
     "talos": lambda: one_arm("talos"),
     "two_hands": two_hands,
     "ppr": lambda: one_arm("ppr", "circle:0.4"),

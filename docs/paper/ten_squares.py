@@ -22,7 +22,7 @@ point as H.
 The script writes Figures 4 to 12 as PNG, for comparison with the paper, and prints the final
 configuration of every square.
 
-    python examples/ten_squares.py
+    python docs/paper/ten_squares.py
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ script answers four questions.
 4. *What is the cost?* The script prints the mean of ‖G_r − J⁺‖² (26) by degree of the potentials,
    and the leaf margin, both on held-out configurations.
 
-    python examples/nearest_panda.py
+    python docs/paper/nearest_panda.py
 """
 
 from __future__ import annotations

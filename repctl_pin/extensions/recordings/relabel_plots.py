@@ -1,0 +1,67 @@
+"""Figure of a relabelled recording: its joints before and after, and the level of the leaf."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...base.arguments import Array
+from ...show.palette import BLUE, INK, VERMILLION
+from ...show.plots.motions import axis_label, quiet, titled
+from .relabel import Relabeled
+
+_POINTS = 1500
+_COLUMNS = 2
+
+
+def joints_figure(relabeled: Relabeled) -> Figure:
+    """Draw each joint over the frames, recorded and relabelled, and the level c of the leaf.
+
+    The level says where along the self-motion the elbow is; it becomes one number. Dashed lines are
+    joint limits that lie within a panel, and thin lines separate the sessions.
+    """
+    recording, task = relabeled.recording, relabeled.recording.task
+    order = np.argsort(recording.session, kind="stable")
+    order = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).astype(int)]
+    borders = np.flatnonzero(np.diff(recording.session[order])).astype(float) + 0.5
+    title = f"{task.robot.name}, {task.frame}: joints of the frames, session after session"
+
+    panels = task.n + (relabeled.recorded_leaves is not None)
+    rows = -(-panels // _COLUMNS)
+    figure = titled(10.0, 0.8 + 1.35 * rows, title)
+    axes = list(figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel())
+    for ax in axes[panels:]:
+        ax.set_visible(False)
+    before = recording.joints
+    for joint, ax in zip(range(task.n), axes, strict=False):
+        old = None if before is None else before[order, joint]
+        _series(ax, old, relabeled.joints[order, joint], borders)
+        low, high = ax.get_ylim()
+        for limit in (task.lower[joint], task.upper[joint]):
+            if low < limit < high:
+                ax.axhline(limit, color=INK, lw=0.9, ls="--")
+        ax.set_ylabel(axis_label(task, joint), fontsize=8)
+    if relabeled.recorded_leaves is not None:
+        new = np.where(relabeled.found, relabeled.leaf[0], np.nan)[order]
+        _series(axes[panels - 1], relabeled.recorded_leaves[order, 0], new, borders)
+        axes[panels - 1].set_ylabel("leaf c (elbow)", fontsize=8)
+    for ax in axes[max(0, panels - _COLUMNS) : panels]:
+        ax.set_xlabel("frames, by session", fontsize=9)
+        ax.set_xticks([])
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=2, markerscale=5, frameon=False
+    )
+    return figure
+
+
+def _series(ax: Axes, old: Array | None, new: Array, borders: Array) -> None:
+    frames = np.arange(len(new))
+    if old is not None:
+        ax.plot(frames, old, ".", color=VERMILLION, ms=2, label="recorded")
+    ax.plot(frames, new, ".", color=BLUE, ms=2, label="relabelled")
+    for border in borders if len(borders) < 40 else []:
+        ax.axvline(border, color="#bbbbbb", lw=0.6, zorder=0)
+    ax.tick_params(labelsize=8)
+    quiet(ax)
