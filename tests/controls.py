@@ -117,7 +117,7 @@ def _start(task: rp.Task) -> np.ndarray:
 
 
 def _polynomial(task: rp.Task, degree: int) -> tuple[rp.RepeatableInverse, np.ndarray]:
-    q0 = Q_PANDA if task.robot.name == "panda" and task.coordinates is None else _start(task)
+    q0 = Q_PANDA if task.robot.name == "panda" else _start(task)
     return control(task, q0, rp.Polynomial(q0, degree, 0.5)), q0
 
 
@@ -163,11 +163,6 @@ def _partial() -> tuple[rp.RepeatableInverse, np.ndarray]:
     return control(task, q0, potentials), q0
 
 
-def _in_coordinates() -> rp.Task:
-    rng = np.random.default_rng(3)
-    return _panda().in_coordinates(np.eye(7) + 0.3 * np.tril(rng.normal(size=(7, 7)), -1))
-
-
 CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] = {
     **{f"panda, pose, degree {d}": lambda _, d=d: _polynomial(_panda(), d) for d in (1, 2, 3, 4)},
     "panda, pose, Fourier": lambda _: _fourier(1),
@@ -176,7 +171,6 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     "panda, position, degree 2": lambda _: _polynomial(_panda("position"), 2),
     "panda, axis, degree 2": lambda _: _polynomial(_panda("axis"), 2),
     "panda, xz, degree 1": lambda _: _polynomial(_panda("xz"), 1),
-    "panda in other coordinates": lambda _: _polynomial(_in_coordinates(), 2),
     "xarm7, pose, degree 3": lambda _: _polynomial(rp.Robot.load("xarm7").task(None, "pose"), 3),
     "iiwa, pose, degree 2": lambda folder: _polynomial(iiwa(folder).task("flange", "pose"), 2),
     "tiago, position, degree 2": lambda _: _polynomial(

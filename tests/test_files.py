@@ -8,6 +8,7 @@ import os
 import stat
 import subprocess
 import sys
+import tempfile
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -242,3 +243,59 @@ def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(InputError, match="Permission denied"):
         check_folder(tmp_path / "new")
+
+
+def test_a_link_that_leads_back_to_itself_is_refused(tmp_path: Path) -> None:
+    """Issue 52, item 26.18: as the name of a file, and as that of a folder."""
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "there").symlink_to("back")
+    (tmp_path / "back").symlink_to("there")
+    for name in ("loop", "there"):
+        with pytest.raises(InputError, match=f"cannot write .*{name}: Too many levels"):
+            write_whole(tmp_path / name, "text")
+        with pytest.raises(InputError, match=f"cannot write into .*{name}: Too many levels"):
+            check_folder(tmp_path / name)
+    assert all(path.is_symlink() for path in tmp_path.iterdir())
+
+
+def test_a_full_disk_leaves_no_folder_and_names_the_user_s_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 52, item 26.18: the disk is full after some bytes, or at once."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    for module, name in ((os, "fsync"), (tempfile, "mkdtemp")):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, full)
+            with (
+                pytest.raises(InputError) as caught,
+                written_together(tmp_path / "new" / "c") as staged,
+            ):
+                write_whole(staged / "arm.h", "text")
+        said = str(caught.value)
+        assert "No space left" in said and str(tmp_path / "new" / "c") in said
+        assert ".repctl-" not in said and not list(tmp_path.iterdir())
+
+
+PIPED = """
+import sys
+from repctl_pin.base.files import write_whole
+print("before")
+write_whole("/dev/stdout", "text\\n" * 3)
+print("after")
+"""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/stdout"), reason="there is no /dev/stdout")
+def test_standard_output_is_a_file_name(tmp_path: Path) -> None:
+    """Issue 52, item 26.18: a pipe, and a file that the shell opened, which is not replaced."""
+    command = [sys.executable, "-c", PIPED]
+    for file in (None, tmp_path / "out"):
+        with open(file or os.devnull, "wb") as output:
+            to = {"stdout": output} if file else {"stdout": subprocess.PIPE}
+            done = subprocess.run(command, stderr=subprocess.PIPE, timeout=60, **to)
+        said = file.read_bytes() if file else done.stdout
+        assert done.returncode == 0, done.stderr
+        assert said.split() == [b"before", b"text", b"text", b"text", b"after"]

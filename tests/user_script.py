@@ -17,7 +17,7 @@ def robots() -> rp.Task:
     q: np.ndarray[tuple[int, ...], np.dtype[np.float64]] = task.check(q0, "q0")
     T = np.eye(4)
     error = task.error(q, T)
-    print(rp.absolute_angles(task), task.jacobian(q0) @ np.ones(3), error, task.joints([q0, q0]))
+    print(rp.absolute_angles(task), task.jacobian(q0) @ np.ones(3), error)
     print(rp.solve_ik(task, q0, T), rp.solve_ik(task, q0, pin.SE3(T)))
     bodies = rp.Bodies(task)
     distance: float = bodies.nearest(q0).distance

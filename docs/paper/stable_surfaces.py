@@ -10,12 +10,13 @@ stable. But the motion must also stay on the surface,
 
 which is a much stronger condition. The script tests it for planar arms under J⁺, read from URDFs:
 
-* A prismatic joint and two links (Fig. 1) in absolute angles: s = cos ψ₃ − cos ψ₂ (13). The
+* A prismatic joint and two links (Fig. 1) in absolute angles ψ: s = cos ψ₃ − cos ψ₂ (13). The
   candidate ψ₂ = ψ₃ is stable. The candidate ψ₂ = −ψ₃ is not: the motion crosses it everywhere.
 * Three unit links (Fig. 2) in relative angles, as in every URDF:
   s = −sin θ₂ + sin θ₃ cos θ₂ + sin θ₃ cos(θ₂ + θ₃) (17). There are candidates, and none is stable.
 * The same arm in absolute angles has stable surfaces again: two links parallel. There J⁺ minimises
-  the speed of other angles, so it is another controller. Stable surfaces depend on the coordinates.
+  the speeds of the absolute angles. In the joints q of the URDF, this is J⁺ with the weight
+  ``rp.absolute_angles``: another controller, so it has other stable surfaces.
 * n links in absolute angles: with one or two distinct lengths there are stable surfaces, on which
   links of equal length stay parallel, so that the arm is a two-link arm; three distinct lengths
   have none. No two links are made exactly equal, so a real arm has none at all.
@@ -31,7 +32,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,11 +49,11 @@ from repctl_pin.show.text.table import table
 
 @dataclass(frozen=True)
 class Case:
-    """One arm in one set of joint coordinates, and its surfaces."""
+    """One arm, J⁺ that minimises the speeds of one kind of angles, and its surfaces."""
 
     name: str
-    coordinates: str
-    task: rp.Task
+    angles: str
+    control: rp.WeightedInverse
     found: Surfaces
 
 
@@ -82,17 +83,12 @@ def planar_arm(lengths: Sequence[float]) -> rp.Task:
         return rp.Robot.load(path).task("tool", "xy")
 
 
-def absolute(task: rp.Task) -> rp.Task:
-    """Describe a planar arm by the absolute angles of its links."""
-    return task.in_coordinates(rp.absolute_angles(task))
-
-
-def find(name: str, coordinates: str, task: rp.Task, samples: int) -> Case:
+def find(name: str, angles: str, task: rp.Task, samples: int) -> Case:
     """Search for the surfaces of J⁺ in all of joint space: ±1 m, ±3.1 rad."""
+    weight = rp.absolute_angles(task) if angles == "absolute" else np.eye(task.n)
+    control = rp.WeightedInverse(task, weight)
     box = rp.Box(np.zeros(task.n), np.where(task.revolute, 3.1, 1.0))
-    return Case(
-        name, coordinates, task, rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples)
-    )
+    return Case(name, angles, control, rp.stable_surface(control, box, samples=samples))
 
 
 def summary(cases: Sequence[Case]) -> str:
@@ -100,8 +96,8 @@ def summary(cases: Sequence[Case]) -> str:
     rows = [
         [
             case.name,
-            case.coordinates,
-            str(case.task.r),
+            case.angles,
+            str(case.control.task.r),
             str(len(case.found.stable) + len(case.found.candidate)),
             str(len(case.found.stable)),
             str(len(case.found.candidate)),
@@ -112,21 +108,19 @@ def summary(cases: Sequence[Case]) -> str:
     return table(["arm", "angles", "r", "points", "stable", "candidates", "verdict"], rows)
 
 
-def curl(task: rp.Task, Q: np.ndarray) -> np.ndarray:
+def curl(control: rp.WeightedInverse, Q: np.ndarray) -> np.ndarray:
     """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q, from the rows of J alone
-    (Corollary 1): s = −n_J · [g_1, g_2] (B6) for the columns g_1, g_2 of Jᵀ, n_J = g_1 × g_2."""
-    J, H = task.jacobians(Q), task.hessians(Q)
-    bracket = brackets(np.swapaxes(J, 1, 2), np.swapaxes(H, 1, 2))[:, 0, 1]
-    return -np.sum(np.cross(J[:, 0], J[:, 1]) * bracket, axis=1)
+    (Corollary 1): s = −n_J · M [g_1, g_2] (B6) for the columns g_1, g_2 of M⁻¹ Jᵀ, with n_J the
+    cross product of the rows of J and M the weight, whose determinant is 1."""
+    J, H = control.task.jacobians(Q), control.task.hessians(Q)
+    M_inv = np.linalg.inv(control.weight)
+    G = M_inv @ np.swapaxes(J, 1, 2)
+    dG = np.einsum("ij,Kajk->Kiak", M_inv, H)
+    n_J = np.cross(J[:, 0], J[:, 1])
+    return -np.sum(n_J @ control.weight * brackets(G, dG)[:, 0, 1], axis=1)
 
 
-def draw(
-    ax: Axes,
-    case: Case,
-    seen: Callable[[np.ndarray], np.ndarray],
-    at: Callable,
-    labels: Sequence[str],
-) -> None:
+def draw(ax: Axes, case: Case, drawn: np.ndarray, labels: Sequence[str]) -> None:
     """Draw s over a plane that it depends on, and the points found with the directions of J⁺
     through them.
 
@@ -136,16 +130,15 @@ def draw(
         Axes to draw into.
     case
         A case with n = 3.
-    seen
-        q (K, 3) → the two coordinates drawn (K, 2), a linear map.
-    at
-        The two coordinates (K, 2) → a q with these coordinates (K, 3).
+    drawn
+        Matrix (2, 2) from the last two joints to the two angles drawn.
     labels
-        Labels of the two coordinates.
+        Labels of the two angles.
     """
     side = np.linspace(-np.pi, np.pi, 101)
     plane = np.stack(np.meshgrid(side, side), axis=-1)
-    s = curl(case.task, at(plane.reshape(-1, 2))).reshape(101, 101)
+    last = plane.reshape(-1, 2) @ np.linalg.inv(drawn).T
+    s = curl(case.control, np.insert(last, 0, 0.0, axis=1)).reshape(101, 101)
     top = np.abs(s).max()
     image = ax.pcolormesh(
         side, side, s, cmap="PuOr", vmin=-top, vmax=top, shading="gouraud", rasterized=True
@@ -157,13 +150,11 @@ def draw(
     ):
         if not len(points):
             continue
-        flat = (seen(points) + np.pi) % (2 * np.pi) - np.pi
+        flat = (points[:, 1:] @ drawn.T + np.pi) % (2 * np.pi) - np.pi
         ax.plot(*flat.T, "o", ms=3, color=colour, label=label)
         some = slice(None, None, 1 + len(points) // 36)
-        for place, G in zip(
-            flat[some], rp.Pseudoinverse(case.task).batch(points[some]), strict=True
-        ):
-            for stroke in seen(G.T):
+        for place, G in zip(flat[some], case.control.batch(points[some]), strict=True):
+            for stroke in G[1:].T @ drawn.T:
                 size = np.linalg.norm(stroke)
                 if size > 1e-9:
                     ends = place + np.outer([-0.28, 0.28], stroke / size)
@@ -175,7 +166,7 @@ def draw(
         ylabel=labels[1],
         aspect="equal",
     )
-    ax.set_title(f"{case.name}\n{case.coordinates} angles", fontsize=10, loc="left")
+    ax.set_title(f"{case.name}\n{case.angles} angles", fontsize=10, loc="left")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0)
     ax.figure.colorbar(image, ax=ax, shrink=0.72, label=r"$s = n_J \cdot \nabla \times n_J$")
 
@@ -184,14 +175,10 @@ def picture(prr: Case, relative: Case, turned: Case) -> Figure:
     """Draw the three arms of Section II side by side."""
     figure = Figure(figsize=(15, 4.8), layout="constrained")
     axes = figure.subplots(1, 3)
-    beside = [np.zeros((1, 3)), np.eye(3)[1:2], np.eye(3)[2:3]]  # q = (0, u, v)
-
-    def at(plane: np.ndarray) -> np.ndarray:
-        return plane[:, :1] * beside[1] + plane[:, 1:] * beside[2] + beside[0]
-
-    draw(axes[0], prr, lambda q: q[:, 1:], at, ("ψ₂ (rad)", "ψ₃ (rad)"))
-    draw(axes[1], relative, lambda q: q[:, 1:], at, ("θ₂ (rad)", "θ₃ (rad)"))
-    draw(axes[2], turned, lambda q: q[:, 1:] - q[:, :1], at, ("ψ₂ − ψ₁ (rad)", "ψ₃ − ψ₁ (rad)"))
+    sums = np.array([[1.0, 0.0], [1.0, 1.0]])  # (θ₂, θ₂ + θ₃)
+    draw(axes[0], prr, sums, ("ψ₂ (rad)", "ψ₃ (rad)"))
+    draw(axes[1], relative, np.eye(2), ("θ₂ (rad)", "θ₃ (rad)"))
+    draw(axes[2], turned, sums, ("ψ₂ − ψ₁ (rad)", "ψ₃ − ψ₁ (rad)"))
     return figure
 
 
@@ -209,10 +196,10 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
     prr = rp.Robot.load("prr").task("tool", "xy")
     three = rp.Robot.load("planar3r").task("tool", "xy")
     cases = [
-        find("prismatic, two links", "absolute", absolute(prr), samples),
+        find("prismatic, two links", "absolute", prr, samples),
         find("prismatic, two links", "relative", prr, samples),
         find("three unit links", "relative", three, samples),
-        find("three unit links", "absolute", absolute(three), samples),
+        find("three unit links", "absolute", three, samples),
     ]
     for lengths in (
         (1, 1, 1, 1),
@@ -223,7 +210,7 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
         (1, 1, 1.5, 2, 2),
     ):
         name = "links " + ", ".join(f"{length:g}" for length in lengths)
-        cases.append(find(name, "absolute", absolute(planar_arm(lengths)), samples))
+        cases.append(find(name, "absolute", planar_arm(lengths), samples))
     print(summary(cases))
     file = out / "stable_surfaces.png"
     picture(cases[0], cases[2], cases[3]).savefig(file, dpi=150)

@@ -10,6 +10,7 @@ import os
 import secrets
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +29,7 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
     try:
         if make:
             folder.mkdir(parents=True, exist_ok=True)
-        there = next((part for part in (folder, *folder.parents) if part.exists()), Path())
+        there = next((part for part in (folder, *folder.parents) if os.path.lexists(part)), Path())
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
@@ -74,10 +75,26 @@ def written_together(folder: Path) -> Iterator[Path]:
     InputError
         If the folder cannot be written, or a file would replace a folder.
     """
-    prepare_folder(folder)
-    staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
+    with not_left_empty(folder):
+        prepare_folder(folder)
+        yield from _staged(folder)
+
+
+def _staged(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder in ``folder``, and move its files there at the end.
+
+    Errors name the files by the folder that the user knows.
+    """
     try:
-        yield staged
+        staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
+    except OSError as error:
+        raise InputError(f"cannot write into {folder}: {error.strerror}") from None
+    try:
+        try:
+            yield staged
+        except InputError as error:
+            error.args = (str(error.args[0]).replace(str(staged), str(folder)),)
+            raise
         moves = [(file, folder / file.name) for file in sorted(staged.iterdir())]
         for _, target in moves:
             if target.is_dir() and not target.is_symlink():
@@ -133,8 +150,8 @@ def _one_at_a_time(folder: Path) -> Iterator[None]:
 def write_whole(path: str | Path, content: str | bytes) -> Path:
     """Write a file atomically: to a temporary file beside it, which is then renamed.
 
-    A symbolic link is followed, and its target is replaced. A device or a pipe is written to, never
-    replaced.
+    A symbolic link is followed, and its target is replaced. A device, a pipe, or the file that is
+    standard output, is written to, never replaced.
 
     Parameters
     ----------
@@ -153,16 +170,23 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
     InputError
         If the path is a folder, or cannot be written (permission, full disk); an existing file is
         then unchanged.
+    BrokenPipeError
+        If the reader of a pipe has gone away.
     """
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     target = _target(path)
     try:
         old = target.stat() if target.exists() else None
-        if old is None or stat.S_ISREG(old.st_mode):
+        if old is not None and (output := _own_output(old)) is not None:
+            with open(output, "wb") as through:
+                through.write(data)
+        elif old is None or stat.S_ISREG(old.st_mode):
             _replace(target, data, old)
         else:
             with open(os.open(target, os.O_WRONLY | os.O_NOCTTY), "wb") as through:
                 through.write(data)
+    except BrokenPipeError:  # as | head leaves it
+        raise
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise InputError(
             f"cannot write {path}: {getattr(error, 'strerror', None) or error}"
@@ -215,20 +239,42 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
     return data
 
 
+def _own_output(file: os.stat_result) -> int | None:
+    """Return a handle of standard output if that is the file, else None.
+
+    A second handle of the same file would begin at its start, and overwrite what was printed.
+    """
+    try:
+        sys.stdout.flush()
+        handle = sys.stdout.fileno()
+        return os.dup(handle) if os.path.samestat(os.fstat(handle), file) else None
+    except (OSError, ValueError, AttributeError):  # closed, or no file
+        return None
+
+
 def _target(path: str | Path) -> Path:
     """Resolve the file to write: the target of a symbolic link, else the path itself.
 
-    The file itself is then replaced, and not the link.
+    The file itself is then replaced, and not the link. A link to a pipe stays as it is, because
+    the name that it leads to is in no folder.
 
     Raises
     ------
     InputError
-        If the path is empty, a folder, or below a folder that cannot be read.
+        If the path is empty, a folder, a link that leads back to itself, or below a folder that
+        cannot be read.
     """
     target = Path(path)
     try:
         if target.is_symlink():
-            target = Path(os.path.realpath(target))
+            try:
+                os.stat(target)
+                there = True
+            except FileNotFoundError:  # it is made
+                there = False
+            real = Path(os.path.realpath(target))
+            if real.exists() or not there:
+                target = real
         folder = target.is_dir()
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror}") from None

@@ -58,11 +58,6 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.weight()
     add = parser.add_argument
-    add(
-        "--absolute",
-        action="store_true",
-        help="describe a planar arm by absolute angles, not by relative ones",
-    )
     region = (
         "half-width of Ω around the start, rad, cut at the joint limits "
         f"(default {REGION}, or that of the design)"
@@ -104,11 +99,10 @@ def run(options: Options) -> int:
         high = np.minimum(task.upper, q0 + np.pi)
         box = rp.Box.between(low, high)
         surfaces = rp.stable_surface(case.strategy, box, seed=options.seed)
-    absolute = ", in absolute angles" if options.absolute else ""
     return report(
         options,
         lambda: _as_dict(case, verdict, drift, surfaces),
-        lambda: fitted("\n".join(_lines(case, absolute, verdict, drift, surfaces))),
+        lambda: fitted("\n".join(_lines(case, verdict, drift, surfaces))),
     )
 
 
@@ -131,7 +125,7 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
             "--prove requires a saved design (.json)",
             remedy="save one with repctl design or repctl cell",
         )
-    for option in ("weight", "absolute", "region", "start"):
+    for option in ("weight", "region", "start"):
         if getattr(options, option):
             why = "a design is proved over its own region"
             raise InputError(f"--prove and --{option} are mutually exclusive: {why}")
@@ -189,23 +183,16 @@ def _named(options: Options) -> _Case:
 
     A case is what the command tests: a controller and a region.
 
-    Its region Ω is a box of half-width ``--region`` around the start, cut at the joint limits. With
-    ``--absolute``, the joints of a planar arm are described by absolute angles.
+    Its region Ω is a box of half-width ``--region`` around the start, cut at the joint limits.
     """
     from ..studies.design_choice import choose_desired
 
     half_width = options.region or REGION
     box = partial(box_within_limits, half_width=half_width)
     problem = options.problem(path=False, region=box)
-    start_is = problem.start_is
-    if options.absolute:
-        task = problem.task.in_coordinates(rp.absolute_angles(problem.task))
-        assert task.coordinates is not None
-        q0 = task.coordinates.coordinates(problem.start)
-        problem = rp.Problem(task, start=q0, path=False, region=box)
     strategy, name = choose_desired(problem.task, options.asked_weight())
     notes = cut_note(problem.task, problem.region, half_width)
-    return _Case(strategy, name, problem, start_is, notes)
+    return _Case(strategy, name, problem, problem.start_is, notes)
 
 
 def _saved(options: Options) -> _Case:
@@ -213,11 +200,10 @@ def _saved(options: Options) -> _Case:
 
     A case is what the command tests: a controller and a region.
 
-    InputError is raised for ``--weight`` and ``--absolute``, which would choose another controller.
+    InputError is raised for ``--weight``, which would choose another controller.
     """
-    for option in ("weight", "absolute"):
-        if getattr(options, option):
-            raise InputError(f"{options.what} is a strategy", remedy=f"omit --{option}")
+    if options.weight:
+        raise InputError(f"{options.what} is a strategy", remedy="omit --weight")
     design = options.load_design()
     problem = options.problem_of(design, path=False)
     start_is = problem.start_is
@@ -267,11 +253,10 @@ def _as_dict(
 
 
 def _lines(
-    case: _Case, absolute: str, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
+    case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
     """Write the report of a test, as lines of text for a terminal.
 
-    ``absolute`` follows the controller's name, and says that absolute angles are used, or is empty.
     The drift and the surfaces appear only if the controller is not repeatable.
     """
     task, problem = case.strategy.task, case.problem
@@ -280,7 +265,7 @@ def _lines(
         f"{verdict.summary()}\n",
         f"robot     {robot.name} ({robot.description.path.name})",
         f"task      {task}",
-        f"strategy  {case.name}{absolute}",
+        f"strategy  {case.name}",
         f"start     {row(problem.start)} ({case.start_is})",
         f"region    {problem.region}",
         *(f"note: {note}" for note in case.notes),

@@ -238,15 +238,15 @@ class Options(argparse.Namespace):
     def asked_weight(self) -> Any:
         """Parse ``--weight``, the joint weights of the desired inverse: None, a word, or numbers.
 
-        The word is ``inertia`` or ``limits``; InputError is raised for any other text without
-        numbers.
+        The word is ``inertia``, ``limits`` or ``absolute``; InputError is raised for any other text
+        without numbers.
         """
-        if self.weight in (None, "inertia", "limits"):
+        if self.weight in (None, "inertia", "limits", "absolute"):
             return self.weight
         return numbers_of(
             self.weight,
             "--weight",
-            "is neither inertia, nor limits, nor numbers separated by commas",
+            "is neither inertia, limits, absolute, nor numbers separated by commas",
         )
 
     def asked_degree(self) -> Any:

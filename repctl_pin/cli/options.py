@@ -213,7 +213,8 @@ class Parser(argparse.ArgumentParser):
 
     def weight(self) -> None:
         """Add --weight, the joint weights that select the inverse to check or to approximate."""
-        what = "joint weights: inertia, limits or w1,w2,… (default 1)"
+        words = "inertia, limits, absolute (link angles of a planar arm)"
+        what = f"joint weights: {words} or w1,w2,… (default 1)"
         self.add_argument("--weight", metavar="M", help=what)
 
     def json(self, instead: str = "text", *, quiet: bool = False) -> None:

@@ -229,10 +229,9 @@ def _check(
             f"the region has {len(region.center)} joints, but the task has {task.n}",
             remedy="use a region in the joints of the task",
         )
-    box, (lower, upper, _) = region.bounds, task.joint_limits
-    middle = task.joints(box.center)
-    reach = np.abs(task.coordinate_matrix) @ box.half_width  # of q = T ψ
-    rows = zip(task.robot_joints, middle - reach, middle + reach, lower, upper, strict=True)
+    box = region.bounds
+    low, high = box.center - box.half_width, box.center + box.half_width
+    rows = zip(task.joint_names, low, high, task.lower, task.upper, strict=True)
     for name, low, high, least, most in rows:
         if high < least or low > most:
             raise InputError(

@@ -51,18 +51,19 @@ def task_parts(task: Task) -> tuple[Any, ...]:
     """Return kind, joint chain and position limits of a task as plain data.
 
     The chain has all placements and axes from base to frame, with locked joints in place, and the
-    map from q to its joints: mimic ratios, and coordinates ψ. For several frames, it is one such
+    map from q to its joints: mimic ratios. For several frames, it is one such
     tuple per frame. A fingerprint, which recognises the robot of a proof, is made of them.
     """
     if isinstance(task, SeveralFrames):
         return tuple(task_parts(part) for part in task.parts)
     chain = joint_chain(task)
-    lower, upper, _ = task.joint_limits
+    lower, upper = task.lower, task.upper
     numbers = (chain.R, chain.p, chain.axes, chain.S, chain.offset, lower, upper)
     return (
         str(task.kind),
         chain.revolute,
-        task.coordinate_matrix,
+        # older certificates have the identity here
+        np.eye(task.n),
         *(rounded(each) for each in numbers),
     )
 

@@ -15,7 +15,7 @@ from ..model.task import Task
 from ..potentials.basis import CurvedPotentials
 from ..redundancy.augmented import augmented_inverse
 from ..redundancy.inverses import pseudoinverse_derivative
-from ..strategies.pseudoinverse import Pseudoinverse
+from ..strategies.pseudoinverse import Pseudoinverse, WeightedInverse
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Inverse
 
@@ -58,8 +58,9 @@ class _Derivative:
 def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
 
-    Lie brackets, which tell whether an inverse is repeatable, are made of them. J⁺ and repeatable
-    inverses have formulas; all others are differentiated numerically, with an error estimate.
+    Lie brackets, which tell whether an inverse is repeatable, are made of them. J⁺,
+    J⁺ with a constant weight, and repeatable inverses have formulas. All others are differentiated
+    numerically, with an error estimate.
 
     Raises
     ------
@@ -82,6 +83,21 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
     dG = pseudoinverse_derivative(J, strategy.task.hessians(Q))
     G = strategy.batch(Q, J)
     return _Derivative(J, G, dG, _rounding(J, dG, joint_scale(strategy.task, Q[0])), exact=True)
+
+
+@derivative.register
+def _(strategy: WeightedInverse, Q: Array) -> _Derivative:
+    """Evaluate the formula of J⁺ for ``J⁺_M = B (J B)⁺`` with ``M⁻¹ = B Bᵀ``, if M is constant."""
+    if isinstance(strategy.weight, str) or callable(strategy.weight):
+        return derivative.dispatch(object)(strategy, Q)
+    B = np.linalg.inv(np.linalg.cholesky(strategy.weight)).T
+    J = strategy.task.jacobians(Q)
+    H_B = np.einsum("Kapk,pi->Kaik", strategy.task.hessians(Q), B)
+    dG = np.einsum("ij,Kjak->Kiak", B, pseudoinverse_derivative(J @ B, H_B))
+    L = joint_scale(strategy.task, Q[0])
+    scaled = B / L[:, None]
+    error = _rounding(J, dG, L) * np.linalg.cond(scaled / np.linalg.norm(scaled, axis=0))
+    return _Derivative(J, strategy.batch(Q, J), dG, error, exact=True)
 
 
 @derivative.register
@@ -113,12 +129,7 @@ def inside_limits(task: Task, Q: Array) -> Array:
     joint further than half its distance to a limit. Outside the limits the scale is not reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
-    with np.errstate(divide="ignore"):
-        most = np.min(
-            np.where(distance > 0, 8 * distance, np.inf)[:, :, None]
-            / np.abs(task.coordinate_matrix),
-            axis=1,
-        )
+    most = np.where(distance > 0, 8 * distance, np.inf)
     return np.minimum(joint_scale(task, Q[0]), most)
 
 

@@ -125,8 +125,9 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
 
     An inverse is repeatable near q if and only if all defects vanish there. They are exact for J⁺
-    (from the kinematic Hessian), and for a repeatable inverse whose potentials have second
-    derivatives. Otherwise they are computed by extrapolated differences.
+    and for J⁺ with a constant weight (from the kinematic Hessian), and for a repeatable inverse
+    whose potentials have second derivatives. Otherwise they are computed by extrapolated
+    differences.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ from ..model.length import joint_scale
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
+from ..strategies.pseudoinverse import WeightedInverse
 from ..strategies.strategy import Inverse
 from .derivative import SHORTEST_STEP, derivative, differentiate
 from .lie_bracket import measure
@@ -102,8 +103,9 @@ _Surface = Callable[[Array], tuple[Array, Array]]
 def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs: (K, pairs · n), and their error (K,).
 
-    s is the relative defects times ``det(BᵀB)``, with ``B = L⁻¹ G J Jᵀ`` and L the unit of each
-    joint. For J⁺, n = 3 and m = 2, B is Jᵀ and s is the paper's scalar (6) along n̂.
+    s is the relative defects times ``det(BᵀB)``, with ``B = L⁻¹ G J M⁻¹ Jᵀ``, L the unit of each
+    joint, and M the weight of a weighted inverse, else I. For J⁺, n = 3 and m = 2, B is Jᵀ and s is
+    the paper's scalar (6) along n̂.
 
     Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
     travel differs much from 1 m, the unit normal reverses over a very short distance, which
@@ -113,7 +115,10 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """
     found = measure(strategy, Q)
     task = strategy.task
-    B = found.G @ found.J @ np.swapaxes(found.J, 1, 2) / joint_scale(task, Q[0])[:, None]
+    B = np.swapaxes(found.J, 1, 2)
+    if isinstance(strategy, WeightedInverse):
+        B = np.linalg.solve(strategy._weights(Q), B)  # M⁻¹ Jᵀ = G J M⁻¹ Jᵀ is as smooth as J
+    B = found.G @ found.J @ B / joint_scale(task, Q[0])[:, None]
     size = np.linalg.det(np.swapaxes(B, 1, 2) @ B)
     a, b = np.triu_indices(task.m, 1)
     return size[:, None] * found.relative[:, a, b].reshape(len(Q), -1), size * found.error

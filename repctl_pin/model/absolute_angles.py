@@ -1,4 +1,4 @@
-"""Absolute link angles of a planar arm as joint coordinates."""
+"""Weight of the joint speeds that makes J⁺ minimise the speeds of a planar arm's links."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from .task import Task, require_task
 
 
 def absolute_angles(task: Task) -> Array:
-    """Compute the matrix T of q = T ψ, with ψ the absolute link angles of a planar arm.
+    r"""Compute the weight M with which J⁺ minimises the speeds of the absolute link angles.
 
-    ``ψ_i = ± q_1 ± … ± q_i`` over the revolute joints up to the i-th, with minus for a joint whose
-    axis is opposite to that of the first one; so ``q_i = ± (ψ_i − ψ_(i−1))``. For a prismatic
-    joint, ψ_i = q_i.
+    .. math:: \dot q^T M \dot q = \lVert \dot\psi \rVert^2, \qquad \psi = A q, \qquad M = A^T A.
+
+    ``ψ_i = ± q_1 ± … ± q_i`` over the revolute joints up to the i-th is the angle of link i to the
+    base, with minus for a joint whose axis is opposite to that of the first one. For a prismatic
+    joint, ψ_i = q_i. Where the paper describes an arm by absolute angles, its J⁺ is this inverse.
 
     Parameters
     ----------
@@ -24,32 +26,30 @@ def absolute_angles(task: Task) -> Array:
     Returns
     -------
     (n, n) array
-        For :meth:`Task.in_coordinates`.
+        For :class:`WeightedInverse`.
 
     Raises
     ------
     InputError
-        If the revolute axes are not all parallel: then a link angle is not a sum of joint angles.
+        If the revolute axes are not all parallel, or some joints mimic others: then a link angle is
+        not a sum of joint angles.
 
     Examples
     --------
-    >>> T = rp.absolute_angles(task)
-    >>> links = task.in_coordinates(T)  # q = T ψ
-    >>> psi = np.linalg.solve(T, q0)
-    >>> psi.round(3)  # rad: the links' angles from the base's x axis
-    array([0.3, 1.1, 1.9])
-    >>> np.allclose(links.placement(psi).translation, task.placement(q0).translation)
+    >>> rp.absolute_angles(task)
+    array([[3., 2., 1.],
+           [2., 2., 1.],
+           [1., 1., 1.]])
+    >>> G = rp.WeightedInverse(task, rp.absolute_angles(task))
+    >>> links = np.cumsum(G.velocity(q0, [0.1, 0.0]))  # ψ̇, rad/s
+    >>> bool(np.linalg.norm(links) < np.linalg.norm(np.cumsum(control.velocity(q0, [0.1, 0.0]))))
     True
     """
-    if require_task(task).coordinates is not None:
-        raise InputError(
-            "the task already has joint coordinates; "
-            "compute the absolute angles of the original task"
-        )
-    if not task.drive.identity:
+    if not require_task(task).drive.identity:
         raise InputError(
             "absolute angles require independent joints, but some joints of this chain "
-            "mimic others; pass a custom T to in_coordinates()"
+            "mimic others",
+            remedy="use another weight",
         )
     turning = np.flatnonzero(task.revolute)
     axes = task.axes(task.reference)[turning]  # (revolute joints, 3)
@@ -58,12 +58,9 @@ def absolute_angles(task: Task) -> Array:
         if abs(abs(sign) - 1) > 1e-9:
             raise InputError(
                 f"absolute angles require parallel axes, but {task.joint_names[joint]!r} "
-                f"is not parallel to {task.joint_names[turning[0]]!r}; "
-                "pass a custom T to in_coordinates()"
+                f"is not parallel to {task.joint_names[turning[0]]!r}",
+                remedy="use another weight",
             )
-    T = np.eye(task.n)
-    for k, (joint, sign) in enumerate(zip(turning, np.sign(signs), strict=True)):
-        T[joint, joint] = sign
-        if k:
-            T[joint, turning[k - 1]] = -sign
-    return T
+    A = np.eye(task.n)
+    A[np.ix_(turning, turning)] = np.tril(np.ones((len(turning), 1)) * np.sign(signs))
+    return A.T @ A

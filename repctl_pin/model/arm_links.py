@@ -54,7 +54,7 @@ def other_ends(task: Task) -> tuple[str, ...]:
 
 def _driven(task: Task) -> Array:
     """Mark the joints of the robot's model (N,) that the task's joints drive, also mimics."""
-    columns = [task.robot.joint_names.index(name) for name in task.robot_joints]
+    columns = [task.robot.joint_names.index(name) for name in task.joint_names]
     return (task.robot.coupling.S[:, columns] != 0).any(axis=1)
 
 

@@ -572,12 +572,10 @@ def _sample_configurations(task: Task) -> Array:
     The random ones are within the joint limits, and at most π rad (m) from the reference pose. They
     are the same in each call.
     """
-    lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
-    q0 = task.joints(task.reference)
-    low = np.maximum(lower, q0 - _FREE)
-    high = np.minimum(upper, q0 + _FREE)
+    q0 = task.reference
+    low = np.maximum(task.lower, q0 - _FREE)
+    high = np.minimum(task.upper, q0 + _FREE)
     Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
-    Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
     _, drive = task.bodies_model()
     return drive.joints(Q)
 
@@ -611,7 +609,7 @@ def _key(task: Task) -> Hashable:
         (path, path.stat().st_mtime_ns, path.stat().st_size) if path else None for path in files
     )
     model, _ = task.bodies_model()
-    still = (robot.locked, robot.reference.tobytes(), tuple(model.names), task.robot_joints)
+    still = (robot.locked, robot.reference.tobytes(), tuple(model.names), task.joint_names)
     return robot.description, around, robot.package_dirs, stamps, still
 
 

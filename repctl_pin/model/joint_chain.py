@@ -149,7 +149,6 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     if max(joints, task.n) > _MOST:
         return None
     R, p = _along_z(chain)
-    lower, upper, _ = task.joint_limits
     sizes = {"n": task.n, "m": task.m, "joints": joints, "frames": 1}
     coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
     return filled_struct(
@@ -160,9 +159,8 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
             "p": p,
             "S": chain.S,
             "offset": chain.offset,
-            "T": task.coordinate_matrix,
-            "lower": lower,
-            "upper": upper,
+            "lower": task.lower,
+            "upper": task.upper,
         },
         sizes | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
     )
@@ -177,11 +175,10 @@ def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]]
     frames = [each[0] for each in made if each is not None]
     if len(frames) < len(made):
         return None
-    lower, upper, _ = task.joint_limits
     arm, held = filled_struct(
         ARM,
         {},
-        {"T": task.coordinate_matrix, "lower": lower, "upper": upper},
+        {"lower": task.lower, "upper": task.upper},
         {"n": task.n, "m": task.m, "frames": len(frames)},
     )
     point(arm, "frame", frames)

@@ -23,7 +23,7 @@ def arm_length(task: Task, q: Array) -> float:
     Parameters
     ----------
     task
-        Task of the chain; joint coordinates ψ are allowed.
+        Task of the chain.
     q : (n,) array
         Configuration.
     """
@@ -97,7 +97,7 @@ def _along_arm(task: Task, q: Array) -> Array:
     if len(task.frames) > 1:
         shares = np.zeros(task.n)
         for single, own in of_singles(task, q):
-            columns = [task.robot_joints.index(joint) for joint in single.joint_names]
+            columns = [task.joint_names.index(joint) for joint in single.joint_names]
             shares[columns] = _along_arm(single, own)
         return shares
     stations = np.vstack([task.joint_origins(q), task.placement(q).translation])

@@ -66,13 +66,6 @@ class SeveralFrames(Task):
         self._couple()
         self._allocate()
 
-    def in_coordinates(self, T: ArrayLike) -> Task:
-        """Create the same task in joint coordinates ψ, ``q = T ψ``; see :class:`Task`."""
-        task = super().in_coordinates(T)
-        assert isinstance(task, SeveralFrames)
-        task.parts = tuple(part.in_coordinates(T) for part in self.parts)
-        return task
-
     # ---- frames ----
 
     @property
@@ -207,7 +200,7 @@ class SeveralFrames(Task):
         out = np.zeros((self.n, 3))
         for single in sorted(self._singles, key=lambda one: one.robot is self.robot):
             rows = getattr(single, name)(single.from_robot(whole))
-            out[[self.robot_joints.index(j) for j in single.joint_names]] = rows
+            out[[self.joint_names.index(j) for j in single.joint_names]] = rows
         return out
 
     def _placements(self, Q: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,9 +27,6 @@ from .chain_formulas import Placement, as_placement, as_placements, chain_hessia
 from .kind import Kind
 from .mechanism import Coupling, Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
-
-if TYPE_CHECKING:
-    from .coordinates import Coordinates
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
@@ -77,8 +74,6 @@ class Task:
         False for prismatic joints.
     reference : (n,) array
         Reference pose of the robot, on these joints.
-    coordinates : Coordinates or None
-        Joint coordinates q = T ψ of :meth:`in_coordinates`; every method's q is then a ψ.
     model : pinocchio.Model
         Model of the chain; all other joints are fixed at the reference pose. With ``base``, it
         starts there and has no masses.
@@ -134,7 +129,6 @@ class Task:
         self.reference = robot.reference[self._columns]
         for array in (self.lower, self.upper, self.velocity_limit, self.revolute, self.reference):
             array.setflags(write=False)
-        self.coordinates: Coordinates | None = None
         self.n = len(self.joint_names)
         self.m = kind.m
         self.rows = kind.rows
@@ -157,45 +151,10 @@ class Task:
         self._body_drive = self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling:
-        """Create the map from q to the joints of a model, whose mimic joints follow others.
-
-        With joint coordinates ψ, it maps ψ.
-        """
+        """Create the map from q to the joints of a model, whose mimic joints follow others."""
         rows = [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]]
         whole = self.robot.coupling
-        S = whole.S[np.ix_(rows, self._columns)]
-        if self.coordinates is not None:
-            S = S @ self.coordinates.T
-        return Coupling(S, whole.offset[rows])
-
-    def in_coordinates(self, T: ArrayLike) -> Task:
-        """Create the same task in joint coordinates ψ, ``q = T ψ``; every method then takes ψ.
-
-        ``J_ψ = J T``, so J⁺ in ψ is a weighted inverse in q. ``lower`` and ``upper`` contain only
-        limits that bound a single ψ_i; :meth:`check` tests the joints. See :func:`absolute_angles`.
-
-        Parameters
-        ----------
-        T : (n, n) array
-            Invertible matrix, one row per joint.
-        """
-        if self.coordinates is not None:
-            raise InputError("the task already has joint coordinates; start from the original task")
-        from .coordinates import linear_coordinates
-
-        change = linear_coordinates(
-            self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T
-        )
-        task = copy(self)
-        task.coordinates = change
-        task._couple()
-        task.joint_names, task.revolute = change.names, change.revolute
-        task.lower = change.lower
-        task.upper = change.upper
-        task.velocity_limit = change.velocity_limit
-        task.reference = change.coordinates(self.reference)
-        task.reference.setflags(write=False)
-        return task
+        return Coupling(whole.S[np.ix_(rows, self._columns)], whole.offset[rows])
 
     @property
     def unit(self) -> str:
@@ -380,8 +339,6 @@ class Task:
         The other joints are at the reference pose. Drawings and collision checks need all joints.
         """
         (q,) = as_matrices(("q", q, f"{self.n}"))
-        if self.coordinates is not None:
-            q = self.coordinates.joints(q)
         whole = np.broadcast_to(
             self.robot.reference, (*q.shape[:-1], len(self.robot.reference))
         ).copy()
@@ -389,45 +346,17 @@ class Task:
         return whole
 
     @property
-    def coordinate_matrix(self) -> Array:
-        """Matrix T (n, n) of ``q = T ψ``; the identity without a change of coordinates."""
-        return np.eye(self.n) if self.coordinates is None else self.coordinates.T
-
-    @property
-    def robot_joints(self) -> tuple[str, ...]:
-        """Names of the robot's own joints that move the frame, independent of joint coordinates."""
-        return tuple(self.robot.joint_names[i] for i in self._columns)
-
-    @property
     def narrowed(self) -> list[str]:
         """Sentences on the joints whose limits in the URDF are narrowed by joints that mimic them.
 
         A warning begins with ``! ``."""
         narrowed = self.robot.narrowed
-        return [narrowed[joint] for joint in self.robot_joints if joint in narrowed]
+        return [narrowed[joint] for joint in self.joint_names if joint in narrowed]
 
     def from_robot(self, whole: ArrayLike) -> Array:
         """Extract q (..., n) from configurations of the whole robot; inverts :meth:`to_robot`."""
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
-        q = whole[..., self._columns]
-        return q if self.coordinates is None else self.coordinates.coordinates(q)
-
-    def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) in ψ to those of the robot's own joints.
-
-        Without a change of coordinates, they are returned as they are.
-        """
-        (rows,) = as_matrices(("values", values, f"{self.n}"), finite=False)
-        return rows if self.coordinates is None else self.coordinates.joints(rows)
-
-    @property
-    def joint_limits(self) -> tuple[Array, Array, Array]:
-        """Lower, upper and speed limits of the robot's own joints: (n,) each, rad or m, per s.
-
-        Unlike ``lower`` and ``upper``, they are not those of coordinates ψ.
-        """
-        robot, columns = self.robot, self._columns
-        return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
+        return whole[..., self._columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
         """Compute the distance of each joint to its nearer limit: (..., n), below 0 outside.
@@ -436,8 +365,8 @@ class Task:
         """
         if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
             (q,) = as_matrices(("q", q, f"{self.n}"))
-        joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
-        return np.minimum(joints - lower, upper - joints)
+        q = np.asarray(q, float)
+        return np.minimum(q - self.lower, self.upper - q)
 
     def as_dict(self) -> dict[str, Any]:
         """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types.
@@ -470,18 +399,17 @@ class Task:
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
             raise InputError(f": the value of {bad!r} is not a finite number", argument=what)
         q = vector(q, self.n, what)
-        lower, upper, _ = self.joint_limits
-        joints, turns = self.joints(q), self.robot.revolute[self._columns]
-        outside = ~((joints >= lower - beyond) & (joints <= upper + beyond))
+        lower, upper, turns = self.lower, self.upper, self.revolute
+        outside = ~((q >= lower - beyond) & (q <= upper + beyond))
         if outside.any():
             k = int(np.argmax(outside))
             unit = "rad" if turns[k] else "m"
             more = f" by more than {beyond:g} {unit}" if beyond > 1e-9 else ""
             raise InputError(
-                f": {self.robot_joints[k]} = {joints[k]:g} {unit} is outside its limits "
+                f": {self.joint_names[k]} = {q[k]:g} {unit} is outside its limits "
                 f"[{lower[k]:g}, {upper[k]:g}] {unit}{more}",
                 argument=what,
-                remedy=_from_degrees(np.where(turns, np.deg2rad(joints), joints), lower, upper),
+                remedy=_from_degrees(np.where(turns, np.deg2rad(q), q), lower, upper),
             )
         return q
 
@@ -562,8 +490,7 @@ class Task:
         return f"{self.frame}, {self.kind}: n = {self.n} joints, m = {self.m}, r = {self.r}"
 
     def __repr__(self) -> str:
-        psi = "" if self.coordinates is None else ", in ψ"
-        size = f"n = {self.n}, m = {self.m}, r = {self.r}{psi}"
+        size = f"n = {self.n}, m = {self.m}, r = {self.r}"
         return f"<Task {self.robot.name} {self.frame} {self.kind}: {size}>"
 
 

@@ -11,7 +11,6 @@ null space of J: what is regular, and which closed paths close, does not depend 
 from __future__ import annotations
 
 from copy import copy
-from typing import cast
 
 import numpy as np
 import pinocchio as pin
@@ -78,11 +77,9 @@ def with_tool(task: Task, placement: Placement) -> ToolTask:
         ),
         False,
     )
-    made = ToolTask(robot, name, task.kind, task.robot_joints)
+    made = ToolTask(robot, name, task.kind, task.joint_names)
     made.link, made.tool = link, tool
-    if task.coordinates is None:
-        return made
-    return cast(ToolTask, made.in_coordinates(task.coordinates.T))
+    return made
 
 
 def require_pose(task: Task) -> Task:
@@ -126,7 +123,7 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
     InputError
         If the frames are not on the same body, or the joints are other ones.
     """
-    if other.robot_joints != task.robot_joints or other.m != task.m:
+    if other.joint_names != task.joint_names or other.m != task.m:
         raise InputError(
             f"{other.frame!r} is not on the body of {task.frame!r}: other joints move it",
             remedy="give a link that is fixed to it",

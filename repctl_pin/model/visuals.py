@@ -6,6 +6,7 @@ are drawn by their collision shapes."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -40,6 +41,13 @@ _AROUND: Color = (0.62, 0.66, 0.71, 0.45)
 _RIM = 24
 """Number of corners of the polygon that approximates a circle."""
 
+_ALLOWED = 0.5
+"""Distance of a mesh's point from the hull of the link's collision shapes up to which it counts, as
+a fraction of the diagonal of the box around that hull."""
+
+_MAJORITY = 0.9
+"""Fraction of a mesh's points that must be so near for the others to be left out."""
+
 _KEPT = 256
 _hulls: dict[tuple[Path, int], Array] = {}
 """Cache of mesh hulls, by file path and modification time; the terminal and the page share it."""
@@ -66,6 +74,7 @@ class Visuals:
     _on_frame: Array = field(repr=False)  # (S, 4, 4)
     _coupling: Coupling = field(repr=False)
     _base: int = field(repr=False)  # frame id
+    _robot: Mechanism = field(repr=False)
 
     @classmethod
     def of(cls, robot: Mechanism) -> Visuals:
@@ -94,6 +103,7 @@ class Visuals:
             _on_frame=np.array([M.homogeneous for _, M in placed]).reshape(-1, 4, 4),
             _coupling=robot.coupling,
             _base=robot.base_id,
+            _robot=robot,
         )
 
     def placements(self, Q: ArrayLike) -> Array:
@@ -117,6 +127,30 @@ class Visuals:
         Q = self._coupling.joints(Q)
         frames = frame_placements(self._model, self._frame.tolist(), Q, self._base)
         return frames @ self._on_frame
+
+    def corners(self, surfaces: Surfaces | None = None) -> list[Array]:
+        """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3), m.
+
+        A mesh may have stray points far from its link. A few points that lie outside the convex
+        hull of the link's collision shapes, by over half the size of that hull, are left out. A
+        shape that cannot be read has one corner, at its origin.
+
+        Parameters
+        ----------
+        surfaces
+            Contents of the mesh files; if None, the files are read.
+        """
+        found = _corners(self.shapes, surfaces)
+        hulls: dict[str, Array | None] = {}
+        for k, (shape, place) in enumerate(zip(self.shapes, self._on_frame, strict=True)):
+            if shape.kind != "mesh" or shape.standing or len(found[k]) < 4:
+                continue
+            if shape.link not in hulls:
+                hulls[shape.link] = _widened_hull(self._robot, shape.link)
+            hull = hulls[shape.link]
+            if hull is not None:
+                found[k] = _confirmed(shape, found[k], place, hull, surfaces)
+        return found
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
@@ -235,13 +269,70 @@ def _turn_z_to(direction: ArrayLike) -> Array:
 # ---- corners of the drawn bodies ----
 
 
-def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
-    """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3) each, m.
-
-    A shape that cannot be read has one corner, at its origin. ``surfaces`` are the contents of the
-    mesh files; if None, the files are read.
-    """
+def _corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
+    """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3) each, m."""
     return [_hull_corners(shape, surfaces) * np.array(shape.scale) for shape in shapes]
+
+
+def _widened_hull(robot: Mechanism, link: str) -> Array | None:
+    """Compute the half-spaces of the hull of a link's collision shapes, widened: (F, 4).
+
+    A point p of the link's frame is inside if ``n·p + d ≤ 0`` for all rows (n, d). None if the link
+    has no such shapes, or one of them is missing.
+    """
+    points = []
+    for shape in robot.description.collisions:
+        if shape.link != link:
+            continue
+        path = _mesh_file(shape, robot.description, robot)
+        if shape.kind == "mesh" and path is None:
+            return None
+        own = _corners([replace(shape, path=path)])[0]
+        if len(own) < 4:  # unreadable
+            return None
+        M = origin(shape)
+        points.append(own @ M.rotation.T + M.translation)
+    if not points:
+        return None
+    every = np.concatenate(points)
+    try:
+        planes = ConvexHull(every).equations.copy()
+    except (QhullError, ValueError):  # flat
+        return None
+    planes[:, 3] -= _ALLOWED * np.linalg.norm(np.ptp(every, axis=0))
+    return planes
+
+
+def _confirmed(
+    shape: Shape, corners: Array, place: Array, hull: Array, surfaces: Surfaces | None
+) -> Array:
+    """Leave out the stray points of a mesh, and return the corners (P, 3) of the others' hull.
+
+    ``corners`` are those of all points, ``place`` (4, 4) is the shape's placement on its link, and
+    ``hull`` the result of :func:`_widened_hull`. Where many points are outside, the collision
+    shapes do not cover the link, and all points count.
+    """
+
+    def inside(points: Array) -> NDArray[np.bool_]:
+        on_link = points @ place[:3, :3].T + place[:3, 3]
+        return np.asarray((on_link @ hull[:, :3].T + hull[:, 3]).max(axis=1) <= 0)
+
+    if inside(corners).all():
+        return corners
+    assert shape.path is not None
+    if surfaces is None:
+        from .surfaces import read_surfaces  # an arm without meshes has no need of it
+
+        surfaces = read_surfaces([shape])
+    surface = surfaces[shape.path]
+    if isinstance(surface, InputError):
+        return corners
+    points = surface.points * np.array(shape.scale)
+    # blocks keep the memory small
+    kept = np.concatenate(
+        [inside(part) for part in np.array_split(points, len(points) // 4096 + 1)]
+    )
+    return _hull_points(points[kept]) if kept.mean() > _MAJORITY else corners
 
 
 def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
@@ -275,10 +366,13 @@ def _mesh_corners(surface: Surface | InputError) -> Array:
     """
     if isinstance(surface, InputError):
         return np.zeros((1, 3))
-    try:
-        points = surface.points[ConvexHull(surface.points).vertices]
-    except (QhullError, ValueError):  # flat
-        points = surface.points
+    return _hull_points(surface.points)
+
+
+def _hull_points(points: Array) -> Array:
+    """Select the points (P, 3) at the corners of the hull of points (V, 3); all of flat ones."""
+    with contextlib.suppress(QhullError, ValueError):  # flat
+        points = points[ConvexHull(points).vertices]
     return np.unique(points, axis=0)
 
 

@@ -447,7 +447,7 @@ def _evaluated(
     clear = float(leaf_margin(N, inverse.potentials.gradients(motion.q)).min())
     least = motion.limit_margin.min(axis=0)
     bodies = motion._clearance_from(_BODY_POINTS).distance
-    lower, upper, _ = task.joint_limits
+    lower, upper = task.lower, task.upper
     half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
     relative_margins = {
         "limits": float(np.min(least / half)),

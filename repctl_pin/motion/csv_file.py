@@ -94,7 +94,7 @@ def csv_text(
         rows = ([repr(float(v)) for v in row] for row in numbers)
     else:
         named = list(motions) if isinstance(motions, Iterable) else [("", motions)]
-        joints = named[0][1].task.robot_joints if named else ()
+        joints = named[0][1].task.joint_names if named else ()
         beside = _BESIDE if isinstance(motions, Iterable) else _BESIDE[1:]
         header = [*beside, *joints, *(f"{name}_velocity" for name in joints)]
         rows = (
@@ -119,8 +119,8 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     ``most`` is the maximum number of rows per cycle; None writes all rows, with all digits.
     """
     rows = rows_of(motion, most or motion.steps)
-    q = motion.joints(motion.q[rows])
-    qdot = motion.joints(motion.qdot[rows])
+    q = motion.q[rows]
+    qdot = motion.qdot[rows]
     table = np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot])
     for values in table.tolist():
         yield [repr(v) if most is None else f"{v:.10g}" for v in values]

@@ -17,7 +17,7 @@ from ..base.arguments import Array, read_only
 from ..model.arm_links import arm_links, link_origins, other_ends
 from ..model.shapes import Shape
 from ..model.task import Task
-from ..model.visuals import Visuals, corners
+from ..model.visuals import Visuals
 from .joint_motion import JointMotion
 
 _MOST_CYCLES = 100
@@ -114,7 +114,7 @@ def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
     """
     visuals = Visuals.of(task.robot)
     placements = visuals.placements(task.to_robot(Q))
-    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
+    off, _ = displacements(placements[:1], placements[1:], visuals.corners())
     return visuals.shapes, off
 
 
@@ -147,7 +147,7 @@ class LinkPoints:
         """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)
-        bodies = corners(visuals.shapes)
+        bodies = visuals.corners()
         placements = visuals.placements(task.to_robot(Q))
         off, which = displacements(placements[:1], placements, bodies)
         when = off.argmax(axis=0)  # (S,)
@@ -203,8 +203,8 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     if motion.first_violation is not None or motion.closes:
         return None
     task = motion.task
-    lower, upper, _ = task.joint_limits
-    last = task.joints(motion.q[-motion.steps - 1 :])
+    lower, upper = task.lower, task.upper
+    last = motion.q[-motion.steps - 1 :]
     step = last[-1] - last[0]  # (n,), per cycle
     margin = np.where(step > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -212,4 +212,4 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     joint = int(np.argmin(left))
     if not left[joint] < _MOST_CYCLES:
         return None
-    return motion.cycles + int(left[joint]) + 1, task.robot_joints[joint]
+    return motion.cycles + int(left[joint]) + 1, task.joint_names[joint]

@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..base.arguments import Array, as_int, as_matrices, read_only
+from ..base.arguments import Array, as_int, read_only
 from ..base.errors import InputError
 from ..model.bodies import Nearest, bodies_of
 from ..model.clearance import Clearance
@@ -128,7 +128,7 @@ class JointMotion:
     @property
     def fastest_joint(self) -> str:
         """Name of the joint with the largest ratio of speed to limit."""
-        return self.task.robot_joints[int(self._speed_shares.max(axis=0).argmax())]
+        return self.task.joint_names[int(self._speed_shares.max(axis=0).argmax())]
 
     @property
     def first_overspeed(self) -> tuple[float, str] | None:
@@ -138,7 +138,7 @@ class JointMotion:
     @property
     def _speed_shares(self) -> Array:
         """Ratio of speed to limit for each of the robot's joints: (T + 1, n); 0 without a limit."""
-        return np.abs(self.task.joints(self.qdot)) / self.task.joint_limits[2]
+        return np.abs(self.qdot) / self.task.velocity_limit
 
     @property
     def limit_margin(self) -> Array:
@@ -211,7 +211,7 @@ class JointMotion:
         if not broken.any():
             return None
         row = int(np.argmax(broken.any(axis=1)))
-        return row / self.steps, self.task.robot_joints[int(np.argmin(margins[row]))]
+        return row / self.steps, self.task.joint_names[int(np.argmin(margins[row]))]
 
     @property
     def broken_cycle(self) -> int:
@@ -241,15 +241,6 @@ class JointMotion:
             if isinstance(v, np.ndarray) and len(v) == len(self.q)
         }
         return replace(self, steps=len(rows) // self.cycles, **kept)
-
-    def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) from the task's ψ to the robot's joints.
-
-        ψ are the coordinates in which the task computes, such as absolute angles; limits are those
-        of the robot's own joints.
-        """
-        (values,) = as_matrices(("values", values, f"{self.task.n}"))
-        return self.task.joints(values)
 
 
 def cycle_of(moment: float, cycles: int) -> int:

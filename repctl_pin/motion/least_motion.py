@@ -236,8 +236,7 @@ class _Cost:
         If ``shifted``, the positions are those in the augmented Lagrangian: joint values plus the
         multiplier divided by the point's stiffness, λ_k / ρ_k.
         """
-        lower, upper, _ = self.task.joint_limits
-        joints = self.task.joints(Q)
+        lower, upper, joints = self.task.lower, self.task.upper, Q
         if shifted:
             joints = joints + self.multipliers / (self.stiffness * self.share[:, None])
         kept = np.minimum(self.margin, (upper - lower) / 2)
@@ -280,12 +279,10 @@ class _Cost:
         ahead = w[:, None] * (np.roll(Q, -1, axis=0) - Q)  # (K, n)
         beyond = self.excess(Q)[first:]
         stiff = (self.stiffness * self.share[first:])[:, None]
-        T = self.task.coordinate_matrix
-        gradient = (np.roll(ahead, 1, axis=0) - ahead)[first:] + (stiff * beyond) @ T
-        TN = T @ N
+        gradient = (np.roll(ahead, 1, axis=0) - ahead)[first:] + stiff * beyond
         own = w + np.roll(w, 1) + _DAMPING * self.share
         diagonal = own[first:, None, None] * np.eye(N.shape[2])
-        diagonal = diagonal + np.swapaxes(TN, 1, 2) @ ((stiff * (beyond != 0))[:, :, None] * TN)
+        diagonal = diagonal + np.swapaxes(N, 1, 2) @ ((stiff * (beyond != 0))[:, :, None] * N)
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(free))
         bent = np.swapaxes(N, 1, 2) @ bent @ N

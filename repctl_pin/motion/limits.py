@@ -63,7 +63,7 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     0.2 s, or 10 rad/s² (m/s²) without one.
     """
     entry = task.robot.entry
-    names = task.robot_joints
+    names = task.joint_names
     own = limits_of_file(task, "acceleration")
     if np.isfinite(own).all():
         return own, "acceleration limits of the URDF"
@@ -71,7 +71,7 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
         published = _PRESETS[entry.acceleration][0]
         if len(published) == len(names):
             return np.array(published, float), f"published limits for {entry.acceleration}"
-    speed = task.joint_limits[2]
+    speed = task.velocity_limit
     return np.where(
         np.isfinite(speed), speed / _FULL_SPEED, _UNLIMITED
     ), f"assumed: each joint reaches its speed limit in {_FULL_SPEED:g} s"
@@ -216,8 +216,8 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     """
     what = "rp.Limits, such as rp.Limits(acceleration=5.0)"
     limits = require_type(limits, Limits, "limits", what)
-    names = task.robot_joints
-    own = task.joint_limits[2]
+    names = task.joint_names
+    own = task.velocity_limit
     given, tool = limits.velocity, limits.tool_speed
     acceleration = limits.acceleration
     if acceleration is None:
@@ -232,10 +232,6 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     )
     if not limits.torque:
         return found
-    if task.coordinates is not None:
-        raise InputError(
-            "torque limits are of the robot's own joints; follow the path with the original task"
-        )
     model = task.robot.model
     efforts = np.array([model.effortLimit[model.getJointId(name) - 1] for name in names])
     if (efforts >= NO_EFFORT).any() or not sum(inertia.mass for inertia in model.inertias) > 0:
@@ -248,7 +244,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
 def limits_of_file(task: Task, what: str) -> Array:
     """Get the URDF's ``acceleration`` or ``jerk`` limits of a task's joints (n,), inf if none."""
     robot = task.robot
-    columns = [robot.joint_names.index(name) for name in task.robot_joints]
+    columns = [robot.joint_names.index(name) for name in task.joint_names]
     found: Array = getattr(robot, f"{what}_limit")[columns]
     return found
 
@@ -261,7 +257,7 @@ def _own_acceleration(task: Task, *, also_jerk: bool) -> Array:
     """
     own = limits_of_file(task, "acceleration")
     if not np.isfinite(own).all():
-        joint = task.robot_joints[int(np.argmax(~np.isfinite(own)))]
+        joint = task.joint_names[int(np.argmax(~np.isfinite(own)))]
         also = "; jerk= requires it too" if also_jerk else ""
         raise InputError(
             f"acceleration= is missing, and the URDF has no acceleration limit of {joint!r}; "
@@ -278,7 +274,7 @@ def _per_joint(
     ``known`` maps published names to numbers and their source. InputError is raised if the numbers
     are not one or one per joint; ``what`` names the limit in the message.
     """
-    n = len(task.robot_joints)
+    n = len(task.joint_names)
     if isinstance(given, str):
         given = np.array(known[given][0], dtype=float)
         if len(given) != n:
@@ -300,18 +296,9 @@ def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
     one_frame(task, "tool_speed")
 
     def share(Q: Array, Qdot: Array) -> Array:
-        twists = task.twists(own_coordinates(task, Q), own_coordinates(task, Qdot))
+        twists = task.twists(Q, Qdot)
         v = np.linalg.norm(twists[:, :3], axis=1)
         omega = np.linalg.norm(twists[:, 3:], axis=1)
         return np.maximum(v / v_max, omega / omega_max)
 
     return share
-
-
-def own_coordinates(task: Task, joints: Array) -> Array:
-    """Convert positions or velocities (K, n) of the robot's own joints to those in ψ.
-
-    ψ are the coordinates in which the task computes; most tasks have the robot's own joints.
-    """
-    change = task.coordinates
-    return joints if change is None else change.coordinates(joints)

@@ -152,10 +152,10 @@ class Motion(JointMotion):
             If a limit is not positive, or has the wrong size.
         """
         task = self.task
-        own = task.joint_limits[2]
+        own = task.velocity_limit
         most = per_joint(own if limit is None else limit, task.n, "a speed limit")
-        q = self.joints(self.q)
-        qdot = self.joints(self.qdot)
+        q = self.q
+        qdot = self.qdot
         at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)
         between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)

@@ -88,6 +88,11 @@ class TimedMotion:
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
 
+    @property
+    def _shortest_part(self) -> tuple[float, str]:
+        """Shortest part that a file must show: its duration, s, and its name."""
+        return self.cycle_time, "cycle"
+
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
         """Samples of cycle k, counted from 0: time from its start, s, and q, q̇, q̈.
 

@@ -14,12 +14,11 @@ from ..model.task import Task
 from ..strategies import Strategy
 from .csv_file import csv_text
 from .joint_motion import JointMotion, refuse_violations, violations_of
-from .limits import own_coordinates
 from .motion import Motion
 from .timed_motion import TimedMotion
 
 _LEAST_SAMPLES = 10
-"""Smallest number of samples per cycle of a timed motion in a file."""
+"""Smallest number of samples per part of a timed motion in a file."""
 
 
 def write_motion(
@@ -45,9 +44,9 @@ def write_motion(
     Raises
     ------
     InputError
-        If a timed motion has fewer than ten samples per cycle, the motion violates a limit, bodies
-        collide, the file name has another ending, or the
-        file cannot be written.
+        If a timed motion has fewer than ten samples per cycle, or between two rests; the motion
+        violates a limit, bodies collide, the file name has another ending, or the file cannot be
+        written.
 
     Examples
     --------
@@ -72,12 +71,16 @@ def write_motion(
 
 
 def refuse_coarse(motion: TimedMotion) -> None:
-    """Raise InputError if a timed motion has too few samples to show its cycle in a file."""
-    count = (len(motion.t) - 1) * motion.cycle_time / max(motion.duration, 1e-300)
+    """Raise InputError if a timed motion has too few samples to show its shortest part in a file.
+
+    That is a cycle, or the motion from one rest to the next.
+    """
+    part, what = motion._shortest_part
+    count = (len(motion.t) - 1) * part / max(motion.duration, 1e-300)
     if count < _LEAST_SAMPLES:
-        rate = np.ceil(_LEAST_SAMPLES / motion.cycle_time)
+        rate = np.ceil(_LEAST_SAMPLES / part)
         raise InputError(
-            f"a rate with {count:.2g} samples per cycle loses the path between them",
+            f"a rate with {count:.2g} samples per {what} loses the path between them",
             remedy=f"use a rate of at least {rate:g} per second",
         )
 
@@ -92,8 +95,7 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
     followed = motion.motion
     if followed is not None and followed.q.shape == motion.q.shape:
         return
-    q, qdot = own_coordinates(task, motion.q), own_coordinates(task, motion.qdot)
-    found = violations_of(JointMotion(task, motion.t, q, qdot, 1, len(q) - 1))
+    found = violations_of(JointMotion(task, motion.t, motion.q, motion.qdot, 1, len(motion.q) - 1))
     if found:
         names = " and ".join(found[0].names)
         verb = "exceeds its limits" if len(found[0].names) == 1 else "collide"
@@ -132,9 +134,9 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
         names, t = motion.joints, motion.t
         rows = {"positions": motion.q, "velocities": motion.qdot, "accelerations": motion.qddot}
     else:
-        names = motion.task.robot_joints
+        names = motion.task.joint_names
         t = motion.t - motion.t[0]
-        rows = {"positions": motion.joints(motion.q), "velocities": motion.joints(motion.qdot)}
+        rows = {"positions": motion.q, "velocities": motion.qdot}
     joints = f"joint_names: [{', '.join(map(_quoted, names))}]"
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", joints, "points:"]
     for moment, *values in zip(t, *rows.values(), strict=True):

@@ -95,7 +95,7 @@ REGION = _struct(ints="count axes", pointers="center half axis position width ch
 
 ARM = _struct(
     ints="n m joints kind coupled parts frames",
-    pointers="revolute bent rows R p S offset T lower upper part region frame",
+    pointers="revolute bent rows R p S offset lower upper part region frame",
 )
 """The struct Arm of arm.h: the chain of a task; potentials, limits and a region."""
 

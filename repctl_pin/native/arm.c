@@ -510,11 +510,8 @@ SHARED int find_inside(const Arm *arm, const double q[]) {
 
 /* Test whether the joints are within their limits, up to rounding. */
 SHARED int within_limits(const Arm *arm, const double q[]) {
-  for (int i = 0; i < N; i++) {
-    double joint = 0.0;
-    for (int k = 0; k < N; k++) joint += arm->T[i * N + k] * q[k];
-    if (!(joint >= arm->lower[i] - 1e-9 && joint <= arm->upper[i] + 1e-9)) return 0;
-  }
+  for (int i = 0; i < N; i++)
+    if (!(q[i] >= arm->lower[i] - 1e-9 && q[i] <= arm->upper[i] + 1e-9)) return 0;
   return 1;
 }
 

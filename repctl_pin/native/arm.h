@@ -83,8 +83,7 @@ typedef struct Arm {
   const int *rows;              /* M: coordinates of the position */
   const double *R, *p;          /* joints + 1 9, joints + 1 3: placements after each joint, which moves along its z */
   const double *S, *offset;     /* joints N, joints: joints of the chain = S q + offset, if coupled; else q */
-  const double *T;              /* N N: joints of the robot = T q */
-  const double *lower, *upper;  /* N: limits of the robot's joints */
+  const double *lower, *upper;  /* N: joint limits */
   const Part *part;             /* parts */
   const Region *region;         /* NULL: everywhere */
   const struct Arm *frame;      /* frames, if several; then the chain is that of each of them */

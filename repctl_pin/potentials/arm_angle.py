@@ -70,10 +70,6 @@ class ArmAngle(PotentialBasis):
         singular: ArrayLike | None = None,
     ) -> None:
         self.task, self.n = one_frame(require_task(task), "an arm angle"), task.n
-        if task.coordinates is not None:
-            raise InputError(
-                "an arm angle requires the robot's own joints; use the task before in_coordinates()"
-            )
         self.frames = tuple(
             require_type(name, str, "a frame of an arm angle", "a link's name")
             for name in (shoulder, elbow, wrist)

@@ -180,10 +180,8 @@ def _on_frame(design: Design, frame: str) -> Design:
     robot = task.robot
     assert isinstance(robot, Robot), "tasks are made by robots"
     moving = robot.chain(frame)
-    joints = [joint for joint in task.robot_joints if joint in moving]
+    joints = [joint for joint in task.joint_names if joint in moving]
     own = robot.task(frame, task.kind, joints=joints)
-    if task.coordinates is not None:
-        own = own.in_coordinates(task.coordinates.T)
     moved: Design = for_task(design, own)
     return moved
 

@@ -195,10 +195,10 @@ class TaskFile(Part):
     """Robot and task of a design, by which a file is refused for another robot.
 
     ``fingerprint`` holds placements of the frame at several check configurations, and ``limits``
-    those of ``joints``, which older files lack. ``coordinates`` is T (n, n) of other joint
-    coordinates ψ, q = T ψ; null for the robot's own. ``frames`` is there only for a task of several
+    those of ``joints``, which older files lack. ``frames`` is there only for a task of several
     frames; ``frame`` and ``task`` then join their names. ``tool`` is the placement (4, 4) of a tool
-    in the link ``frame``, if the task is that of the tool.
+    in the link ``frame``, if the task is that of the tool. ``coordinates`` stands in older files
+    only: null, or T (n, n) of joint coordinates ψ, q = T ψ, and such a file is refused.
     """
 
     robot: str
@@ -209,11 +209,11 @@ class TaskFile(Part):
     frame: str
     task: str
     joints: list[str]
-    coordinates: Rows | None
     fingerprint: list[Check]
     limits: list[JointRange] | msgspec.UnsetType = msgspec.UNSET
     frames: list[FrameFile] | msgspec.UnsetType = msgspec.UNSET
     tool: Rows | msgspec.UnsetType = msgspec.UNSET
+    coordinates: Rows | msgspec.UnsetType | None = msgspec.UNSET
 
 
 class PieceFile(Part):

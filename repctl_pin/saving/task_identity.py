@@ -48,7 +48,6 @@ def identity(task: Task) -> TaskFile:
         for q in check_configurations(task)
     ]
     file = robot.description.path.name.encode("utf-8", "replace").decode()
-    T = None if task.coordinates is None else task.coordinates.T.tolist()
     return TaskFile(
         robot=robot.name,
         catalogue=robot.entry is not None,
@@ -57,8 +56,7 @@ def identity(task: Task) -> TaskFile:
         lock=list(robot.locked),
         frame=task.link if isinstance(task, ToolTask) else task.frame,
         task=str(task.kind),
-        joints=list(task.robot_joints),
-        coordinates=T,
+        joints=list(task.joint_names),
         fingerprint=checks,
         limits=_ranges_of(task),
         frames=_frames(task),
@@ -101,8 +99,6 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
     else:
         frames = [_frame_asked_for(one) for one in made_for.frames]
         task = robot.task(frames, joints=made_for.joints)
-    if made_for.coordinates is not None:
-        task = task.in_coordinates(made_for.coordinates)
     return carrying_tool(made_for, task)
 
 
@@ -138,6 +134,12 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     InputError
         If the tasks differ; the message names the first difference.
     """
+    if isinstance(made_for.coordinates, list):
+        raise InputError(
+            f"{where} is in joint coordinates ψ, q = T ψ, which a weight has replaced: its region "
+            "and cost are of ψ; design again with --weight absolute, if ψ are absolute angles, or "
+            "with rp.WeightedInverse(task, np.linalg.inv(T @ T.T))"
+        )
     mine = identity(task)
     for key, name in {
         "robot": "robot",
@@ -154,10 +156,6 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
         raise InputError(
             f"{where} is for the joints {', '.join(made_for.joints)}, in this order, "
             f"not {', '.join(mine.joints)}"
-        )
-    if made_for.coordinates != mine.coordinates:
-        raise InputError(
-            f"{where} is for other joint coordinates; its T of q = T ψ is {made_for.coordinates}"
         )
     if not made_for.fingerprint:
         raise InputError(f"{where} has no fingerprint of the kinematics; design again")
@@ -178,7 +176,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
 
 def _ranges_of(task: Task) -> list[JointRange]:
     """List the limits of a task's joints as they stand in a file; None where there is no limit."""
-    rows = np.transpose(task.joint_limits).tolist()
+    rows = np.transpose([task.lower, task.upper, task.velocity_limit]).tolist()
     return [JointRange(*(v if np.isfinite(v) else None for v in row)) for row in rows]
 
 
@@ -201,7 +199,7 @@ def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]
         for every in (ranges, now)
     )
     same = np.isclose(before, after, rtol=0, atol=_TOLERANCE, equal_nan=True)
-    for name, was, is_, kept in zip(task.robot_joints, ranges, now, same, strict=True):
+    for name, was, is_, kept in zip(task.joint_names, ranges, now, same, strict=True):
         if not kept[:2].all():
             pairs = (f"[{_text(one.lower)}, {_text(one.upper)}]" for one in (was, is_))
             what = "the limits of {!r} were {} and are {}".format(name, *pairs)

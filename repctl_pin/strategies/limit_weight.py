@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import Array, positive, vector
-from ..base.errors import InputError
 from ..model.task import Task, require_task
 
 
@@ -34,8 +33,7 @@ class LimitWeight:
     Raises
     ------
     InputError
-        If the gain is negative, the onset is not above 0, or a coordinate of the task moves
-        several joints.
+        If the gain is negative, or the onset is not above 0.
 
     Examples
     --------
@@ -46,12 +44,7 @@ class LimitWeight:
     """
 
     def __init__(self, task: Task, gain: float = 1.0, onset: float = 0.1) -> None:
-        if (np.count_nonzero(require_task(task).coordinate_matrix, axis=1) > 1).any():
-            raise InputError(
-                "a limit weight needs one joint for every coordinate, "
-                "but q = T ψ of this task mixes joints; take the task without in_coordinates"
-            )
-        self.lower, self.upper, self.n = (np.array(task.lower), np.array(task.upper), task.n)
+        self.lower, self.upper, self.n = require_task(task).lower, task.upper, task.n
         self.gain = positive(gain, "the gain of a limit weight", zero=True)
         self.onset = positive(onset, "the onset of a limit weight")
 

@@ -32,8 +32,8 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
     """Create the desired inverse G_d, to which a design is to come near, and its description.
 
     G_d is J⁺ for None, or J⁺ weighted by ``inertia``, by ``limits`` (joints near their limits move
-    less), or by numbers: (n,) or (n, n). The description is a text such as ``J⁺ weighted by the
-    inertia``.
+    less), by ``absolute`` (minimum speeds of a planar arm's links), or by numbers: (n,) or (n, n).
+    The description is a text such as ``J⁺ weighted by the inertia``.
     """
     if weight is None:
         return Pseudoinverse(task), "J⁺"
@@ -42,6 +42,11 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
 
         limits = WeightedInverse(task, LimitWeight(task))
         return limits, "J⁺ weighted by the nearness of joint limits"
+    if isinstance(weight, str) and weight == "absolute":
+        from ..model.absolute_angles import absolute_angles
+
+        links = WeightedInverse(task, absolute_angles(task))
+        return links, "J⁺ weighted by absolute angles (least speeds of the links)"
     desired = WeightedInverse(task, weight)
     if isinstance(weight, str):
         return desired, "J⁺ weighted by the inertia (least kinetic energy)"

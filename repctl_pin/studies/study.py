@@ -85,8 +85,8 @@ def study(
         Degree of the polynomial basis of the potentials; by default 2, or 1 for an arm with so
         large a number of joints that degree 2 would take long.
     weight : str or (n,) or (n, n) array, optional
-        Weight of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``, or as
-        :class:`WeightedInverse` takes it.
+        Weight of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``,
+        ``"absolute"``, or as :class:`WeightedInverse` takes it.
     controls
         Custom controllers to compare, by name: strategies for this task, or functions
         (q, ẋ) → q̇.

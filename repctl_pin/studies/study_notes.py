@@ -61,7 +61,7 @@ def unlimited_speeds(task: Task) -> list[str]:
 
     Their speeds cannot be checked. The list has one text; it is empty if all joints have a limit.
     """
-    limits = zip(task.robot_joints, task.joint_limits[2], strict=True)
+    limits = zip(task.joint_names, task.velocity_limit, strict=True)
     names = [name for name, limit in limits if not np.isfinite(limit)]
     if not names:
         return []

@@ -131,7 +131,7 @@ def test_a_files_times_say_how_fast_its_joints_are(
 ) -> None:
     """In the second of two cycles the lift moves at three times its speed limit; without times
     nobody knows."""
-    limit = study.task.joint_limits[2][0]
+    limit = study.task.velocity_limit[0]
     speeds = np.where(np.arange(40) == 30, 3.0, 0.5) * np.where(np.arange(40) % 2, -1, 1) * limit
     rows = np.c_[np.arange(41) / 20, 0.1 * np.arange(41), 0.3 + np.r_[0, np.cumsum(0.1 * speeds)]]
     for header, timed in (("cycle,time,d1", True), ("cycle,d1", False)):

@@ -41,9 +41,9 @@ def test_check_finds_the_stable_surface_in_absolute_angles_only(
 ) -> None:
     assert main(["check", "planar3r", "--samples", "16"]) == 0
     assert "no stable surface" in capsys.readouterr().out
-    assert main(["check", "planar3r", "--samples", "16", "--absolute"]) == 0
+    assert main(["check", "planar3r", "--samples", "16", "--weight", "absolute"]) == 0
     text = capsys.readouterr().out
-    assert "stable surfaces:" in text and "in absolute angles" in text
+    assert "stable surfaces:" in text and "weighted by absolute angles" in text
 
 
 SLIDE = (
@@ -96,10 +96,10 @@ def test_check_stays_inside_the_joint_limits_and_says_so(
 
 def test_check_refuses_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, word in (
-        (["panda", "--weight", "heavy"], "neither inertia, nor limits, nor numbers"),
+        (["panda", "--weight", "heavy"], "neither inertia, limits, absolute, nor numbers"),
         (["panda", "--weight", "1,2"], "must be 7 numbers or a symmetric"),
         (["panda", "--weight=-1,1,1,1,1,1,1"], "positive definite"),
-        (["panda", "--absolute"], "parallel axes"),
+        (["panda", "--weight", "absolute"], "parallel axes"),
         (["ur5", "--task", "pose"], "r = 0"),
     ):
         assert main(["check", *arguments]) == 2

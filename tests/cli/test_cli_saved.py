@@ -67,27 +67,6 @@ def test_the_file_says_what_it_was_made_for(rail: Path, capsys) -> None:
     assert animated["files"] == ["repctl-out/rail/animation.html"]
 
 
-def test_a_design_in_joint_coordinates_keeps_them(tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    task = rp.Robot.load("planar3r").task("tool", "xy")
-    task = task.in_coordinates(rp.absolute_angles(task))
-    q0 = np.array(task.reference)
-    desired = rp.WeightedInverse(task, [1.0, 2.0, 3.0])
-    rp.save(
-        rp.nearest_repeatable(
-            desired,
-            None,
-            rp.Box(q0, 0.2),
-            degree=1,
-            options=rp.FitOptions(samples=256, held_out=256),
-        ),
-        "absolute.json",
-    )
-    data = told(capsys, "follow", "absolute.json", "--steps", "60", "--path", "circle:0.1")
-    assert data["joints"] == list(task.joint_names) and data["start"] == pytest.approx(q0)
-    assert told(capsys, "check", "absolute.json", "--samples", "16")["repeatable"] is True
-
-
 def test_another_elbow_keeps_the_designs_path(tmp_path, monkeypatch, capsys) -> None:
     """Started elsewhere on the self-motion, the hand where it was, the arm follows the path of the
     design."""

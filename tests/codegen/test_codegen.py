@@ -92,7 +92,6 @@ QUICK = (
     "panda, pose, joined",
     "panda, axis, degree 2",
     "panda, xz, degree 1",
-    "panda in other coordinates",
     "tiago, position, degree 2",
     "talos from its torso",
     "ppr, degree 5 of some joints",

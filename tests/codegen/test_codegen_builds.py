@@ -77,7 +77,6 @@ CASES = {
     "panda, axis, degree 2": "workspace",
     "ppr, degree 5 of some joints": "workspace",
     "panda, pose, joined": "tube",
-    "panda in other coordinates": "none",
     "random axes and slides": "box",
 }
 

@@ -236,20 +236,17 @@ def test_held_out_nodes_are_divided_among_32_sets(
     assert len(seen) == 96
 
 
-@pytest.mark.parametrize("signs", [[1, 1, 1], [-1, 1, -1]])
 @pytest.mark.parametrize("end", [1, -1])
-def test_the_share_of_the_region_inside_the_limits(
-    tmp_path: Path, signs: list[int], end: int
-) -> None:
+def test_the_share_of_the_region_inside_the_limits(tmp_path: Path, end: int) -> None:
     """Two joints of three reach beyond a limit of 1 or −1 rad, with two thirds and a third of their
-    ranges; also if joints count the other way."""
+    ranges."""
     path = tmp_path / "limited.urdf"
     path.write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8")
-    task = rp.Robot.load(path).task("tool", "xy").in_coordinates(np.diag(signs))
+    task = rp.Robot.load(path).task("tool", "xy")
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         None,
-        rp.Box(end * (signs * np.array([1.1, 0.9, 0.5])), 0.3),
+        rp.Box(end * np.array([1.1, 0.9, 0.5]), 0.3),
         degree=1,
         options=rp.FitOptions(samples=64, held_out=4096),
     )

@@ -78,6 +78,20 @@ def test_the_cost_over_a_full_turn_is_half_of_pi() -> None:
         assert np.isclose(2 * PI * square.mean(), PI / 2)
 
 
+def test_the_last_term_of_47_has_the_half_of_50() -> None:
+    """Issue 52, item 26.17: ‖w‖² by (44) as a polynomial of w₂; its minimum is (50) only with ½."""
+    theta, w2 = np.linspace(-PI, PI, 41)[:, None], np.linspace(-3, 3, 61)
+    for k in (-3.0, 0.0, 0.7, 25.0):
+        s = np.sin(theta) + k * np.cos(theta)
+        square = (k * w2 + s / np.sqrt(2)) ** 2 + w2**2
+        terms = (k * k + 1) * w2**2 + np.sqrt(2) * k * s * w2
+        assert np.allclose(square, terms + s**2 / 2, rtol=1e-12, atol=1e-12)
+        least = -((np.sqrt(2) * k * s) ** 2) / (4 * (k * k + 1))  # of the terms, over w₂
+        due = s**2 / (2 * (k * k + 1))  # (50)
+        assert np.allclose(least + s**2 / 2, due, atol=1e-12)
+        assert np.abs(least + s**2 - due).max() > 0.4  # as printed
+
+
 class Family:
     """The same without a loop: J⁺ + n̂ wᵀ with w of (48), (49)."""
 

@@ -34,16 +34,22 @@ def slide_task(length: float, folder: Path) -> rp.Task:
     return rp.Robot.load(folder / "prr.urdf").task("toola", "xy")
 
 
-def absolute(task: rp.Task) -> rp.Task:
-    return task.in_coordinates(rp.absolute_angles(task))
+def absolute(task: rp.Task) -> rp.WeightedInverse:
+    """J⁺ that minimises the speeds of the absolute angles."""
+    return rp.WeightedInverse(task, rp.absolute_angles(task))
+
+
+def links(Q: np.ndarray, task: rp.Task) -> np.ndarray:
+    """The absolute angles of the links, from the base outward."""
+    return np.cumsum(Q[:, task.revolute], axis=1)
 
 
 def test_prr_has_one_stable_surface_and_one_that_is_candidate_only() -> None:
-    task = absolute(rp.Robot.load("prr").task("tool", "xy"))
-    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [1, 3, 3]))
+    task = rp.Robot.load("prr").task("tool", "xy")
+    found = rp.stable_surface(absolute(task), rp.Box([0, 0, 0], [1, 3, 3]))
     assert len(found.stable) > 5 and len(found.candidate) > 5
-    assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-8  # (14)
-    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-8  # (15)
+    assert np.abs(wrapped(links(found.stable, task) @ [1, -1])).max() < 1e-8  # (14)
+    assert np.abs(wrapped(links(found.candidate, task) @ [1, 1])).max() < 1e-8  # (15)
     # the two kinds are far apart: on (14) the rate is rounding, on (15) ∇s lies across the
     # surface's normal
     ratio = found.rate / found.tolerance
@@ -65,10 +71,10 @@ def test_3r_in_relative_angles_has_candidates_and_none_is_stable() -> None:
 
 
 def test_the_same_3r_in_absolute_angles_has_its_stable_surface_again() -> None:
-    task = absolute(rp.Robot.load("planar3r").task("tool", "xy"))
-    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], 3))
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    found = rp.stable_surface(absolute(task), rp.Box([0, 0, 0], 3))
     assert len(found.stable) > 50 and len(found.candidate) == 0
-    a, b, c = found.stable.T
+    a, b, c = links(found.stable, task).T
     gaps = np.abs(wrapped(np.stack([a - b, b - c, c - a])))
     assert gaps.min(axis=0).max() < 1e-8
 
@@ -89,14 +95,13 @@ def test_the_same_3r_in_absolute_angles_has_its_stable_surface_again() -> None:
 def test_n_link_arms_need_at_most_two_link_lengths(
     lengths: tuple[float, ...], stable: bool, tmp_path: Path
 ) -> None:
-    task = absolute(planar_task(lengths, tmp_path))
+    task = planar_task(lengths, tmp_path)
     assert task.r == len(lengths) - 2
-    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box(np.zeros(len(lengths)), 3))
+    found = rp.stable_surface(absolute(task), rp.Box(np.zeros(len(lengths)), 3))
     assert len(found.candidate) + len(found.stable) > 20
     assert (len(found.stable) > 0) == stable
-    for (
-        psi
-    ) in found.stable:  # two distinct joint values; links of different lengths have different ones
+    # two distinct angles; links of different lengths have different ones
+    for psi in links(found.stable, task):
         direction = np.exp(1j * psi)
         groups = np.abs(direction[:, None] - direction) < 1e-5
         assert len(np.unique(groups, axis=0)) == 2
@@ -153,11 +158,11 @@ def test_the_walk_alone_tells_stable_from_candidate(
     monkeypatch.setattr(
         module, "_rates", lambda strategy, function, Q: (np.zeros(len(Q)), np.ones(len(Q)))
     )
-    task = absolute(slide_task(length, tmp_path))
-    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
+    task = slide_task(length, tmp_path)
+    found = rp.stable_surface(absolute(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
     assert len(found.stable) > 2 and len(found.candidate) > 2
-    assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-7  # (14)
-    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-7  # (15)
+    assert np.abs(wrapped(links(found.stable, task) @ [1, -1])).max() < 1e-7  # (14)
+    assert np.abs(wrapped(links(found.candidate, task) @ [1, 1])).max() < 1e-7  # (15)
 
 
 @pytest.mark.parametrize("length", [1e-3, 10.0])
@@ -166,11 +171,11 @@ def test_the_surfaces_of_an_arm_in_millimetres_and_of_a_crane_are_found(
 ) -> None:
     """The s of (13) is length³ times a function of the angles alone: (14) and (15) hold at any
     size."""
-    task = absolute(slide_task(length, tmp_path))
-    found = rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=32)
+    task = slide_task(length, tmp_path)
+    found = rp.stable_surface(absolute(task), rp.Box([0, 0, 0], [length, 3, 3]), samples=64)
     assert len(found.stable) > 5 and len(found.candidate) > 10
-    assert np.abs(wrapped(found.stable[:, 1] - found.stable[:, 2])).max() < 1e-7
-    assert np.abs(wrapped(found.candidate[:, 1] + found.candidate[:, 2])).max() < 1e-7
+    assert np.abs(wrapped(links(found.stable, task) @ [1, -1])).max() < 1e-7
+    assert np.abs(wrapped(links(found.candidate, task) @ [1, 1])).max() < 1e-7
 
 
 def test_a_search_that_ends_at_a_singularity_says_so(tmp_path: Path) -> None:

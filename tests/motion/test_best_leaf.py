@@ -116,24 +116,6 @@ def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
     assert kept.best.distance < free.best.distance / 2
 
 
-def test_margins_are_of_the_joints_in_any_coordinates() -> None:
-    task = rp.Robot.load("planar3r").task("tool", "xy")
-    T, q0 = rp.absolute_angles(task), np.array([0.3, 1.0, 0.8])
-    path = rp.circle(task, q0, 0.05)
-    psi = task.in_coordinates(T)
-    psi0 = np.linalg.solve(T, q0)
-    desired = rp.Pseudoinverse(psi)
-    design = rp.nearest_repeatable(
-        desired, None, rp.Box(psi0, 0.3), degree=2, options=rp.FitOptions(samples=512, held_out=256)
-    )
-    found = rp.best_leaf(design.inverse, path, psi0, region=design.region, steps=24).best
-    lower, upper, _ = psi.joint_limits
-    least = psi.limit_margin(found.motion.q).min(axis=0)
-    assert found.margin == pytest.approx(
-        min(np.min(least / ((upper - lower) / 2)), found.leaf_margin)
-    )
-
-
 def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
     panda_design, q_panda, monkeypatch
 ) -> None:

@@ -119,12 +119,20 @@ def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
     assert found.touch is None and not found.between and found.points > 21
 
 
-def test_a_study_whose_motions_all_collide_says_so_first(tmp_path: Path) -> None:
-    """Issue 52, item 26.10: a ball at the root of the third link lies in a ball around the arm."""
+@pytest.mark.parametrize("chosen", [True, False])
+def test_a_study_whose_motions_all_collide_says_so_first(
+    tmp_path: Path, chosen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 52, item 26.10: a ball at the root of the third link lies in a ball around the arm.
+
+    The user gives start and path, or no default start is free."""
     task = beside(tmp_path, 0.45, 0.35, 0.0, '<sphere radius="0.3"/>')
     q0 = np.array([0.4, 0.9, 0.8])
-    problem = rp.Problem(task, start=q0, path=rp.circle(task, q0, 0.05))
-    study = rp.study(problem, cycles=1, options=rp.FitOptions(samples=64, held_out=64))
+    given = rp.Problem(task, start=q0, path=rp.circle(task, q0, 0.05))
+    starts = "repctl_pin.studies.choose_start.default_starts"
+    monkeypatch.setattr(starts, lambda task: iter([(q0, "first")]))
+    few = rp.FitOptions(samples=64, held_out=64)
+    study = rp.study(given if chosen else rp.Problem(task), cycles=1, options=few)
     from repctl_pin.show.text.answer import study_answer
 
     text = "".join(span.text for span in study_answer(study)).replace("\u00a0", " ")

@@ -94,6 +94,46 @@ def test_a_body_is_off_by_the_way_of_its_farthest_point(
         assert found[0] == 0 and found.max() > 0.3
 
 
+@pytest.mark.parametrize("stray", [0.73, 0.2])
+@pytest.mark.parametrize("collision", ["mesh", "box", "small", "none", "missing"])
+def test_stray_points_of_a_mesh_do_not_count(stray: float, collision: str, tmp_path: Path) -> None:
+    """Item 26.9: a triangle 0.73 m from a link of 0.2 m. Near points count, and so do all of a mesh
+    that the link's collision shapes do not cover."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.1)
+    corner = np.array([[stray, 0, 0], [stray, 0.01, 0], [stray, 0, 0.01]])
+    points = np.r_[ball.vertices, corner]
+    faces = np.r_[ball.faces, [[len(points) - 3, len(points) - 2, len(points) - 1]]]
+    trimesh.Trimesh(points, faces, process=False).export(tmp_path / "ball.stl")
+    ball.export(tmp_path / "hull.stl")
+    solids = {
+        "mesh": '<mesh filename="hull.stl"/>',
+        "box": '<box size="0.2 0.2 0.2"/>',
+        "small": '<sphere radius="0.02"/>',
+        "missing": '<mesh filename="nowhere.stl"/>',
+    }
+    task, link = with_a_body(planar_urdf((1.0, 0.8, 0.6)), '<mesh filename="ball.stl"/>', tmp_path)
+    if collision in solids:
+        text = (tmp_path / "arm.urdf").read_text()
+        body = re.search(r"<visual>(<origin[^>]*>)", text)
+        geometry = f"<collision>{body[1]}<geometry>{solids[collision]}</geometry></collision>"
+        (tmp_path / "arm.urdf").write_text(text.replace("<visual>", f"{geometry}<visual>"))
+        robot = rp.Robot.load(tmp_path / "arm.urdf")
+        task, link = robot.task("tool", "xy"), robot.task("link3", "xy")
+    path = rp.circle(task, Q0, 0.05)
+    motion = rp.follow(rp.Pseudoinverse(task), path, Q0, cycles=2, steps=20)
+    motion = replace(motion, q=motion.q + np.arange(41)[:, None] / 200)
+    body = np.eye(4)
+    body[:3, 3] = 0.2, -0.1, 0.3
+    body[:2, :2] = [[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]]
+    ends = np.array([link.placement(p).homogeneous @ body for p in motion.q[::20]])
+    left_out = stray == 0.73 and collision in ("mesh", "box")
+    law = np.c_[ball.vertices if left_out else points, np.ones(len(points) - 3 * left_out)]
+    moved = np.linalg.norm((ends - ends[0]) @ law.T, axis=1).max(axis=1)
+    np.testing.assert_allclose(off(motion), moved, rtol=1e-4, atol=1e-6)
+    others = np.linalg.norm((ends - ends[0]) @ np.c_[points, np.ones(len(points))].T, axis=1)
+    assert left_out == (others.max() > 1.05 * moved.max())
+
+
 def leaves(motion: rp.Motion) -> list[tuple[str, ...]]:
     """When a page says that a joint leaves its range: joints and cycles."""
     page = rp.animation({"J⁺": motion}).page
@@ -109,7 +149,7 @@ def moving(q: np.ndarray) -> rp.Motion:
 def test_a_steady_drift_leaves_the_range_when_it_says(rate: float) -> None:
     """Joint 2 swings and creeps by 0.11 rad a cycle: the same motion run on, step by step."""
     task = made().task
-    lower, upper, _ = task.joint_limits
+    lower, upper = task.lower, task.upper
 
     def at(s: np.ndarray) -> np.ndarray:
         swing = 0.1 * np.sin(2 * np.pi * s)
@@ -119,7 +159,7 @@ def test_a_steady_drift_leaves_the_range_when_it_says(rate: float) -> None:
     q2 = at(s)[:, 1]
     left = np.argmax((q2 > upper[1]) | (q2 < lower[1])) / 40
     found = leaves(moving(at(np.linspace(0, 2, 81))))
-    assert found == [(task.robot_joints[1], str(int(left) + 1))]
+    assert found == [(task.joint_names[1], str(int(left) + 1))]
 
 
 def test_no_drift_leads_nowhere() -> None:

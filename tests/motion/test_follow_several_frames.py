@@ -19,7 +19,7 @@ def hands():
     """PR2's lift and both arms, with positions of both hands: n = 15, m = 9, r = 6."""
     task = rp.Robot.load("pr2").task([HANDS[0], (HANDS[1], "position")])
     q0 = task.reference + 0.3 * np.random.default_rng(5).normal(size=task.n)
-    lower, upper, _ = task.joint_limits
+    lower, upper = task.lower, task.upper
     q0 = np.clip(q0, np.maximum(lower, -9) + 0.3, np.minimum(upper, 9) - 0.3)
     q0[~task.revolute] = 0.15
     return task, q0

@@ -283,9 +283,6 @@ def test_bad_arguments_are_named() -> None:
         governor.step(twist=[0.0] * 5)
     with pytest.raises(rp.InputError, match="outside Ω"):
         governed(region=True).start(Q0 + 0.5)
-    bent = inverse.task.in_coordinates(np.tril(np.ones((3, 3))))
-    with pytest.raises(rp.InputError, match="original task"):
-        rp.Governor(control(bent, Q0, rp.Polynomial(Q0, 1, 0.5)), DT, rp.Limits(acceleration=5.0))
 
 
 @pytest.mark.parametrize("ticks", [4, 20, 100])

@@ -218,30 +218,6 @@ def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_pand
             motion.retimed(bad)
 
 
-def test_in_other_joint_coordinates_the_robots_own_joints_keep_their_limits(tmp_path) -> None:
-    arm = rp.Robot.load("planar4r").task("tool", "xy")
-    task = arm.in_coordinates(rp.absolute_angles(arm))
-    psi = np.array([0.3, 1.0, 1.8, 2.5])
-    inverse = rp.ExtendedJacobian(task, psi)
-    motion = rp.follow(
-        inverse,
-        rp.circle(task, psi, 0.1),
-        psi,
-        cycles=1,
-        steps=60,
-        integrator=rp.LeafLock(2),
-        period=0.2,
-    )
-    slow = motion.retimed(1.0)
-    Q, times = slow.q @ task.coordinates.T.T, np.diff(slow.t)
-    assert (
-        np.abs(np.diff(Q, axis=0) / times[:, None]).max() <= 1 + 1e-9 and slow.t[-1] > motion.t[-1]
-    )
-    header, first = rp.write_motion(slow, tmp_path / "m.csv").read_text().splitlines()[:2]
-    assert header.split(",")[2:6] == list(arm.joint_names)
-    assert np.allclose(np.array(first.split(",")[2:6], float), task.coordinates.T @ psi)
-
-
 def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     plain = rp.Pseudoinverse(panda_pose)
     with pytest.raises(rp.InputError, match="requires a repeatable strategy"):

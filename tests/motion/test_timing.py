@@ -4,6 +4,7 @@ in."""
 from __future__ import annotations
 
 import io
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -212,22 +213,6 @@ def test_rounded_corners_are_not_stops_and_take_less_time(planar) -> None:
     judged(rounded)
     assert (sharp.stops, rounded.stops) == (3, 0)
     assert rounded.duration < 0.95 * sharp.duration
-
-
-def test_coordinates_do_not_matter(planar) -> None:
-    absolute = planar.in_coordinates(rp.absolute_angles(planar))
-    path = rp.circle(planar, Q3, 0.2)
-    motion = rp.follow(
-        rp.Pseudoinverse(absolute), path, absolute.coordinates.coordinates(Q3), cycles=1, steps=200
-    )
-    timed = rp.timed(motion, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0]))
-    judged(timed)
-    plain = replace(motion, task=planar, q=motion.joints(motion.q), qdot=motion.joints(motion.qdot))
-    same = rp.timed(plain, rp.Limits(velocity=[1.0, 2.0, 3.0], acceleration=[3.0, 4.0, 5.0]))
-    np.testing.assert_allclose(timed.q, same.q, atol=1e-9)
-    assert timed.joints == planar.joint_names
-    with pytest.raises(rp.InputError, match="of the robot's own joints"):
-        rp.timed(motion, rp.Limits(acceleration=1.0, torque=True))
 
 
 def one_cycle(motion: rp.Motion) -> rp.Motion:
@@ -718,3 +703,37 @@ def test_a_file_has_at_least_ten_samples_per_cycle(tmp_path: Path) -> None:
         rp.write_motion(rp.timed(motion, limits, rate=0.5), tmp_path / "slow.csv")
     assert not list(tmp_path.iterdir())
     rp.write_motion(rp.timed(motion, limits, rate=50.0), tmp_path / "fast.csv")
+
+
+@pytest.mark.parametrize("tiny", [{"jerk": 1e-12}, {"jerk": 1e-300}, {"acceleration": 1e-12}])
+def test_limits_that_no_motion_ends_within_are_one_line(
+    tiny: dict[str, float], ring: rp.Motion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Item 26.18: refused before any profile is computed, by ``J T³/6`` and ``a T²/2``."""
+    monkeypatch.setattr("scipy.optimize.milp", None)
+    kept = rp.Limits(velocity=9.0, **{"acceleration": 5.0} | tiny)
+    away = np.abs(ring.q - ring.q[0]).max()
+    for call, way in (
+        (lambda: rp.timed(ring, kept), away),
+        (lambda: rp.approach(ring.q[0] - 0.3, ring, kept), 0.3),
+    ):
+        with pytest.raises(rp.InputError, match="at least .* s at 1000 samples") as caught:
+            call()
+        least = float(re.search(r"at least (\S+) s", str(caught.value))[1])
+        jerk, a = tiny.get("jerk"), tiny.get("acceleration")
+        law = (6 * way) ** (1 / 3) / jerk ** (1 / 3) if jerk else (2 * way / a) ** 0.5
+        assert np.isclose(least, law, rtol=0.01)
+
+
+def test_the_command_refuses_a_coarse_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Item 26.18: by the command, no file is left, and the rate that it names is taken."""
+    monkeypatch.chdir(tmp_path)
+    words = ["follow", "planar3r", "--strategy", "pseudoinverse", "--steps", "100"]
+    words += ["--acceleration", "5", "--csv", "m.csv"]
+    said = refused(capsys, *words, "--rate", "0.5")
+    found = re.search(r"samples per cycle .*; use a rate of at least (\d+) per second", said)
+    assert found is not None and not list(tmp_path.iterdir())
+    told(capsys, *words, "--rate", found[1])
+    assert len((tmp_path / "m.csv").read_text().splitlines()) > 10

@@ -46,7 +46,7 @@ def test_26_19_the_time_is_that_of_toppra(seed: int) -> None:
     """
     rng = np.random.default_rng(seed)
     task = rp.Robot.load("panda").task()
-    low, high, _ = task.joint_limits
+    low, high = task.lower, task.upper
     knots = rng.uniform(low, high, (5 + seed, 7))
     Q = CubicSpline(np.linspace(0, 1, len(knots)), knots)(np.linspace(0, 1, 226))
     given = rp.Limits(acceleration=rng.uniform(2, 15), torque=seed % 2 == 1)
@@ -67,7 +67,7 @@ def test_26_19_a_rough_path_is_timed(seed: int) -> None:
     """Noise of 1 mrad at every point, where the largest sum of squared speeds comes to rest."""
     rng = np.random.default_rng(seed)
     task = rp.Robot.load("panda").task()
-    low, high, _ = task.joint_limits
+    low, high = task.lower, task.upper
     smooth = CubicSpline(np.linspace(0, 1, 60), rng.uniform(low, high, (60, 7)))
     Q = smooth(np.linspace(0, 1, 501)) + rng.normal(size=(501, 7)) * 1e-3
     limits = joint_limits(task, rp.Limits(acceleration=5.0))

@@ -12,7 +12,7 @@ def circle(task, q0):
 
 def regular_start(task, count=200):
     """Draw configurations within the limits and take that of the largest σ_min(J)."""
-    lower, upper, _ = task.joint_limits
+    lower, upper = task.lower, task.upper
     lower, upper = np.maximum(lower, -9), np.minimum(upper, 9)
     space = np.minimum(0.3, 0.2 * (upper - lower))
     spread = np.random.default_rng(0).normal(size=(count, task.n))

@@ -82,6 +82,19 @@ def test_what_cannot_be_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         assert reason in said and said.count("\n") == 1
 
 
+def test_a_rate_that_loses_the_motion_between_two_rests_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Item 26.18: ten samples between two rests, in a file; the rate that it names is taken."""
+    assert move("--rate", "2", "--csv", "day.csv") == 2
+    said = capsys.readouterr().err
+    found = re.search(r"samples per motion between two rests .* at least (\d+) per second", said)
+    assert found is not None and not Path("day.csv").exists() and said.count("\n") == 1
+    assert move("--rate", found[1], "--csv", "day.csv") == 0
+    assert move("--jerk", "1e-12") == 2
+    assert "exceed 2,000,000 samples; lower the rate" in capsys.readouterr().err
+
+
 def test_a_collision_is_said_and_not_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,9 +34,6 @@ TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "another base": lambda _: rp.Robot.load("baxter", base="left_gripper").task(
         "right_gripper", "pose"
     ),
-    "absolute angles": lambda folder: (lambda t: t.in_coordinates(rp.absolute_angles(t)))(
-        planar_task((1.0, 0.9, 0.8), folder)
-    ),
 }
 
 

@@ -14,6 +14,8 @@ from kernels import kernels, use
 from proofs import design_of, near_null_space
 from test_closing_radius import leaf_margin_bounds, lifts, problem_of
 from test_proof_several_frames import Q0, design_over, tasks, tree
+from two_armed import Q0 as FLAT
+from two_armed import two_armed
 
 import repctl_pin as rp
 
@@ -233,3 +235,13 @@ def test_a_file_holds_the_radius_of_both_hands(
     asked = str(refused.value).split("load it with the task: ")[1]
     monkeypatch.chdir(tmp_path)
     assert eval(asked).proof.seal == proof.seal
+
+
+def test_a_study_of_two_hands_says_whether_near_paths_close(tmp_path: Path) -> None:
+    """Issue 52, item 26.17: a proved radius, or the note that the time did not suffice."""
+    task = two_armed(tmp_path).task
+    few = rp.FitOptions(samples=64, held_out=64)
+    study = rp.study(rp.Problem(task, start=FLAT), cycles=1, steps=60, degree=1, options=few)
+    noted = [note for note in study.notes if note.startswith("closed paths near this one: not")]
+    proof = study.design.proof
+    assert (proof is not None and proof.closes is not None) != bool(noted)

@@ -82,7 +82,22 @@ def test_another_order_of_the_joints_is_found(
 
 def test_without_poses_limits_show_another_order(panda_pose: rp.Task, joints: np.ndarray) -> None:
     text = refused(panda_pose, joints=joints[:, ::-1])
-    assert "is outside its limits in 100 % of the frames; give the joints in the order" in text
+    fits = "in another order the joints fit; give the joints in the order panda_joint1, "
+    assert f"is outside its limits in 100 % of the frames; {fits}" in text
+    wild = joints.copy()
+    wild[:, [1, 3]] = 2.5  # no joint but four has such angles, and no order
+    text = refused(panda_pose, joints=wild)
+    assert "order" not in text and "; check that these are the joints panda_joint1, " in text
+
+
+def test_poses_of_another_arm_are_no_other_base(
+    panda_pose: rp.Task, joints: np.ndarray, poses: np.ndarray
+) -> None:
+    """Issue 52, item 26.22: the best base or tool explains little; ten random recordings."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        text = refused(panda_pose, joints=joints[rng.permutation(K)], poses=poses)
+        assert "do not belong to these joints" in text and "base frame" not in text
 
 
 def test_poses_of_another_frame_or_base_are_recognised(

@@ -7,6 +7,8 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from commands import main
 
@@ -78,8 +80,6 @@ def test_each_other_column_of_a_parquet_file_has_its_type_and_metadata(
     design: rp.CellDesign, tmp_path: Path
 ) -> None:
     """Issue 52, 26.21: 200 random files of twelve types, joints in columns or in one list."""
-    pa = pytest.importorskip("pyarrow")
-    pq = pytest.importorskip("pyarrow.parquet")
     f32, stamp = pa.float32(), pa.timestamp("ns", "UTC")
     kinds = [pa.int64(), pa.uint8(), f32, pa.string(), pa.bool_(), stamp, pa.binary()]
     kinds += [pa.list_(f32), pa.list_(f32, 2), pa.large_list(pa.int16()), pa.decimal128(20, 3)]
@@ -171,3 +171,28 @@ def test_the_joints_of_two_arms_are_taken_by_name(
     ):
         assert main(["relabel", str(file), str(cell), *out, "--joints", wrong]) == 2
         assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("form", ["list", "motors", "none", "others", "broken"])
+def test_lerobot_names_the_numbers_of_a_parquet_file(
+    form: str, design: rp.CellDesign, tmp_path: Path
+) -> None:
+    """Issue 52, item 26.22: two arms and a gripper, by meta/info.json beside the data."""
+    Q = joints(np.random.default_rng(0)).astype("f4")
+    both = np.c_[Q[::-1], np.ones(len(Q), "f4"), Q]
+    names = ["l1.pos", "l2.pos", "l3.pos", "gripper.pos", *(f"{name}.pos" for name in NAMES)]
+    data, meta = tmp_path / "data" / "chunk-000", tmp_path / "meta"
+    data.mkdir(parents=True)
+    meta.mkdir()
+    pq.write_table(pa.table({"observation.state": both.tolist()}), data / "file-000.parquet")
+    given = {"list": names, "motors": {"motors": names}, "others": [f"a{k}" for k in range(7)]}
+    info = {"features": {"observation.state": {"shape": [7], "names": given.get(form)}}}
+    if form != "none":
+        text = "{" if form == "broken" else json.dumps(info)
+        (meta / "info.json").write_text(text, encoding="utf-8")
+    if form in ("list", "motors"):
+        found = rp.Recording.read(data / "file-000.parquet", design.task)
+        assert np.array_equal(found.joints, Q)
+        return
+    with pytest.raises(rp.InputError, match="'observation.state' has 7 numbers per row"):
+        rp.Recording.read(data / "file-000.parquet", design.task)

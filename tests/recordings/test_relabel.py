@@ -187,8 +187,6 @@ def test_a_single_session_is_held_out_in_blocks_and_few_frames_lower_the_degree(
 def test_files_keep_their_other_columns(
     suffix: str, relabeled: rp.Relabeled, tmp_path: Path
 ) -> None:
-    if suffix == "parquet":
-        pytest.importorskip("pyarrow")
     file = relabeled.save(tmp_path / f"new.{suffix}")
     again = rp.Recording.read(file, relabeled.recording.task)
     assert again.joints is not None and np.array_equal(again.joints, relabeled.joints)

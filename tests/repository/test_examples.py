@@ -242,7 +242,7 @@ def the_panda_is_understood(found: Any) -> None:
 def test_stable_surfaces(run: Run) -> None:
     names, told = run("python docs/paper/stable_surfaces.py")
     cases = names["found"]
-    has = {(case.name, case.coordinates): len(case.found.stable) > 0 for case in cases}
+    has = {(case.name, case.angles): len(case.found.stable) > 0 for case in cases}
     assert has == {
         ("prismatic, two links", "absolute"): True,
         ("prismatic, two links", "relative"): False,

@@ -114,20 +114,23 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
     )
     # a chain that lock and base have shortened; its names are kept by the next one
     assert planar.r == 0
-    absolute = rp.Robot.load("planar4r").task("tool", "xy")
-    absolute = absolute.in_coordinates(rp.absolute_angles(absolute))
-    center = np.array([0.3, 1.0, 1.8, 2.5])
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(absolute),
-        rp.Polynomial(center, 1),
-        rp.Box(center, 0.2),
-        options=rp.FitOptions(samples=256, held_out=256),
-    )
-    loaded = rp.load(rp.save(design, tmp_path / "psi.json"))
-    same(design, loaded)
-    assert np.array_equal(loaded.task.coordinates.T, absolute.coordinates.T)
-    with pytest.raises(rp.InputError, match="joint coordinates"):
-        rp.load(tmp_path / "psi.json", rp.Robot.load("planar4r").task("tool", "xy"))
+
+
+def test_a_file_in_other_joint_coordinates_is_refused_with_the_remedy(tmp_path, small) -> None:
+    """Older files have the key ``coordinates``: null is today's q, a matrix T a ψ of q = T ψ."""
+    content = json.loads(rp.save(small, tmp_path / "d.json").read_text(encoding="utf-8"))
+    assert "coordinates" not in content["task"]
+    for T in (None, np.tril(np.ones((7, 7))).tolist()):
+        content["task"]["coordinates"] = T
+        content["checksum"] = checksum(content)
+        (tmp_path / "old.json").write_text(json.dumps(content), encoding="utf-8")
+        if T is None:
+            same(small, rp.load(tmp_path / "old.json"))
+            continue
+        for task in (None, small.task):
+            with pytest.raises(rp.InputError, match="joint coordinates ψ.*--weight absolute") as no:
+                rp.load(tmp_path / "old.json", task)
+            assert "\n" not in str(no.value)
 
 
 def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) -> None:

@@ -54,8 +54,6 @@ class RepeatableTask(PinkTask):
         )
         one_frame(inverse.task, "a pink task")
         super().__init__(cost=cost, gain=gain, lm_damping=lm_damping)
-        if inverse.task.coordinates is not None:
-            raise InputError("a pink task requires a design in the robot's own joint coordinates")
         self.inverse = inverse
         self.leaf: Array | None = None
         self._names = inverse.task.joint_names

@@ -23,7 +23,7 @@ from ..cells.function import InverseFunction
 from ..cells.geometry.cell_arguments import stacked
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
-from ..timing.profile import Course, require_samples
+from ..timing.profile import Course, require_possible, require_samples
 from .lines import Function
 from .parts import parts_of
 
@@ -82,6 +82,12 @@ class MotionBetween(TimedMotion):
             f"<MotionBetween {len(self.poses)} poses: {self.duration:.4g} s, "
             f"{len(self.rests)} at rest, {len(self.t):,} samples>"
         )
+
+    @property
+    def _shortest_part(self) -> tuple[float, str]:
+        # before its rounding to whole samples
+        part = min(segment.t[-1] for segment in self.trajectory.segments)
+        return float(part), "motion between two rests"
 
     def at(self, t: ArrayLike) -> Array:
         """Evaluate the configuration at a time, (n,), or at times (T,), (T, n), s.
@@ -177,6 +183,7 @@ def between(
     blend = positive(blend, "blend", "m", zero=True)
     rate = positive(rate, "rate", "samples per second")
     ends = _configurations(F, X, names)
+    require_possible(ends, kept, rate)
     lines, parts = parts_of(F, X, names, blend)
     segments, durations = [], []
     with reporter(progress) as report:
@@ -199,7 +206,7 @@ def between(
         passed.append(ends_at[0] + share * (ends_at[1] - ends_at[0]))
     times = np.concatenate(passed)
     return MotionBetween(
-        joints=F.task.robot_joints,
+        joints=F.task.joint_names,
         t=t,
         q=q,
         qdot=qdot,

@@ -64,7 +64,7 @@ def run(options: Options) -> int:
     """Time the motion through the poses of a file, and write it; return the exit code."""
     from ...motion.csv_file import csv_text
     from ...motion.joint_motion import refuse_violations
-    from ...motion.write_motion import yaml_text
+    from ...motion.write_motion import refuse_coarse, yaml_text
     from .motion_between import between
 
     say = progress(options.quiet or options.json)
@@ -93,6 +93,8 @@ def run(options: Options) -> int:
     result = _result(moved, motion)
     if not options.allow_violations:
         refuse_violations(motion, "move the poses, or write it anyway with --allow-violations")
+    if options.csv or options.yaml:
+        refuse_coarse(moved)
     texts = ((options.csv, csv_text), (options.yaml, yaml_text))
     files = [write_whole(name, text(moved)) for name, text in texts if name is not None]
     return report(options, lambda: result, lambda: fitted("\n".join(_lines(result, moved))), files)

@@ -167,12 +167,8 @@ def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
     The corners of the boxes are low and high, (K, n) each. Return the bound, rad or m, and the
     index of the box with the smallest one.
     """
-    T = task.coordinate_matrix
-    middle, reach = (low + high) / 2 @ T.T, (high - low) / 2 @ np.abs(T).T
-    lower, upper, _ = task.joint_limits
+    middle, reach = (low + high) / 2, (high - low) / 2
     size = np.abs(low).max() + np.abs(high).max()
-    margins = np.minimum(middle - reach - lower, upper - middle - reach).min(axis=1)
+    margins = np.minimum(middle - reach - task.lower, task.upper - middle - reach).min(axis=1)
     at = int(np.argmin(margins))
-    return float(margins[at]) - 16 * task.n * U * float(size) * float(
-        np.abs(T).sum(axis=1).max()
-    ), at
+    return float(margins[at]) - 16 * task.n * U * float(size), at

@@ -296,7 +296,7 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
     its motion along the coordinate. They are −inf and inf if they only end the range of the
     coordinate.
     """
-    lower, upper, _ = cell.task.joint_limits
+    lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
     for one in cell.removed:
         free = one.coordinate in cell.free

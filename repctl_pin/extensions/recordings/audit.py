@@ -174,14 +174,14 @@ class Audit:
         if self.joints is None or not self.creeps:
             return None
         last = self.log.q[self.log.t >= self.visits.t[-2]]
-        (lower, upper, _), rate = self.task.joint_limits, self.joints.rate
+        lower, upper, rate = self.task.lower, self.task.upper, self.joints.rate
         margin = np.where(rate > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
         with np.errstate(divide="ignore", invalid="ignore"):
             left = np.where(np.abs(rate) > self.joints.error, margin / np.abs(rate), np.inf)
         joint = int(np.argmin(left))
         if not 0 <= left[joint] < 100 * (self.log.t[-1] - self.log.t[0]):
             return None
-        return float(left[joint]), self.task.robot_joints[joint]
+        return float(left[joint]), self.task.joint_names[joint]
 
     def summary(self) -> str:
         """Summarise in one line whether the arm repeats, and how it differs if not."""
@@ -309,7 +309,7 @@ def audit(
     notes += _units(task, given)
     if given.dropped:
         notes.append(f"{given.dropped} rows without new numbers were left out")
-    endless = np.isinf(task.joint_limits[1])
+    endless = np.isinf(task.upper)
     given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
     every = -(-len(given.t) // _MOST_ROWS)
     visits = find_visits(task, given.t[::every], given.q[::every], tolerance)
@@ -324,18 +324,12 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
     """Make the task of an audit from a robot, its frame and a kind; return a given task as it is.
 
     ``robot`` is a name, a URDF, a Robot or a Task. InputError is raised if a task is given with a
-    frame or kind of another, or is in other coordinates than the robot's joints, which a log has.
+    frame or kind of another.
     """
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
             name = "frame" if frame is not None else "kind"
             raise InputError(": a task has its own", argument=name, remedy=f"omit {name}=")
-        if robot.coordinates is not None:
-            raise InputError(
-                ": a log holds the robot's own joints, not the coordinates of this task",
-                argument="robot",
-                remedy="pass the robot",
-            )
         return robot
     return choose_task(robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind)
 
@@ -347,14 +341,14 @@ def _units(task: Task, log: JointLog) -> list[str]:
     verdict on them would be wrong. Slight violations of joint limits, and speeds far above the
     limits, are noted only.
     """
-    (lower, upper, _), q = task.joint_limits, log.q
+    lower, upper, q = task.lower, task.upper, log.q
     beyond = _beyond(task, q)
     if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
         return []
     worst = int(np.argmax(beyond))
     value = float(q[np.argmax(np.abs(q[:, worst])), worst])
     found = (
-        f"{log.name}: {task.robot_joints[worst]} reaches {value:.4g}, but its limits are "
+        f"{log.name}: {task.joint_names[worst]} reaches {value:.4g}, but its limits are "
         f"{lower[worst]:.3g} and {upper[worst]:.3g}"
     )
     if beyond[worst] <= _SLIGHT:
@@ -369,7 +363,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
         return [f"{found} (rad or m)"]
     orders = {
         "reversed": np.arange(task.n)[::-1],
-        "alphabetical": np.argsort(np.argsort(task.robot_joints)),  # as ROS sorts them
+        "alphabetical": np.argsort(np.argsort(task.joint_names)),  # as ROS sorts them
     }
     for name, order in orders.items():
         if not log.by_name and (_beyond(task, q[:, order]) <= _SOME).all():
@@ -389,7 +383,7 @@ def _speed_ratio(task: Task, t: Array, q: Array) -> float:
     Times in a wrong unit make it far too large; a few outliers of the log do not.
     """
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
-    return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
+    return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.velocity_limit))
 
 
 def _beyond(task: Task, q: Array) -> Array:

@@ -36,6 +36,15 @@ _FEWEST = 4
 _ALIKE_M, _ALIKE_RAD = 0.01, 0.05
 """Median difference below which a corrected reading of the numbers explains the poses."""
 
+_OTHERS = (
+    ": no offset of the tool or the base explains that, so the poses do not belong to these joints",
+    "give the joints that move this frame, in order and in rad",
+)
+"""Explanation and remedy where the misses stay large after the best offset is taken out."""
+
+_RARELY = 0.05
+"""Fraction of the frames in which a joint may exceed its limits if their order is right."""
+
 _BEYOND = 0.1
 """Distance beyond a joint limit that no calibration explains, rad or m."""
 
@@ -72,16 +81,23 @@ def require_radians(task: Task, Q: Array) -> None:
 def require_limits(task: Task, Q: Array) -> None:
     """Raise an error if one joint exceeds its limits in most of the configurations Q (K, n).
 
-    The joints are then probably in another order.
+    If another order of the joints keeps the limits, the message says so.
     """
     beyond = (-task.limit_margin(Q) > _BEYOND).mean(axis=0)
     joint = int(np.argmax(beyond))
-    if beyond[joint] > 0.5:
-        raise InputError(
-            f"{task.joint_names[joint]} is outside its limits "
-            f"in {percentage(beyond[joint])} of the frames",
-            remedy=f"give the joints in the order {', '.join(task.joint_names)}",
-        )
+    if beyond[joint] <= 0.5:
+        return
+    names = ", ".join(task.joint_names)
+    share = percentage(beyond[joint])
+    fact = f"{task.joint_names[joint]} is outside its limits in {share} of the frames"
+    some = Q[np.linspace(0, len(Q) - 1, min(_SOME, len(Q))).astype(int)]
+    for order in _orders(task.n):
+        if ((-task.limit_margin(some[:, order]) > _BEYOND).mean(axis=0) <= _RARELY).all():
+            raise InputError(
+                f"{fact}; in another order the joints fit",
+                remedy=f"give the joints in the order {names}",
+            )
+    raise InputError(fact, remedy=f"check that these are the joints {names}, and their units")
 
 
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
@@ -110,8 +126,8 @@ def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: 
     if by[0] <= _APART_M and by[1] <= _APART_RAD and offset is None:
         return
     why, remedy = _explanation(task, Q, p, R, quaternions=quaternions)
-    if offset is not None and not why:
-        why, remedy = offset
+    if not why and len(Q) >= _FEWEST:
+        why, remedy = offset or _OTHERS
     angle = f" and {by[1]:.2g} rad" if task.kind.turns else ""
     raise InputError(
         f"forward kinematics of the joints misses the poses by {by[0]:.2g} m{angle} in the "
@@ -173,7 +189,11 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     least = _EXPLAINED * np.sqrt(free / (free - min(6, 2 * len(rows))))  # an offset fits noise
     shifted = without[0] > max(_CALIBRATED_M, least * best[2][0])
     turned = without[1] > max(_CALIBRATED_RAD, least * best[2][1])
-    return best[:2] if shifted or turned else None
+    if not (shifted or turned):
+        return None
+    if best[2][0] > _APART_M or best[2][1] > _APART_RAD:
+        return _OTHERS
+    return best[:2]
 
 
 def _size(miss: tuple[float, float]) -> float:

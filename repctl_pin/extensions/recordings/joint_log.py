@@ -123,7 +123,7 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
         joints, several units of time are possible, or time runs backwards; the message names the
         line.
     """
-    joints = task.robot_joints
+    joints = task.joint_names
     table = read_table(file_name(file, "log"), joints)
     where = str(table.file)
     clock = _clock(list(table.widths))
@@ -151,7 +151,7 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
         raise _no_joints(where, header, joints)
     values = table.numbers([clock, *names], finite=False)
     log = _checked(where, values[:, 0], units * values[:, 1:], by_name, table)
-    unit, epoch = _unit(log, clock, task.joint_limits[2])
+    unit, epoch = _unit(log, clock, task.velocity_limit)
     said = f"{unit} since 1970" if epoch else unit
     read = f"read {clock} in {said}, and joints from {taken}"
     return replace(log, t=log.t * _UNITS[unit], read=read)

@@ -6,6 +6,7 @@ is one run of the recorder, such as a demonstration. Large arrays are worked on 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from ...base.arguments import (
     shown,
 )
 from ...base.errors import InputError
+from ...base.files import read_whole
 from ...base.tables import Column, Table, read_table
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
@@ -37,6 +39,9 @@ from .checks import (
     require_metres,
     require_radians,
 )
+
+_LARGEST_INFO = 10_000_000
+"""Maximum size of a data set's description, bytes."""
 
 _CHUNK = 2**14
 """Number of rows of a block."""
@@ -176,7 +181,8 @@ class Recording:
         Columns are found by name:
 
         - joints: one column per joint of the task, or an array ``joints``, ``q``, ``qpos`` or
-          ``observation.state`` with one number per joint, in the order of the task
+          ``observation.state`` with one number per joint, in the order of the task; the names in
+          LeRobot's ``meta/info.json`` count, if they include the task's joints
         - poses: ``x, y, z, qx, qy, qz, qw``, or an array ``poses``
         - time: ``time``, ``t`` or ``timestamp``
         - session: ``session`` or ``episode``
@@ -202,6 +208,8 @@ class Recording:
         task = one_frame(require_task(task), "a recording")
         path = file_name(file)
         table = read_table(path, task.joint_names)
+        if joints is None and path.suffix.lower() == ".parquet":
+            joints = _lerobot_names(path, task)
         try:
             columns, places = _find(table, task, joints)
         except InputError as error:
@@ -385,6 +393,35 @@ def _find(
     return found, places
 
 
+def _lerobot_names(file: Path, task: Task) -> list[str] | None:
+    """Read the names of the joints' array from LeRobot's ``meta/info.json`` near a Parquet file.
+
+    It lies in the data set's folder, up to two above that of the file. None if there is no such
+    file, or it names none of the task's joints.
+    """
+    for folder in file.resolve().parents[:3]:
+        info = folder / "meta" / "info.json"
+        if not info.is_file():
+            continue
+        try:
+            features = json.loads(read_whole(info, _LARGEST_INFO))["features"]
+            names = next(features[name]["names"] for name in JOINTS if name in features)
+        except (ValueError, KeyError, TypeError, StopIteration):  # of another program
+            return None
+        if isinstance(names, dict) and len(names) == 1:  # {"motors": […]}
+            names = next(iter(names.values()))
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            return None
+        stems = {_stem(name, task.joint_names) for name in names}
+        return names if stems & set(task.joint_names) else None
+    return None
+
+
+def _stem(name: str, own: Sequence[str]) -> str:
+    """Return a joint's name without LeRobot's suffix, unless the joint is called so itself."""
+    return name if name in own else name.removesuffix(".pos")
+
+
 def _places(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
     """Find the places of the task's joints in a row of an array, which has ``width`` numbers.
 
@@ -402,7 +439,7 @@ def _places(name: str, width: int, task: Task, given: Sequence[str] | None) -> t
     if len(names) != width:
         what = f"must be {width} names, one per number of {name!r}; got {len(names)}"
         raise InputError(what, argument="joints")
-    stems = [text if text in own else text.removesuffix(".pos") for text in names]
+    stems = [_stem(text, own) for text in names]
     for joint in own:
         if stems.count(joint) != 1:
             times = "twice" if joint in stems else "not"

@@ -267,11 +267,7 @@ def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
     """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task
-    if (
-        own.robot_joints != task.robot_joints
-        or own.robot.description != task.robot.description
-        or own.coordinates is not None
-    ):
+    if own.joint_names != task.joint_names or own.robot.description != task.robot.description:
         raise InputError(
             f"the bodies are of {own!r}, but the governor moves {task!r}",
             remedy="use rp.Bodies of the task of the inverse",

@@ -169,10 +169,6 @@ class Governor:
             "a repeatable inverse, such as design.inverse or found.function.inverse",
         )
         self._task = task = self._inverse.task
-        if task.coordinates is not None:
-            raise InputError(
-                "the governor's limits are of the robot's own joints; use the original task"
-            )
         self._dt = positive(dt, "dt", "s")
         if not _SHORTEST <= self._dt <= _LONGEST:
             raise InputError(

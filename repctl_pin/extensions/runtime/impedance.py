@@ -101,11 +101,6 @@ class LeafImpedance:
             inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
         )
         self.task = task = self.inverse.task
-        if task.coordinates is not None:
-            raise InputError(
-                "torques act on the robot's own joints, but the task is in other coordinates; "
-                "design without in_coordinates()"
-            )
         self.gains = Gains(
             _stiffness(stiffness, task.kind),
             positive(damping, "damping", zero=True),

@@ -200,15 +200,30 @@ class Course:
             yield rows, segment, (t[rows] - self.begins[k]) / factor, factor
 
 
-def require_samples(count: float, seconds: float, rate: float) -> None:
+def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
+    """Raise InputError if limits alone make a motion through Q (T, n) too long for memory.
+
+    A joint at rest is after T seconds at most ``v T``, ``a T²/2`` and ``J T³/6`` from its start. A
+    profile of a motion that takes millions of seconds would be computed for nothing.
+    """
+    away = np.abs(Q - Q[0]).max(axis=0)
+    times = [away / limits.velocity, np.sqrt(2 * away) / np.sqrt(limits.acceleration)]
+    if limits.jerk is not None:
+        times.append(np.cbrt(6 * away) / np.cbrt(limits.jerk))
+    least = float(np.max(times))
+    require_samples(least * rate, least, rate, "at least ")
+
+
+def require_samples(count: float, seconds: float, rate: float, least: str = "") -> None:
     """Raise InputError if a motion of ``count`` samples is too long for memory.
 
-    ``seconds`` and ``rate`` are its duration, s, and samples per second, for the message.
+    ``seconds`` and ``rate`` are its duration, s, and samples per second, for the message; ``least``
+    stands before the duration.
     """
     if not count < MOST_SAMPLES:
         raise InputError(
-            f"{seconds:.3g} s at {rate:g} samples per second exceed {MOST_SAMPLES:,} samples; "
-            "lower the rate"
+            f"{least}{seconds:.3g} s at {rate:g} samples per second exceed {MOST_SAMPLES:,} "
+            "samples; lower the rate, or raise the limits"
         )
 
 

@@ -33,6 +33,7 @@ from .profile import (
     Trajectory,
     corners_of,
     fastest,
+    require_possible,
     require_samples,
 )
 
@@ -83,7 +84,8 @@ def timed(
     kept = joint_limits(motion.task, limits)
     rate = positive(rate, "rate", "samples per second")
     keep_times = flag(keep_times, "keep_times")
-    Q, steps = motion.joints(motion.q), motion.steps
+    Q, steps = motion.q, motion.steps
+    require_possible(Q, kept, rate)
     once = Q[: steps + 1]
     if (kept.jerk is not None or keep_times) and np.linalg.norm(once[-1] - once[0]) < CLOSED:
         # jerk feels 1e-9 rad
@@ -108,7 +110,7 @@ def timed(
         if kept.jerk is not None:
             steady = motion.cycles - 2 if cycles == 3 and profile.converged else 0
             profile, stops = _as_fast_as_possible(laps, kept, steady)
-    joints = motion.task.robot_joints
+    joints = motion.task.joint_names
     timed = _sampled(profile, joints, motion.cycles - cycles, rate, kept, len(stops))
     return replace(timed, motion=motion)
 
@@ -237,7 +239,7 @@ def _in_own_times(laps: _Laps, limits: JointLimits, motion: Motion) -> tuple[Pro
             limits,
             added=int(a == 0) + int(b == len(laps.Q) - 1),
             most=2 * period,
-            joints=motion.task.robot_joints,
+            joints=motion.task.joint_names,
         )
 
     corners = laps.corners()
@@ -375,14 +377,13 @@ def approach(
     now = task.check(q_now, "q_now", beyond=RECOVERABLE)
     goal = motion.q[0]
     if require_choice(to, ("start", "nearest"), "goal") == "nearest":
-        goal = motion.q[
-            np.argmin(np.linalg.norm(motion.joints(motion.q[: motion.steps + 1] - now), axis=1))
-        ]
+        goal = motion.q[np.argmin(np.linalg.norm(motion.q[: motion.steps + 1] - now, axis=1))]
     ends = [now, task.check(goal, f"the motion's {'start' if to == 'start' else 'nearest point'}")]
-    begin, end = motion.joints(np.array(ends))
+    begin, end = np.array(ends)
     if np.linalg.norm(end - begin) < 1e-9:
         where = "at the start of the motion" if to == "start" else "on the motion's path"
         raise InputError(f"the arm is {where} already; there is nothing to approach")
+    require_possible(np.array([begin, end]), kept, rate)
     share = np.linspace(0, 1, _LOOKED_AT)[:, None]
     if bodies:
         straight = ends[0] + share * (ends[1] - ends[0])
@@ -408,7 +409,7 @@ def approach(
         segment = with_jerk(segment, kept)
     ends_of_line = [0, len(line) - 1]
     profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
-    return _sampled(profile, task.robot_joints, 0, rate, kept, 0)
+    return _sampled(profile, task.joint_names, 0, rate, kept, 0)
 
 
 def with_cycle_time(row: Row) -> Row:

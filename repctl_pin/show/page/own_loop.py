@@ -68,7 +68,6 @@ def own_loop(
     if based or any(law is None for law in laws):
         return None
     tree, own = joint_tree(task), arm_links(task)
-    lower, upper, speed = task.joint_limits
     shapes = Visuals.of(task.robot).shapes
     names = {link: part_name(task, q0, link) for link in own}
     joints = [
@@ -93,7 +92,7 @@ def own_loop(
                 "R": R.ravel().tolist(),
                 "p": p.tolist(),
                 "elbow": int(
-                    tree.first[task.robot_joints.index(single.robot_joints[elbow(single, q)])]
+                    tree.first[task.joint_names.index(single.joint_names[elbow(single, q)])]
                 ),
                 "hand": hand,
             }
@@ -108,14 +107,11 @@ def own_loop(
         "start": q0.tolist(),
         "steps": motion.steps,
         "speed": motion.path.length * motion.cycles / float(motion.t[-1]),
-        "names": list(task.robot_joints),
-        "turns": task.robot.revolute[
-            [task.robot.joint_names.index(name) for name in task.robot_joints]
-        ].tolist(),
-        "T": None if task.coordinates is None else task.coordinates.T.tolist(),
-        "lower": _finite(lower),
-        "upper": _finite(upper),
-        "fastest": _finite(speed),
+        "names": list(task.joint_names),
+        "turns": task.revolute.tolist(),
+        "lower": _finite(task.lower),
+        "upper": _finite(task.upper),
+        "fastest": _finite(task.velocity_limit),
         "size": arm_length(task, q0) or 1.0,
         "axis": _first_axis(task),
         "proved": _proved(closes, q0),
@@ -201,7 +197,7 @@ def _first_axis(task: Task) -> _Numbers | None:
     if not task.revolute[0]:
         return None
     axis, origin = (places(task.reference)[0] for places in (task.axes, task.joint_origins))
-    return {"axis": axis.tolist(), "origin": origin.tolist(), "name": task.robot_joints[0]}
+    return {"axis": axis.tolist(), "origin": origin.tolist(), "name": task.joint_names[0]}
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:

@@ -21,7 +21,7 @@ from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, unit_of
-from ...model.visuals import Visuals, corners
+from ...model.visuals import Visuals
 from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
@@ -189,7 +189,7 @@ def playback_page(
     frames = frames_for([track.Q for track in tracks], cycles)
     played = [[_played(chain, track) for chain in chains] for track in tracks]
     surfaces = read_surfaces(visuals.shapes)
-    bodies = corners(visuals.shapes, surfaces)
+    bodies = visuals.corners(surfaces)
     links = frozenset().union(*(arm_links(chain.task) for chain in chains))
     arms = [
         _arm(chains, track, done, (visuals, bodies, links), frames, bool(own))

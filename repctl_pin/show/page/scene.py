@@ -190,9 +190,9 @@ class JointRows:
 
     def described(self) -> dict[str, Any]:
         """Describe the joints in plain types: names, limits (None without), type, samples."""
-        lower, upper, _ = self.task.joint_limits
+        lower, upper = self.task.lower, self.task.upper
         return {
-            "names": list(self.task.robot_joints),
+            "names": list(self.task.joint_names),
             "lower": [float(v) if np.isfinite(v) else None for v in lower],
             "upper": [float(v) if np.isfinite(v) else None for v in upper],
             "turns": self.task.revolute.tolist(),

@@ -31,7 +31,7 @@ from ...model.length import arm_length
 from ...model.several_frames import one_frame
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, require_task
-from ...model.visuals import Visuals, corners
+from ...model.visuals import Visuals
 from ...motion import elbow
 from ...motion.displacement import farthest
 from ...paths import TaskPath
@@ -242,7 +242,7 @@ class Viewer:
         self._moving = moving_of(placements)
         surfaces = read_surfaces(shapes)
         frames = Frames(np.arange(3), (1,), 3)
-        outer, off = body_drift(corners(shapes, surfaces), placements, frames.per_cycle)
+        outer, off = body_drift(self._visuals.corners(surfaces), placements, frames.per_cycle)
         link, _ = farthest(shapes, off[-1], arm_links(task))
         points = task.positions(Q)
         tips = points[:, None]

@@ -105,5 +105,5 @@ def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
     joint = elbow(task, q)
     if not in_the_middle(task, q)[joint]:
         return ()
-    name = task.robot_joints[joint]
+    name = task.joint_names[joint]
     return next(((j.parent, j.child) for j in task.robot.description.joints if j.name == name), ())

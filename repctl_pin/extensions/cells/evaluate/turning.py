@@ -153,7 +153,7 @@ def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
     """Return the lower and the upper limit of a joint of the task, rad; infinite without limits."""
-    lower, upper, _ = task.joint_limits
+    lower, upper = task.lower, task.upper
     return float(lower[joint]), float(upper[joint])
 
 

@@ -111,10 +111,7 @@ class Cell:
     def __init__(
         self, task: Task, placement: Placement, half_width: ArrayLike, half_angle: ArrayLike = 0.0
     ) -> None:
-        if one_frame(require_task(task), "a cell").coordinates is not None:
-            raise InputError(
-                "a cell requires the robot's own joints; use the task before in_coordinates()"
-            )
+        one_frame(require_task(task), "a cell")
         positions = min(3, task.m)
         turns = task.m - positions
         w = of_positions(task, half_width, "half_width")
@@ -478,7 +475,7 @@ class Cell:
 
         Such a range of a sector's angle or spin goes as far as the joint does, so its margin is 0.
         """
-        lower, upper, _ = self.task.joint_limits
+        lower, upper = self.task.lower, self.task.upper
         joints = [one.joint for one in self.removed if one.coordinate in self.free]
         limited = np.isfinite(lower) | np.isfinite(upper)
         return tuple(self.task.joint_names[j] for j in joints if limited[j])

@@ -38,10 +38,9 @@ _arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
 def chain_for_c(task: Task) -> Any | None:
     """Return the kinematic chain of a task as a C struct for :func:`run`, cached per task.
 
-    None if there is no native library, or C cannot hold the task: more than 64 joints, or
-    transformed joint coordinates.
+    None if there is no native library, or the task has more than 64 joints, which C cannot hold.
     """
-    if library() is None or task.coordinates is not None:
+    if library() is None:
         return None
     if task not in _arms:
         _arms[task] = library_arm(task)

@@ -53,7 +53,7 @@ def export_c(
     deterministic.
 
     ``name_governor_step`` is :class:`Governor` in C, which keeps the limits at run time. Its state
-    is a struct that the caller owns. It is not exported for a task in other joint coordinates.
+    is a struct that the caller owns.
 
     Parameters
     ----------

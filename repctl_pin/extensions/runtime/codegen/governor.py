@@ -20,11 +20,8 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header: three texts.
 
-    The governor keeps the limits at run time; ``name`` is the prefix of the exported names. All
-    three are empty for a task in other joint coordinates, which has no governor.
+    The governor keeps the limits at run time; ``name`` is the prefix of the exported names.
     """
-    if task.coordinates is not None:
-        return "", "", ""
     structs, types = _structs("governor.h", name)
     acceleration, jerk = limits_of_file(task, "acceleration"), limits_of_file(task, "jerk")
     parts = {

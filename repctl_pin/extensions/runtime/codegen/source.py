@@ -245,11 +245,6 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
         f"region  {_of(region)}",
         "units   m, rad, s; a q outside the joint limits is accepted",
     ]
-    if task.coordinates is not None:
-        lines.append(
-            "        q are joint coordinates psi; the joint positions are T psi, T row by row:"
-        )
-        lines += [f"        {', '.join(f'{t:g}' for t in values)}" for values in task.coordinates.T]
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
 

@@ -92,16 +92,9 @@ export class Chain {
     return e;
   }
 
-  // Positions, or rates, of the robot's own joints: q = T ψ.
-  own(q) {
-    return this.T
-      ? this.T.map((row) => row.reduce((sum, t, i) => sum + t * q[i], 0))
-      : Array.from(q);
-  }
-
   // The joint that is nearest to its limit, and how far it is from there; below 0 beyond it.
   nearest(q) {
-    const margins = this.own(q).map((v, i) =>
+    const margins = Array.from(q, (v, i) =>
       Math.min(v - (this.lower[i] ?? -Infinity), (this.upper[i] ?? Infinity) - v),
     );
     const joint = margins.reduce((best, v, i) => (v < margins[best] ? i : best), 0);
@@ -110,7 +103,7 @@ export class Chain {
 
   // The joint whose rate is the largest share of its limit, and that share.
   hurried(qdot) {
-    const shares = this.own(qdot).map((v, i) => Math.abs(v) / (this.fastest[i] ?? Infinity));
+    const shares = Array.from(qdot, (v, i) => Math.abs(v) / (this.fastest[i] ?? Infinity));
     const joint = shares.reduce((best, v, i) => (v > shares[best] ? i : best), 0);
     return { joint, share: shares[joint] };
   }

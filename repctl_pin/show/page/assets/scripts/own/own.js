@@ -833,7 +833,8 @@ const LONGEST_WORDS = {
     "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the " +
     "usual control, 0 under the repeatable one.",
   notes:
-    "The joints move 0.8 % faster under the repeatable one (root mean square over cycle 1). " +
+    "The joints move 0.8 % slower under the repeatable one (root mean square over cycle 1). " +
+    "The usual control has the smallest joint speed at each instant, not over a whole cycle. " +
     "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
     "best, 0 fails). Collisions are not checked. Closing is proved within 1.1 cm of the start; " +
     "this loop was computed. Can you draw one, 25 cm or longer, under which the usual arm drifts " +
