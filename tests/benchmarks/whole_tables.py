@@ -14,8 +14,20 @@ import numpy as np
 
 import repctl_pin as rp
 
-ARMS = "panda xarm7 fr3 baxter kinova ur5 tiago talos z1".split()
-TITLES = "arm reach rectangle designed angle spin mean worst bodies time locked".split()
+ARMS = ["panda", "xarm7", "fr3", "baxter", "kinova", "ur5", "tiago", "talos", "z1"]
+TITLES = [
+    "arm",
+    "reach",
+    "rectangle",
+    "designed",
+    "angle",
+    "spin",
+    "mean",
+    "worst",
+    "bodies",
+    "time",
+    "locked",
+]
 
 
 def line(name: str) -> list[str]:

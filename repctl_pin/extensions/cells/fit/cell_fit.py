@@ -217,10 +217,12 @@ class CellFit:
         U = np.concatenate([cell.sample(_DENSE, self.seed + 1), cell.corners()])
         more = rays(self.desired, cell, q, U)
         more = rows_of(more, more.reached == 1)
-        degree = chart.monomials.degree
-        while not _follows(chart, more.U, more.N) and degree < _STEEPEST:
-            degree += 1
-            chart = Chart.fitted(cell, more.U, more.Q, more.N, degree)
+        if _follows(chart, more.U, more.N):
+            return chart
+        for degree in range(chart.monomials.degree + 1, _STEEPEST + 1):
+            steep = Chart.fitted(cell, more.U, more.Q, more.N, degree)
+            if _follows(steep, more.U, more.N):
+                return steep
         return chart
 
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
@@ -398,9 +400,12 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
         N = null_bases(points.J[good], points.n_ref[good])[0]
         found = Chart.fitted(cell, U[good], points.Q[good], N, d)
         close = np.abs(found.reference(U[good])[0] - points.Q[good]).max() < _CLOSE or d >= degree
-        if close and _follows(found, U[good], N):
+        follows = _follows(found, U[good], N)
+        if d <= degree or follows:
+            best = found, U[good], N
+        if close and (follows or chart.monomials.degree <= 4):
             break
-    return _with_simple_fibres(found, U[good], N)
+    return _with_simple_fibres(*best)
 
 
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
