@@ -170,7 +170,7 @@ def test_the_command_places_the_box(
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ("--down --half-width 0.1", "--down requires --size"),
+        ("--down --half-width 0.1", "--down with --half-width requires --size"),
         ("--size 0.1 --half-width 0.1", "--size and --half-width are mutually"),
         ("--size 0.1 --down --forward", "mutually exclusive"),
         ("--size 0.1 --start 0,0,0", "--size and --start are mutually"),

@@ -34,6 +34,7 @@ HELP = (
     "gives one configuration, always the same"
 )
 EXAMPLE = """examples:
+  repctl cell panda --down
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
   repctl cell panda --size 0.3,0.3,0.2 --down --yaw 90 --map
@@ -89,7 +90,11 @@ def add_options(parser: Parser) -> None:
     )
     sigma = "σ_min(J) to keep where possible (default 0: none)"
     add("--sigma-min", type=float, default=0.0, help=sigma)
-    add("--shrink", action="store_true", help="shrink the cell until one function covers it")
+    add(
+        "--shrink",
+        action="store_true",
+        help="move sides of the cell inward until one function covers it",
+    )
     add(
         "--keep",
         action="store_true",
@@ -117,11 +122,9 @@ def _add_size(parser: Parser) -> None:
         "or nearest to --at; if it fits nowhere, the largest box of this shape",
     )
     for name, where in (("down", "down"), ("forward", "along x of the base")):
-        text = f"orientation with the tool's z axis {where} (with --size)"
+        text = f"orientation with the tool's z axis {where}; without --size, the largest sector"
         add(f"--{name}", action="store_true", help=text)
-    add(
-        "--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees (with --size)"
-    )
+    add("--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees")
     add(
         "--map",
         action="store_true",
@@ -132,7 +135,17 @@ def _add_size(parser: Parser) -> None:
         type=float,
         default=0.0,
         metavar="DEG",
-        help="turn of the tool about the base's z axis, degrees (with --size; default 0)",
+        help="turn of the tool about the base's z axis, degrees (default 0)",
+    )
+    add(
+        "--heights",
+        metavar="LOW,HIGH",
+        help="range of heights of the largest sector, m from the base (default: all)",
+    )
+    add(
+        "--most-extra",
+        metavar="MEAN,WORST",
+        help="maximum extra joint speed of the largest sector, %% (default 5,30)",
     )
 
 
@@ -186,15 +199,20 @@ def run(options: Options) -> int:
     asked = _asked(options, in_percent(say))
     cell = asked.cell
     try:
-        design = rp.nearest_inverse_function(
-            rp.Pseudoinverse(cell.task),
-            cell,
-            posture=asked.posture,
-            degree=options.asked_degree(),
-            incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-            **options.of("limit_margin", "body_distance", "sigma_min"),
-            options=rp.FitOptions(**options.of("held_out", "seed")),
-            progress=in_percent(say),
+        whole = asked.place.table if asked.place is not None else None
+        design = (
+            whole.design
+            if whole
+            else rp.nearest_inverse_function(
+                rp.Pseudoinverse(cell.task),
+                cell,
+                posture=asked.posture,
+                degree=options.asked_degree(),
+                incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
+                **options.of("limit_margin", "body_distance", "sigma_min"),
+                options=rp.FitOptions(**options.of("held_out", "seed")),
+                progress=in_percent(say),
+            )
         )
     except rp.NoFunctionError as error:
         error.remedy = _remedy(error, asked)
@@ -210,7 +228,9 @@ def run(options: Options) -> int:
             made.append(write_whole(staged / "map.png", drawn))
     files = [folder / file.name for file in made]
 
-    if design.function.chart.cell.widths[0] != cell.widths[0]:
+    kept = cell.widths > 0
+    kept[list(cell.free)] = False
+    if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
         notes.insert(0, f"--shrink: {sizes}")
     if asked.note:
@@ -299,7 +319,7 @@ def _asked(options: Options, report: Report) -> _Asked:
 
     around = options.path is not None or options.plane is not None
     at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
-    if options.size is not None:
+    if options.size is not None or options.down or options.forward or options.rpy is not None:
         return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
@@ -332,23 +352,34 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
-    task = options.asked_task()
+    task = _oriented_task(options)
     orientation: Any = None
     if options.rpy is not None:
         angles = np.radians(_numbers(options.rpy, "--rpy", 3))
         orientation = pin.rpy.rpyToMatrix(*angles)
     elif options.down or options.forward:
         orientation = "down" if options.down else "forward"
+    more: dict[str, Any] = {}
+    if options.heights is not None:
+        more["heights"] = _numbers(options.heights, "--heights", 2)
+    if options.most_extra is not None:
+        more["most_extra"] = np.array(_numbers(options.most_extra, "--most-extra", 2)) / 100
     place = rp.best_cell(
         task,
-        _numbers(options.size, "--size"),
+        None if options.size is None else _numbers(options.size, "--size"),
         orientation=orientation,
         yaw=float(np.radians(options.yaw)),
         at=at,
         seed=options.seed,
         progress=report,
+        **more,
     )
     cell = place.cell
+    if place.table is not None:
+        note = "the largest sector that was found"
+        if place.table.locked is not None:
+            note += f"; {place.table.locked}"
+        return _Asked(cell, place.posture, "searched for the sector", False, note, place)
     posture: Any = place.posture
     if options.half_angle != "0":
         angle = _numbers(options.half_angle, "--half-angle")
@@ -358,6 +389,16 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         share = f"{100 * place.factor:.0f} % of the size that was asked for"
         note += f"; {share}, because at full size, {place.reason}"
     return _Asked(cell, posture, "searched for the cell", False, note, place)
+
+
+def _oriented_task(options: Options) -> rp.Task:
+    """Make the task whose orientation is given: of kind pose, or axis without that redundancy."""
+    if options.task is not None or options.size is not None:
+        return options.asked_task()
+    robot = options.load_robot()
+    frame = options.frame or robot.default_frame
+    joints = len(robot.chain(frame))
+    return robot.task(frame, "pose" if joints > 6 else "axis")
 
 
 _NOT_BOTH = (
@@ -373,12 +414,32 @@ _NOT_BOTH = (
 """Pairs of options that are mutually exclusive."""
 
 _ONLY_WITH = {
-    "--size": ("--down", "--forward", "--rpy", "--yaw", "--map"),
+    "--size": ("--map",),
     "--sector": ("--radius", "--height", "--angle", "--spin", "--axis"),
 }
 """Options that require another one, by that one."""
 
-_DEFAULTS = {"--yaw": 0.0, "--height": "0", "--angle": "all", "--spin": "0"}
+_ORIENTATIONS = ("--down", "--forward", "--rpy")
+_OF_THE_TABLE = ("--heights", "--most-extra")
+_NOT_OF_THE_TABLE = (
+    *("--half-width", "--half-angle", "--sector", "--path", "--at", "--start", "--shrink"),
+    *("--keep", "--degree", "--limit-margin", "--body-distance", "--sigma-min", "--held-out"),
+)
+"""Options of the largest sector, which is found where an orientation is given without a size; and
+those that it does not take."""
+
+_DEFAULTS = {
+    "--yaw": 0.0,
+    "--height": "0",
+    "--angle": "all",
+    "--spin": "0",
+    "--half-angle": "0",
+    "--degree": "auto",
+    "--limit-margin": 0.05,
+    "--body-distance": 0.0,
+    "--sigma-min": 0.0,
+    "--held-out": 8192,
+}
 """Defaults of these options, unless they are None or False."""
 
 
@@ -399,10 +460,22 @@ def _require_one_shape(options: Options) -> None:
         for name in filter(given, names):
             if not given(needed_one):
                 raise InputError(f"{name} requires {needed_one}")
+    turned = next(filter(given, _ORIENTATIONS), "")
+    if not turned and not given("--size"):
+        for name in filter(given, ("--yaw", *_OF_THE_TABLE)):
+            raise InputError(f"{name} requires --down, --forward or --rpy")
+    if turned and not given("--size"):
+        for name in filter(given, _NOT_OF_THE_TABLE):
+            raise InputError(f"{turned} with {name} requires --size")
+    for name in _OF_THE_TABLE if given("--size") else ():
+        if given(name):
+            raise InputError(f"{name} and --size are mutually exclusive")
     if options.sector and options.radius is None:
         raise InputError("--sector requires --radius")
-    if not (given("--half-width") or given("--size") or options.sector):
-        raise InputError("--half-width is missing; give it, or --size, or --sector with --radius")
+    if not (given("--half-width") or given("--size") or options.sector or turned):
+        raise InputError(
+            "--half-width is missing; give it, --size, --down, or --sector with --radius"
+        )
 
 
 def _sizes(options: Options) -> tuple[Any, Any]:

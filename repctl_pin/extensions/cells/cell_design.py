@@ -379,7 +379,8 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
         at = sampled(design.desired, CandidateFunction.zero(chart), U)
         margin = np.where(at.ok, at.limit_margin, np.nan)
         extra = np.sqrt(at.ratio) - 1
-        turn = turn_at(chart, U)
+        # without tilts, the angle goes equally far at every radius and height
+        turn = turn_at(chart, U) if isinstance(cell, Sector) and cell.tilted else None
         made.append(
             Slice(
                 (first, second),

@@ -87,6 +87,7 @@ class _TurnFile(Part):
     unasked: float | None = None
     covered: float | None = None
     as_covered: float | None = None
+    bodies: str = ""
 
 
 class _SectorFile(Part):

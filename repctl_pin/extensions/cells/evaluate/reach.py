@@ -6,13 +6,12 @@ the cell. Boxes grow around many middles at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....base.arguments import Array, read_only
+from ....base.arguments import Array
 from ....motion.solve_ik import random_configurations
 from ....redundancy import nullspace
 from ....solvers import newton_rows
@@ -102,9 +101,7 @@ def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) 
     return kept
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class Rays:
+class Rays(NamedTuple):
     """Results of following K straight rays from the middle of a cell to poses in it.
 
     A function over the cell is fitted to these configurations.
@@ -121,11 +118,11 @@ class Rays:
         Minimum joint-limit margin on each ray, rad or m.
     """
 
-    U: Array
-    Q: Array
-    N: Array
-    reached: Array
-    least: Array
+    U: NDArray[Any]
+    Q: NDArray[Any]
+    N: NDArray[Any]
+    reached: NDArray[Any]
+    least: NDArray[Any]
 
 
 def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16) -> Rays:

@@ -61,6 +61,8 @@ class Turn:
     as_covered : float
         Range like ``nearly`` and ``most``, at the fraction ``covered`` of the covered poses; NaN in
         older files.
+    bodies : str
+        Links that end the range before the joint does; empty if the joint ends it.
     """
 
     coordinate: str
@@ -74,9 +76,12 @@ class Turn:
     unasked: float = float("nan")
     covered: float = float("nan")
     as_covered: float = float("nan")
+    bodies: str = ""
 
     def __str__(self) -> str:
         text = f"{np.degrees(max(self.reach, 0)):.4g}° at every covered pose"
+        if self.bodies:
+            return f"{text}\nended by bodies: {self.bodies} collide beyond it"
         if self.reach >= 2 * np.pi:
             return text
         if 0 < self.covered < 1 and self.as_covered > self.reach + 0.01:
@@ -184,6 +189,25 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
                 coefficients[0, one.joint, 0] += away
     moved = sector.turned(middles, halves)
     return Chart(moved, chart.monomials, coefficients), tuple(turns)
+
+
+def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
+    """Return the chart over a part of its sector, cut along symmetric coordinates.
+
+    ``ranges`` are the lowest and the highest offset from the middle, rad, by the index of the
+    coordinate. The function is the same; such a coordinate has no longer the range ``"all"``.
+    """
+    sector = chart.cell
+    assert isinstance(sector, Sector), "no other cell has symmetries"
+    coefficients = chart.coefficients.copy()
+    middles = {i: (low + high) / 2 for i, (low, high) in ranges.items()}
+    halves = {i: (high - low) / 2 for i, (low, high) in ranges.items()}
+    for one in sector.removed:
+        if one.coordinate in ranges and (one.coordinate != SPIN or not sector.tilted):
+            coefficients[0, one.joint, 0] += one.sign * middles[one.coordinate]
+    moved = sector.turned(middles, halves)
+    moved = moved.without(moved.removed, [i for i in moved.free if i not in ranges])
+    return Chart(moved, chart.monomials, coefficients)
 
 
 def expanded(chart: Chart) -> Chart:

@@ -33,7 +33,7 @@ from ..evaluate.margins import (
 from ..evaluate.reach import Rays, rays
 from ..evaluate.turning import Turn, centred
 from ..geometry.cell import Cell
-from ..geometry.kinematics import null_bases
+from ..geometry.kinematics import null_bases, rows_of
 from ..geometry.sector import ANGLE, Sector
 from ..place.posture_search import Candidate
 from .cost import Cost, Descent, descend, predicted_gain
@@ -73,6 +73,10 @@ _PRICED = 1024
 _CLOSE = 3e-5
 """Maximum deviation, rad or m, of q_ref of the final chart from the function, so that Newton's
 method takes two steps."""
+_UPRIGHT, _STEEPEST, _DENSE = 0.4, 14, 2048
+"""Minimum leaf margin at the nodes of a chart below which the degree of n_ref is raised, the
+highest degree, and the number of nodes in two coordinates, where the null space may turn within
+few."""
 _STRAIGHT = 0.999
 """Minimum leaf margin at the nodes of the final chart with which n_ref may have a lower degree."""
 
@@ -164,7 +168,7 @@ class CellFit:
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
         hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
-        chart = Chart.fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
+        chart = self._first_chart(cell, q, rows_of(ends, good))
         U, edge = U[good[:count]], edge[good[count:]]
         at_rest = chart.solve(np.concatenate([U, edge])).found
         U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
@@ -198,6 +202,28 @@ class CellFit:
             requested_sigma_min=self.sigma_min,
             steps=descent.steps,
         )
+
+    def _first_chart(self, cell: Cell, q: Array, ends: Rays) -> Chart:
+        """Fit the first chart to the ends of rays, with a degree at which n_ref follows N.
+
+        A null space N that turns by more than 90° within few poses is across a polynomial of low
+        degree. There the equations of the chart are singular, though the function is not. In two
+        coordinates more rays are followed then, from the configuration q (n,) in the middle, and
+        the degree is raised until n_ref is along N at all of them.
+        """
+        chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
+        if cell.k != 2:
+            return chart
+        U = np.concatenate([cell.sample(_DENSE, self.seed + 1), cell.corners()])
+        more = rays(self.desired, cell, q, U)
+        more = rows_of(more, more.reached == 1)
+        if _follows(chart, more.U, more.N):
+            return chart
+        for degree in range(chart.monomials.degree + 1, _STEEPEST + 1):
+            steep = Chart.fitted(cell, more.U, more.Q, more.N, degree)
+            if _follows(steep, more.U, more.N):
+                return steep
+        return chart
 
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
         """Add to a design over a sector the extra joint speed that its requested angle costs.
@@ -345,27 +371,41 @@ def _fit(cost: Cost, a: Array) -> Descent:
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
+def _follows(chart: Chart, U: Array, N: Array) -> bool:
+    """Test whether n_ref of a chart is along the null spaces N (K, n, r) at the poses U (K, k)."""
+    return bool(leaf_margin(N, chart.reference(U)[1]).min() > _UPRIGHT)
+
+
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool) -> Chart:
     """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
     A chart has polynomials q_ref and n_ref; s is the position along the self-motion. Its q_ref
     approximates the configurations of the function, its n_ref the null spaces there. The degree is
-    raised until q_ref is accurate enough for two Newton steps, unless the design is a quick one.
+    raised until q_ref is accurate enough for two Newton steps, unless the design is a quick one;
+    and until n_ref follows the null spaces.
     """
     degree = max(terms.degree, chart.monomials.degree, 3)
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
         degree += 1
-    for d in range(max(terms.degree, 3), degree + 1):
-        U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
+    steepest = degree
+    while cell.k == 2 and steepest < _STEEPEST and _terms(cell, steepest + 1) <= _MOST_TERMS:
+        steepest += 1
+    for d in range(max(terms.degree, 3), steepest + 1):
+        count = _power_of_two(3 * _terms(cell, d))
+        count = max(count, _DENSE) if cell.k == 2 and not quick else count
+        U = np.concatenate([cell.sample(count, 7), cell.corners()])
         U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
         N = null_bases(points.J[good], points.n_ref[good])[0]
         found = Chart.fitted(cell, U[good], points.Q[good], N, d)
-        away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
-        if away < _CLOSE:
+        close = np.abs(found.reference(U[good])[0] - points.Q[good]).max() < _CLOSE or d >= degree
+        follows = _follows(found, U[good], N)
+        if d <= degree or follows:
+            best = found, U[good], N
+        if close and (follows or chart.monomials.degree <= 4):
             break
-    return _with_simple_fibres(found, U[good], N)
+    return _with_simple_fibres(*best)
 
 
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:

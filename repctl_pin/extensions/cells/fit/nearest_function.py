@@ -34,6 +34,7 @@ from ..geometry.cell import Cell
 from ..geometry.cell_arguments import LEAST_WIDTH
 from ..place.posture_search import Candidate, given, searched
 from .cell_fit import MOST_UNKNOWNS, CellFit
+from .trimming import Wanted, ended_at_bodies, trimmed
 
 _HELD_OUT = 8192
 _MOST_DEGREE = 12
@@ -131,8 +132,9 @@ def nearest_inverse_function(
     incomplete
         Action if no single function covers the cell, which is tested at held-out poses, corners,
         and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
-        works, ``"shrink"`` scales the cell about its middle, and ``"keep"`` returns the function on
-        the poses that it covers.
+        works; ``"shrink"`` moves the sides inward beyond which the function fails, or scales the
+        cell about its middle if nothing else is left; ``"keep"`` returns the function on the poses
+        that it covers.
     options
         Nodes and seed: ``samples``, ``held_out`` and ``seed`` of :class:`FitOptions`.
     progress
@@ -196,8 +198,14 @@ def nearest_inverse_function(
         if isinstance(found, CellDesign) and (
             found.evaluation.everywhere or (partly and incomplete == "keep")
         ):
+            found = ended_at_bodies(fit, found, [i for i in cell.free if i in cell._removed])
             return fit.priced(found, q)
         failures = found.failures if isinstance(found, CellDesign) else found
+        if incomplete == "shrink":
+            part = trimmed(fit, cell, q, Wanted())
+            if part is not None:
+                free = [i for i in cell.free if i in cell._removed]
+                return ended_at_bodies(fit, part[2], free)
         fits, smaller = _largest(fit, cell, q, quick=incomplete != "shrink")
         if incomplete == "shrink" and smaller is not None:
             return smaller

@@ -201,6 +201,29 @@ class Cell:
         turn = self.rotation * factor if len(self.rotation) else 0.0
         return Cell(self.task, self.placement, self.half_width * factor, turn)
 
+    def part(self, low: Array, high: Array) -> Cell:
+        """Return the cell between two corners, low and high (k,), in coordinates u from −1 to 1.
+
+        Rotations keep their middle, and become narrower on both sides.
+        """
+        middles, widths = self._middles_and_widths(low, high, range(len(self.half_width)))
+        p, _ = self._placed(middles[None])
+        return self._changed(placement=pin.SE3(self.placement.rotation, p[0]), widths=widths)
+
+    def _middles_and_widths(
+        self, low: Array, high: Array, movable: Sequence[int]
+    ) -> tuple[Array, Array]:
+        """Compute the offset of the middle (m,) and half-widths (m,) of a part, see :meth:`part`.
+
+        Only the coordinates ``movable`` get another middle; others become narrower on both sides.
+        """
+        middles, widths = np.zeros(len(self.widths)), self.widths.copy()
+        for i, below, above in zip(self.moved, low, high, strict=True):
+            half = (above - below) / 2 if i in movable else min(-below, above)
+            middles[i] = self.widths[i] * (above + below) / 2 if i in movable else 0.0
+            widths[i] *= half
+        return middles, widths
+
     @property
     def centre(self) -> Array:
         """Values (m,) of all task coordinates at the middle, m and rad; the angles are 0."""

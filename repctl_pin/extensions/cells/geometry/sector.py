@@ -317,6 +317,16 @@ class Sector(Cell):
         factors[[one.coordinate for one in self.symmetries]] = 1.0
         return self._changed(widths=self.widths * factors)
 
+    def part(self, low: Array, high: Array) -> Sector:
+        """Return the sector between two corners, low and high (k,), in coordinates u from −1 to 1.
+
+        Tilts keep their middle, and become narrower on both sides.
+        """
+        movable = [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
+        middles, widths = self._middles_and_widths(low, high, movable)
+        p, R = self._placed(middles[None])
+        return self._changed(placement=pin.SE3(R[0].copy(), p[0]), widths=widths)
+
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
         """Return a sector whose placement is moved along symmetric coordinates.
 

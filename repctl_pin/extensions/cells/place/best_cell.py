@@ -27,6 +27,7 @@ from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
 from .posture_search import Candidate, chosen, judged, searched
+from .whole_table import WholeTable, whole_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,6 +76,9 @@ class BestCell:
         Smallest limit margin on the straight ways to the corners, rad or m.
     reason : str
         Obstruction to the size asked for, at the same middle; empty if it fits.
+    table : WholeTable or None
+        Without a size: the function over the sector, ``table.design``; the best arm with locked
+        joints, ``table.locked``; and what the arm reaches.
 
     Examples
     --------
@@ -90,6 +94,7 @@ class BestCell:
     factor: float
     margin: float
     reason: str
+    table: WholeTable | None = None
 
     def figure(self, progress: bool | Report = False) -> Figure:
         """Draw a map of the workspace: where a box of the size asked for works, and its price.
@@ -126,15 +131,24 @@ class BestCell:
 
 def best_cell(
     task: Task,
-    size: ArrayLike,
+    size: ArrayLike | None = None,
     *,
     orientation: str | ArrayLike | None = None,
     yaw: float = 0.0,
     at: ArrayLike | None = None,
+    heights: tuple[float, float] = (-np.inf, np.inf),
+    most_extra: tuple[float, float] = (0.05, 0.3),
     seed: int = 0,
     progress: bool | Report = False,
 ) -> BestCell:
-    """Find the best place for a box of poses, or the largest box of its shape that is found.
+    """Find the best place for a box of poses; without a size, the largest sector around the arm.
+
+    Without a size, the arm's whole table is found: the largest range of radius and height, round
+    the arm and at every spin of the tool, that one function covers. Floods from random
+    configurations, and from arms with locked joints, show what is reached without a change of
+    branch. Functions are designed for the largest rectangles of three unlike floods. Sides are cut
+    where a function fails, costs too much or bodies come nearer than 5 mm. The best one is
+    returned.
 
     A box fits if J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in its
     middle along straight ways to all corners, inside the joint limits, and no bodies collide in the
@@ -149,15 +163,19 @@ def best_cell(
     ----------
     task
         The task.
-    size : float or (k,) array
-        Edges of the box, m: one number, or one per position that the task commands.
+    size : float or (k,) array, optional
+        Edges of the box, m: one number, or one per position that the task commands; by default the
+        largest sector.
     orientation : str or (3, 3) array, optional
         Direction of the tool's z axis, ``"down"``, ``"forward"`` (along x of the base) or
         ``"up"``; or a rotation matrix. By default, the orientation at the task's reference.
     yaw
         Angle by which the tool is then turned about the base's z axis, rad.
     at : (3,) array, optional
-        Middle to be near to, m; by default any.
+        Middle of the box to be near to, m; by default any.
+    heights, most_extra : (float, float)
+        Without a size: lowest and highest position of the frame above the arm's axis point, m; and
+        the maximum extra joint speed relative to J⁺, on average and at the worst pose.
     seed
         Random seed of the middles that are tried.
     progress : bool or callback
@@ -187,6 +205,10 @@ def best_cell(
             f"{task!r} is not redundant: with r = {task.r} the pose determines the joints",
             remedy="use another kind of task",
         )
+    if size is None:
+        return _whole(
+            task, _rotation(task, orientation, yaw), at, heights, most_extra, seed, progress
+        )
     edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
@@ -210,6 +232,52 @@ def best_cell(
     factor = float(cell.widths.max() / box.widths.max())
     reason = "" if factor == 1 else _obstruction(cell.scaled(1 / factor), q)
     return BestCell(cell, posture.q, factor, posture.margin, reason)
+
+
+def _whole(
+    task: Task,
+    rotation: Array,
+    at: ArrayLike | None,
+    heights: Any,
+    most_extra: Any,
+    seed: int,
+    progress: bool | Report,
+) -> BestCell:
+    """Find the largest sector at an orientation, as :func:`best_cell` does without a size."""
+    if at is not None:
+        raise InputError("requires size=", argument="at")
+    if task.m < 5:
+        raise InputError(
+            f": a {task.kind} task leaves the rotation free",
+            argument="orientation",
+            remedy="use a pose or axis task, or give size=",
+        )
+    low, high = _pair(heights, "heights", "m")
+    mean, worst = _pair(most_extra, "most_extra")
+    if mean <= 0:
+        raise InputError("must be above 0", argument="most_extra")
+    with reporter(progress) as report:
+        found = whole_table(
+            task,
+            rotation,
+            heights=(low, high),
+            most_extra=(mean, worst),
+            seed=as_int(seed, "seed", 0),
+            report=report,
+        )
+    design = found.design
+    return BestCell(design.cell, design.posture, 1.0, design.limit_margin_worst, "", found)
+
+
+def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
+    """Check two numbers, the smaller first; they may be infinite."""
+    try:
+        low, high = (float(each) for each in value)
+    except (TypeError, ValueError):
+        raise InputError(f"must be two numbers {unit}".rstrip(), argument=name) from None
+    if not low < high:
+        raise InputError(f"must rise; got {low:g}, {high:g}", argument=name)
+    return low, high
 
 
 def _rotation(task: Task, orientation: Any, yaw: float) -> Array:

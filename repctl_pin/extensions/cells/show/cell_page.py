@@ -97,7 +97,7 @@ def cell_page(
         "Slices through the centre of the cell (+). First: the smallest joint-limit margin. "
         "Second: joint speed relative to the desired controller at the same configurations."
     )
-    if isinstance(design.cell, Sector) and design.evaluation.turns:
+    if isinstance(design.cell, Sector) and design.evaluation.turns and design.cell.tilted:
         words += " Third: range of the angle that is inside the joint's limits at every tilt."
     animation, still = "", None
     if motions:
@@ -110,10 +110,10 @@ def cell_page(
         style="report.css",
         title=f"{task.robot.name}: one function for a cell",
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
-        headline=cell_headline(design, motions, notes),
+        headline=cell_headline(design, motions),
         animation=animation.replace("<body>", '<body class="inside">', 1),
         still=still,
-        tour=_OF_THE_TOUR,
+        tour=" ".join([_OF_THE_TOUR, *(f"{capital(note)}." for note in notes)]),
         slices=None if slices is None else framed(slices, words),
         figures=design.figures(),
         command=command,
@@ -145,9 +145,7 @@ def _tour_page(
     )
 
 
-def cell_headline(
-    design: CellDesign, motions: Mapping[str, Motion] | None = None, notes: Sequence[str] = ()
-) -> Headline:
+def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = None) -> Headline:
     """Write what one function covers, and its cost; and as notes the limits and the bodies.
 
     The limit margin and the body distance are the smallest known in the cell.
@@ -158,8 +156,6 @@ def cell_headline(
         The function and its figures of merit.
     motions
         Motions along a sample path, by controller; the last one is the function's.
-    notes
-        Notes on these motions.
     """
     path = list((motions or {}).values())[-1:]
     said = [_limits(design, path), *_bodies(design, path)]
@@ -169,7 +165,6 @@ def cell_headline(
             said.append(Span(f"On the sample path, {times}.", "bad"))
     if design.proof is None:
         said.append(Span(f"Tested at {design.held_out:,} poses, not proved."))
-    said += [Span(f"{capital(note)}.") for note in notes]
     sentence = Span(_covered(design)), _cost(design)
     return Headline(tuple(map(_unbroken, sentence)), tuple(map(_unbroken, said)))
 

@@ -1,0 +1,44 @@
+"""Cuts of a cell: the sides to move inward so that poses at which a function fails lie outside."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....base.arguments import Array
+
+_INSIDE = 0.01
+"""Distance in u, from −1 to 1 over a cell, by which a cut leaves out more than the worst pose."""
+
+
+def cut_sides(U: Array, bad: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Find a large box of coordinates that has no bad pose: its low and high corner (k,).
+
+    One side at a time is moved inward, such that least volume is lost per bad pose that it leaves
+    out. U (K, k) are coordinates from −1 to 1, ``bad`` (K,) says at which of them a function fails.
+    """
+    k = U.shape[1]
+    low, high = np.full(k, -1.0), np.full(k, 1.0)
+    wrong = U[bad]
+    while len(wrong):
+        best: tuple[float, int, float, float] = np.inf, 0, 1.0, 0.0
+        for axis in range(k):
+            width = high[axis] - low[axis]
+            for way in (1.0, -1.0):
+                end = high[axis] if way > 0 else -low[axis]
+                at = np.sort(way * wrong[:, axis])[::-1]  # the outermost first
+                lost = (end - at + _INSIDE) / max(width, 1e-12)
+                # cost of the logarithm of the volume, per pose that is left out
+                cost = -np.log(np.maximum(1e-12, 1 - lost)) / np.arange(1, len(at) + 1)
+                one = int(np.argmin(cost))
+                if cost[one] < best[0]:
+                    best = float(cost[one]), axis, way, float(at[one])
+        _, axis, way, at_ = best
+        if way > 0:
+            high[axis] = at_ - _INSIDE
+        else:
+            low[axis] = -at_ + _INSIDE
+        if high[axis] <= low[axis]:
+            return low, low
+        wrong = wrong[((wrong >= low) & (wrong <= high)).all(axis=1)]
+    return low, high

@@ -1,0 +1,212 @@
+"""Floods: what an arm reaches of a table from one configuration, without a change of branch.
+
+A table is a grid of radius and height around the axis of the joint that turns the whole arm. A
+flood begins at a node with one configuration and spreads from neighbour to neighbour, all floods at
+once. It stops at joint limits, singularities, and where a joint would jump.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....base.arguments import Array
+from ....model.task import Task
+from ..geometry.kinematics import placed
+
+SPACING = 0.03
+"""Spacing of the nodes, m."""
+
+_MARGIN = 0.05
+"""Limit margin, rad, m, or that share of the joint's range if it is less, where a flood stops."""
+
+_SINGULAR = 0.02
+"""σ_min / σ_max of J, of the joints that are not locked, at which a flood stops."""
+
+_STEP = 0.45
+"""Largest step of a joint between neighbours, rad or m."""
+
+_PUSH, _ROOM = 0.3, 0.15
+"""Gain of the motion away from the joint limits, and the margin at which it begins, rad or m."""
+
+_EXACT = 1e-6
+_PUSHED, _ITERATIONS = 3, 9
+"""Newton steps with motion away from the limits, and in all."""
+
+_WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+class Table(NamedTuple):
+    """Grid of poses: radius and height around an axis, at the angle 0 and one orientation.
+
+    Attributes
+    ----------
+    task : Task
+        The task.
+    origin, outward, up : (3,) arrays
+        Point on the axis, m; directions of the radius and of the axis.
+    rotation : (3, 3) array
+        Orientation of the frame.
+    radii, heights : (I,) and (J,) arrays
+        Coordinates of the nodes, m.
+    counted : (n,) array of bool
+        Joints whose limits count; those that alone turn the arm or the tool are left out.
+    """
+
+    task: Task
+    origin: NDArray[Any]
+    outward: NDArray[Any]
+    up: NDArray[Any]
+    rotation: NDArray[Any]
+    radii: NDArray[Any]
+    heights: NDArray[Any]
+    counted: NDArray[np.bool_]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of radii and heights."""
+        return len(self.radii), len(self.heights)
+
+    def goals(self, nodes: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return the positions (K, 3), m, and rotations (K, 3, 3) of nodes (K, 2)."""
+        rho, z = self.radii[nodes[:, 0]], self.heights[nodes[:, 1]]
+        p = self.origin + rho[:, None] * self.outward + z[:, None] * self.up
+        return p, np.broadcast_to(self.rotation, (len(nodes), 3, 3))
+
+    def margins(self, Q: Array) -> Array:
+        """Evaluate the smallest margin (K,) of the joints that count, relative to its minimum."""
+        least = _MARGIN * np.minimum(1.0, self.task.upper - self.task.lower)
+        return np.asarray(
+            (self.task.limit_margin(Q) / least)[:, self.counted].min(axis=1, initial=np.inf)
+        )
+
+    def solved(
+        self, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bool_], iterations: int
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Solve for the poses of nodes (K, 2) from Q (K, n), with joints ``held`` (K, n) locked.
+
+        Return the configurations, and where they are exact, inside the limits and regular (K,).
+        """
+        task, Q = self.task, Q.copy()
+        p_goal, R_goal = self.goals(nodes)
+        inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
+        on, left = np.arange(len(Q)), np.full(len(Q), np.inf)
+        for i in range(iterations + 1):
+            p, R, J = placed(task, Q[on])
+            J = J * ~held[on, None, :]
+            e = task.kind.errors(p, R, p_goal[on], R_goal[on])
+            left[on] = np.abs(e).max(axis=1)
+            if i == iterations:
+                break
+            push = np.zeros_like(Q[on])
+            if i < min(_PUSHED, iterations - 3):
+                low = np.maximum(0.0, task.lower + inner - Q[on])
+                high = np.maximum(0.0, Q[on] - task.upper + inner)
+                push = _PUSH * (low - high) * (self.counted & ~held[on])
+            # Δq = J⁺ (e − J b) + b
+            JJ = J @ np.swapaxes(J, 1, 2) + 1e-10 * np.eye(task.m)
+            b = (e - np.einsum("Kmn,Kn->Km", J, push))[..., None]
+            dQ = np.einsum("Kmn,Km->Kn", J, np.linalg.solve(JJ, b)[..., 0]) + push
+            longest = np.abs(dQ).max(axis=1, keepdims=True)
+            Q[on] += dQ * np.minimum(1.0, _STEP / np.maximum(longest, 1e-12))
+            busy = (left[on] > 1e-8) | (i < min(_PUSHED, iterations - 3))
+            on = on[busy]
+            if not len(on):
+                break
+        good = np.flatnonzero(left < _EXACT)
+        good = good[self.margins(Q[good]) > 1]
+        J = placed(task, Q[good])[2] * ~held[good, None, :]
+        squares = np.linalg.eigvalsh(J @ np.swapaxes(J, 1, 2))
+        fine = np.zeros(len(Q), bool)
+        fine[good] = squares[:, 0] > _SINGULAR**2 * squares[:, -1]
+        return Q, fine
+
+
+def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bool_]) -> Array:
+    """Flood a table from S seeds, all at once: configurations (S, I, J, n), NaN where not reached.
+
+    ``nodes`` (S, 2) and Q (S, n) are the nodes and configurations of the seeds, ``held`` (S, n) the
+    joints that are locked.
+    """
+    S, (rows, columns) = len(Q), table.shape
+    found = np.full((S, rows, columns, table.task.n), np.nan)
+    seed = np.arange(S)
+    found[seed, nodes[:, 0], nodes[:, 1]] = Q
+    front = np.column_stack([seed, nodes])
+    while len(front):
+        # neighbours of the front that are not reached yet, each from one node
+        beside = np.concatenate([front + (0, *way) for way in _WAYS])
+        parent = np.tile(np.arange(len(front)), len(_WAYS))
+        i, j = beside[:, 1], beside[:, 2]
+        inside = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
+        beside, parent = beside[inside], parent[inside]
+        new = np.isnan(found[beside[:, 0], beside[:, 1], beside[:, 2], 0])
+        beside, first = np.unique(beside[new], axis=0, return_index=True)
+        if not len(beside):
+            break
+        start = front[parent[new][first]]
+        before = found[start[:, 0], start[:, 1], start[:, 2]]
+        Q, good = table.solved(beside[:, 1:], before, held[beside[:, 0]], _ITERATIONS)
+        good &= np.abs(Q - before).max(axis=1) < _STEP
+        front = beside[good]
+        found[front[:, 0], front[:, 1], front[:, 2]] = Q[good]
+    return found
+
+
+def connected(mask: NDArray[np.bool_], nodes: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return the parts of masks (S, I, J) that are connected to one node (S, 2) of each."""
+    found = np.zeros_like(mask)
+    seed = np.arange(len(mask))
+    found[seed, nodes[:, 0], nodes[:, 1]] = mask[seed, nodes[:, 0], nodes[:, 1]]
+    while True:
+        wide = found.copy()
+        wide[:, 1:] |= found[:, :-1]
+        wide[:, :-1] |= found[:, 1:]
+        wide[:, :, 1:] |= found[:, :, :-1]
+        wide[:, :, :-1] |= found[:, :, 1:]
+        wide &= mask
+        if (wide == found).all():
+            return found
+        found = wide
+
+
+class Rectangles(NamedTuple):
+    """Largest rectangle of nodes in each of S masks; all attributes have one row per mask.
+
+    Attributes
+    ----------
+    area : (S,) array
+        Area between the outer nodes, in units of the spacing squared.
+    first, last : (S, 2) arrays of int
+        Indices of radius and height of two opposite nodes.
+    """
+
+    area: NDArray[Any]
+    first: NDArray[np.intp]
+    last: NDArray[np.intp]
+
+
+def rectangles(mask: NDArray[np.bool_]) -> Rectangles:
+    """Find the largest rectangle in each of the masks (S, I, J)."""
+    S, rows, columns = mask.shape
+    area = np.zeros(S)
+    first, last = np.zeros((S, 2), int), np.zeros((S, 2), int)
+    for low in range(rows):
+        open_ = np.ones((S, columns), bool)
+        for high in range(low, rows):
+            open_ &= mask[:, high]
+            if not open_.any():
+                break
+            # length of the run of open columns that ends at each column
+            at = np.arange(columns)
+            shut = np.maximum.accumulate(np.where(open_, -1, at), axis=1)
+            run = np.where(open_, at - shut, 0)
+            end = run.argmax(axis=1)
+            width = run[np.arange(S), end] - 1
+            larger = width * (high - low) > area
+            area[larger] = (width * (high - low))[larger]
+            first[larger] = np.column_stack([np.full(S, low), end - width])[larger]
+            last[larger] = np.column_stack([np.full(S, high), end])[larger]
+    return Rectangles(area, first, last)

@@ -1,0 +1,486 @@
+"""The whole table: the largest sector around an arm that one function covers at one orientation.
+
+Floods over radius and height show what the arm reaches without a change of branch. The largest
+rectangles in the best of them are the sectors for which functions are designed.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ....base.arguments import Array
+from ....base.errors import InputError
+from ....base.progress import Report
+from ....model.bodies import bodies_of
+from ....model.task import Task
+from ....motion.solve_ik import random_configurations
+from ....strategies import Pseudoinverse
+from ..cell_design import CellDesign
+from ..evaluate.reach import unlike_rows
+from ..evaluate.turning import reduced
+from ..fit.cell_fit import CellFit
+from ..fit.trimming import Wanted, covered_share, ended_at_bodies, trimmed
+from ..geometry.cell import Cell
+from ..geometry.cell_arguments import VERTICAL
+from ..geometry.kinematics import placed
+from ..geometry.sector import HEIGHT, RADIUS, Sector
+from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
+from .flood import SPACING, Table, connected, flooded, rectangles
+from .posture_search import given
+
+_DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
+"""Numbers of random configurations, of floods from them, and of floods with locked joints."""
+
+_MIDDLES, _TESTED, _DESIGNED = 12, 8, 3
+"""Numbers of middles of locked floods from which others begin, of floods whose bodies are tested,
+and of postures for which functions are designed."""
+
+_ALIKE = 0.3
+"""Difference of the joints, rad or m, below which two postures are alike."""
+
+_CLEAR = 0.005
+"""Body distance that a whole table keeps, m."""
+
+_NEAREST = 0.06
+"""Smallest radius of a node, m."""
+
+_HELD_OUT = 8192
+_SETTLED = 40
+"""Newton steps with which a random configuration is brought to a node."""
+
+
+class LockedJoints(NamedTuple):
+    """What the best arm with locked joints, the trivial repeatable controller, covers of a sector.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        Names of the r joints that are locked.
+    values : tuple of float
+        Where they are locked, rad or m.
+    share : float
+        Share of the sector's radii and heights that it covers, on a grid of 3 cm.
+    extra, worst : float
+        Extra joint speed relative to J⁺, on average and at the worst node.
+    """
+
+    joints: tuple[str, ...]
+    values: tuple[float, ...]
+    share: float
+    extra: float
+    worst: float
+
+    def __str__(self) -> str:
+        pairs = zip(self.joints, self.values, strict=True)
+        where = " and ".join(f"{name} at {value + 0.0:.2f}" for name, value in pairs)
+        if not self.share:
+            return f"{where} locked: covers none of it"
+        return (
+            f"{where} locked: covers {100 * self.share:.0f} % of it, "
+            f"+{100 * self.extra:.1f} % on average, +{100 * self.worst:.0f} % at the worst pose"
+        )
+
+
+class WholeTable(NamedTuple):
+    """The largest sector that one function covers, see :func:`whole_table`.
+
+    Attributes
+    ----------
+    design : CellDesign
+        The function over the sector.
+    locked : LockedJoints or None
+        The best arm with locked joints, for comparison.
+    reach, rectangle : float
+        Area of radii and heights that any flood reaches, and of the largest rectangle in one, m².
+    floods : list of (I, J) arrays of bool
+        For each flood that was tested, the nodes that it reaches without collision.
+    table : Table
+        The nodes.
+    """
+
+    design: CellDesign
+    locked: LockedJoints | None
+    reach: float
+    rectangle: float
+    floods: list[NDArray[np.bool_]]
+    table: Table
+
+    @property
+    def area(self) -> float:
+        """Area of radius and height of the sector, m²."""
+        return area_of(self.design.cell)
+
+
+def area_of(cell: Cell) -> float:
+    """Compute the area of radius and height of a sector, m²."""
+    return float(4 * cell.widths[RADIUS] * cell.widths[HEIGHT])
+
+
+class _Floods(NamedTuple):
+    """S floods, with the largest rectangle of each.
+
+    Attributes
+    ----------
+    Q : (S, I, J, n) array
+        Configurations; NaN where a flood does not reach.
+    nodes : (S, 2) array of int
+        Node at which each flood begins.
+    held : (S, n) array of bool
+        Joints that are locked.
+    """
+
+    Q: Array
+    nodes: NDArray[np.intp]
+    held: NDArray[np.bool_]
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """Nodes that each flood reaches, (S, I, J)."""
+        return np.isfinite(self.Q[..., 0])
+
+    def middles(self) -> tuple[Array, NDArray[np.intp], Array]:
+        """Return the areas (S,) of the largest rectangles, and nodes and Q in their middles."""
+        found = rectangles(self.reached)
+        nodes = (found.first + found.last) // 2
+        empty = found.area == 0
+        nodes[empty] = self.nodes[empty]
+        return found.area, nodes, self.Q[np.arange(len(self.Q)), nodes[:, 0], nodes[:, 1]]
+
+
+def whole_table(
+    task: Task,
+    rotation: Array,
+    *,
+    heights: tuple[float, float],
+    most_extra: tuple[float, float],
+    seed: int,
+    report: Report,
+) -> WholeTable:
+    """Find the largest sector at one orientation that one function covers, and design it.
+
+    Parameters
+    ----------
+    task
+        The task.
+    rotation : (3, 3) array
+        Orientation of the frame where the angle is 0, along x of the base.
+    heights
+        Lowest and highest position of the frame above the base, m.
+    most_extra
+        Maximum extra joint speed, on average and at the worst pose.
+    seed
+        Random seed.
+    report
+        Progress callback.
+    """
+    line, symmetries = _symmetries(task)
+    report("random configurations", 0.0)
+    rng = np.random.default_rng(seed)
+    table, nodes, Q = _drawn(task, rotation, line, symmetries, heights, rng)
+    report("floods", 0.1)
+    locked = _locked_floods(table, nodes, Q, rng)
+    floods = _free_floods(table, nodes, Q, locked)
+    reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
+    report("bodies", 0.25)
+    clear = _clear(table, floods)
+    area, _, postures = clear.middles()
+    if not area.any():
+        raise InputError(
+            f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
+            "at this orientation",
+            remedy="turn the tool, or use --size or another kind of task",
+        )
+    found = rectangles(clear.reached)
+    order = np.argsort(-area * _turns(table, clear, symmetries))
+    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
+    fit = CellFit(
+        Pseudoinverse(task),
+        "auto",
+        limit_margin=0.05,
+        body_distance=0.0,
+        sigma_min=0.0,
+        samples=None,
+        held_out=_HELD_OUT,
+        seed=seed,
+        keep=True,
+    )
+    wanted = Wanted(*most_extra, _CLEAR)
+    quick = []
+    for k, one in enumerate(order):
+        report(f"posture {k + 1} of {len(order)}", 0.3 + 0.15 * k)
+        cell = _sector(table, line, symmetries, found.first[one], found.last[one])
+        with suppress(InputError):
+            q = given(cell, postures[one])
+            share, design = covered_share(fit, cell, q, wanted)
+            quick.append((share * _worth(cell, design), cell, q))
+    quick.sort(key=lambda part: -part[0])
+    for k, (_, cell, q) in enumerate(quick):
+        report("the function", 0.75 + 0.08 * k)
+        part = trimmed(fit, cell, q, wanted)
+        if part is None:
+            continue
+        cell, q, design = part
+        free = [i for i in cell.free if i in cell._removed]
+        design = ended_at_bodies(fit, design, free, _CLEAR)
+        report("locked joints", 0.95)
+        baseline = _best_locked(table, locked, design)
+        masks = list(clear.reached)
+        return WholeTable(design, baseline, reach, float(area.max() * SPACING**2), masks, table)
+    raise InputError("no function covers a sector at this orientation", remedy="use --size")
+
+
+def _worth(cell: Cell, design: CellDesign | None) -> float:
+    """Evaluate a quick design by area, how far round it goes, body distance and joint speed."""
+    if design is None:
+        return 0.5 * area_of(cell)
+    near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < _CLEAR else 1.0
+    turns = [max(min(turn.reach / np.pi / 2, 1.0), 0.0) for turn in design.evaluation.turns]
+    extra = float(np.nan_to_num(design.extra_speed, nan=1.0))
+    return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
+
+
+def _turns(table: Table, floods: _Floods, symmetries: tuple[Symmetry, ...]) -> Array:
+    """Evaluate how far round the largest rectangle of each flood goes: (S,), from 0.5 to 1.
+
+    The joint that turns the arm or the tool loses the range by which it differs over the rectangle.
+    """
+    found, task, share = rectangles(floods.reached), table.task, np.ones(len(floods.Q))
+    for k, flood in enumerate(floods.Q):
+        (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
+        Q = flood[i:i_end, j:j_end].reshape(-1, task.n)
+        for one in symmetries:
+            q = Q[:, one.joint]
+            left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(q)
+            share[k] = min(share[k], max(0.0, min(left / (2 * np.pi), 1.0)))
+    return 0.5 + 0.5 * share
+
+
+def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
+    """Find the vertical axis (2, 3) about which a joint turns the whole arm, and all symmetries.
+
+    Raises
+    ------
+    InputError
+        If there is none: the table around the arm is then no sector.
+    """
+    line = own_axis(task)
+    name = task.robot.name
+    if line is None:
+        first = task.joint_names[0]
+        raise InputError(
+            f"no joint of {name} turns the whole arm about an axis that stands still: there is no "
+            "sector around it",
+            remedy=f"hold {first!r} with --lock, or give --size",
+        )
+    if difference(line, VERTICAL)[0] > NEAR:
+        tilt = np.degrees(difference(line, VERTICAL)[0])
+        raise InputError(
+            f"the axis about which {name} turns is tilted by {tilt:.0f}° from the vertical: the "
+            "tool would not stay down on the way around it",
+            remedy="give --size",
+        )
+    around = axis_symmetry(task, line)
+    assert around is not None, "own_axis tested it"
+    about = tool_symmetry(task) if task.kind == "pose" else None
+    return line, (around,) if about is None else (around, about)
+
+
+def _drawn(
+    task: Task,
+    rotation: Array,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    heights: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[Table, NDArray[np.intp], Array]:
+    """Draw random configurations and bring each to the nearest node: (K, 2) and (K, n)."""
+    Q = random_configurations(task, _DRAWN, rng)
+    p = placed(task, Q)[0] - line[0]
+    z = p @ line[1]
+    flat = p - z[:, None] * line[1]
+    rho = np.linalg.norm(flat, axis=1)
+    low, high = max(heights[0], z.min()), min(heights[1], z.max())
+    counted = np.ones(task.n, bool)
+    counted[[one.joint for one in symmetries]] = False
+    table = Table(
+        task,
+        line[0],
+        np.array([1.0, 0.0, 0.0]),
+        line[1],
+        rotation,
+        np.arange(_NEAREST, rho.max() + SPACING, SPACING),
+        np.arange(np.ceil(low / SPACING - 1e-9), np.floor(high / SPACING + 1e-9) + 1) * SPACING,
+        counted,
+    )
+    if len(table.heights) < 2:
+        raise InputError(
+            f"the arm reaches no heights between {heights[0]:g} and {heights[1]:g} m",
+            argument="heights",
+        )
+    # turned so that the frame lies at the angle 0
+    around = symmetries[0]
+    Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
+    at = np.column_stack([(rho - _NEAREST) / SPACING, (z - table.heights[0]) / SPACING])
+    nodes = np.clip(np.rint(at).astype(int), 0, np.array(table.shape) - 1)
+    Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), _SETTLED)
+    if not good.any():
+        raise InputError(
+            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
+            remedy="turn the tool, or use another kind of task",
+        )
+    return table, nodes[good], Q[good]
+
+
+def _locked_floods(
+    table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
+) -> _Floods:
+    """Flood a table with r random joints locked, at 0 or as in random configurations."""
+    task = table.task
+    rows = rng.integers(len(Q), size=_LOCKED)
+    joints = np.flatnonzero(table.counted)
+    held = np.zeros((_LOCKED, task.n), bool)
+    for row in held:
+        row[rng.permutation(joints)[: task.r]] = True
+    begin = Q[rows]
+    zero = held & ((np.arange(_LOCKED) % 2) == 0)[:, None] & (task.lower < 0) & (task.upper > 0)
+    begin = np.where(zero, 0.0, begin)
+    solved, good = table.solved(nodes[rows], begin, held, _SETTLED)
+    rows, solved, held = rows[good], solved[good], held[good]
+    return _Floods(flooded(table, nodes[rows], solved, held), nodes[rows], held)
+
+
+def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Floods) -> _Floods:
+    """Flood a table from random configurations far apart, and from middles of locked floods."""
+    counted = table.counted
+    kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
+    while len(kept) < min(_SEEDS, len(Q)):
+        kept.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm((Q - Q[kept[-1]])[:, counted], axis=1))
+    begin, at = Q[kept], nodes[kept]
+    if len(locked.Q):
+        area, middles, postures = locked.middles()
+        order = np.argsort(-area)
+        order = order[unlike_rows(postures[order], _ALIKE, _MIDDLES)]
+        begin = np.concatenate([begin, postures[order]])
+        at = np.concatenate([at, middles[order]])
+    held = np.zeros(begin.shape, bool)
+    return _Floods(flooded(table, at, begin, held), at, held)
+
+
+def _clear(table: Table, floods: _Floods) -> _Floods:
+    """Remove nodes with collisions from the best floods, and what is then no longer connected."""
+    area, _, postures = floods.middles()
+    order = np.argsort(-area)
+    order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
+    Q = floods.Q[order].copy()
+    for flood in Q:
+        on = np.argwhere(np.isfinite(flood[..., 0]))
+        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]])]
+        flood[shut[:, 0], shut[:, 1]] = np.nan
+    nodes, held = floods.nodes[order], floods.held[order]
+    clear = _Floods(Q, nodes, held)
+    # the part in which the largest rectangle lies
+    _, middles, _ = clear.middles()
+    Q[~connected(clear.reached, middles)] = np.nan
+    return _Floods(Q, middles, held)
+
+
+def _near(table: Table, on: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
+    """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
+
+    Where convex hulls are too near, the bodies themselves are tested at one node of nine, because
+    that test takes forty times as long. Surroundings may be in the way at the angle 0 alone, so
+    they are tested at five angles.
+    """
+    task, bodies = table.task, bodies_of(table.task)
+    hulls = np.flatnonzero(bodies.hull_distances(Q) < _CLEAR)
+    _, first, block = np.unique(on[hulls] // 3, axis=0, return_index=True, return_inverse=True)
+    some = hulls[first]
+    near = bodies.distances(Q[some]) < _CLEAR
+    if task.robot.surroundings is not None:
+        around = np.eye(task.n)[np.flatnonzero(~table.counted)[0]]
+        for turn in (0.9, -0.9, 1.8, -1.8):
+            near[near] = bodies.distances(Q[some[near]] + turn * around) < _CLEAR
+    found = np.zeros(len(Q), bool)
+    found[hulls] = near[block.ravel()]
+    return found
+
+
+def _sector(
+    table: Table,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    first: NDArray[np.intp],
+    last: NDArray[np.intp],
+) -> Cell:
+    """Make the sector between two nodes, with its symmetric coordinates as far as they go."""
+    low = np.array([table.radii[first[0]], table.heights[first[1]]])
+    high = np.array([table.radii[last[0]], table.heights[last[1]]])
+    (rho, z), half = (low + high) / 2, (high - low) / 2
+    p = table.origin + rho * table.outward + z * table.up
+    spin = "all" if len(symmetries) > 1 else 0.0
+    sector = Sector(
+        table.task,
+        pin.SE3(table.rotation, p),
+        radius=float(half[0]),
+        height=float(half[1]),
+        angle="all",
+        spin=spin,
+        axis=line,
+    )
+    return reduced(sector, Pseudoinverse(table.task))
+
+
+def _best_locked(table: Table, locked: _Floods, design: CellDesign) -> LockedJoints | None:
+    """Find the locked floods that cover most of a design's sector, and the cheapest of them."""
+    if not len(locked.Q):
+        return None
+    cell = design.function.chart.cell
+    rho, z = cell.middle
+    inside = np.abs(table.radii - rho)[:, None] <= cell.widths[RADIUS] + 1e-9
+    inside = inside & (np.abs(table.heights - z)[None] <= cell.widths[HEIGHT] + 1e-9)
+    if not inside.any():
+        return None
+    task, covered = table.task, locked.reached & inside
+    share = covered.sum(axis=(1, 2)) / inside.sum()
+    best: LockedJoints | None = None
+    for one in np.argsort(-share)[:4]:
+        if share[one] < share.max() - 0.05 and best is not None:
+            break
+        on = np.argwhere(covered[one])
+        if not len(on):
+            continue
+        Q = locked.Q[one, on[:, 0], on[:, 1]]
+        Q = Q[~_near(table, on, Q)]
+        if not len(Q):
+            continue
+        extra, worst = _locked_price(cell, Q, locked.held[one])
+        joints = np.flatnonzero(locked.held[one])
+        names = tuple(task.joint_names[j] for j in joints)
+        row = len(Q) / int(inside.sum()), extra, worst
+        made = LockedJoints(names, tuple(Q[0, joints].tolist()), *row)
+        if best is None or (round(made.share, 1), -made.extra) > (
+            round(best.share, 1),
+            -best.extra,
+        ):
+            best = made
+    return best
+
+
+def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
+    """Evaluate the extra joint speed, mean and worst, of an arm with locked joints at Q (K, n)."""
+    p, R, J = placed(cell.task, Q)
+    Y = cell._measured(p, R)
+    E = cell._all_twists(Y, R)
+    moved = [*cell.moved, *cell._removed]
+    E = E[:, :, moved]
+    squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
+    C = (V / np.sqrt(squares)[:, None]) @ np.swapaxes(V, 1, 2)
+    own, usual = ((np.linalg.pinv(each) @ E @ C) for each in (J * ~held, J))
+    mine, least = ((speeds**2).sum(axis=(1, 2)) for speeds in (own, usual))
+    return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)

@@ -1,0 +1,62 @@
+"""The whole tables of several arms, for the table in docs/how-to/cell.md.
+
+Run ``python tests/benchmarks/whole_tables.py [ARM …]``. Each line is one call of ``rp.best_cell``
+without a size: areas of radius and height in m², angle and spin in degrees, extra joint speed in
+percent, body distance in cm, and processor time in s. An arm is a catalogue name or a URDF.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+
+import repctl_pin as rp
+
+ARMS = ["panda", "xarm7", "fr3", "baxter", "kinova", "ur5", "tiago", "talos", "z1"]
+TITLES = [
+    "arm",
+    "reach",
+    "rectangle",
+    "designed",
+    "angle",
+    "spin",
+    "mean",
+    "worst",
+    "bodies",
+    "time",
+    "locked",
+]
+
+
+def line(name: str) -> list[str]:
+    """Find the whole table of one arm; return the entries of its line."""
+    robot = rp.Robot.load(name)
+    frame = robot.default_frame
+    kind = "pose" if len(robot.chain(frame)) > 6 else "axis"
+    begin = time.process_time()
+    try:
+        found = rp.best_cell(robot.task(frame, kind), orientation="down")
+    except rp.InputError as error:
+        return [name, f"refused: {error}"]
+    seconds = time.process_time() - begin
+    table, design = found.table, found.table.design
+    widths = dict(zip(found.cell.coordinate_names, found.cell.widths, strict=True))
+    turns = [f"{np.degrees(2 * widths.get(way, 0.0)):.0f}" for way in ("angle", "spin")]
+    return [
+        f"{name}, {kind}",
+        *(f"{area:.3f}" for area in (table.reach, table.rectangle, table.area)),
+        *turns,
+        f"{100 * design.extra_speed:.2f}",
+        f"{100 * design.extra_speed_worst:.0f}",
+        f"{100 * design.body_distance:.1f}",
+        f"{seconds:.0f}",
+        str(table.locked),
+    ]
+
+
+if __name__ == "__main__":
+    print("| " + " | ".join(TITLES) + " |")
+    for arm in sys.argv[1:] or ARMS:
+        print("| " + " | ".join(line(arm)) + " |", flush=True)
