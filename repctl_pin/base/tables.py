@@ -475,7 +475,7 @@ def replaced(old: Column | None, cells: NewCells) -> Column:
     if old is None:
         return cells.values[:, 0]
     wide = old.reshape(len(old), -1).astype(old.dtype if old.dtype.kind == "f" else float)
-    wide[np.ix_(cells.rows, cells.at)] = cells.values[cells.rows]
+    wide[np.ix_(cells.rows, np.asarray(cells.at, np.intp))] = cells.values[cells.rows]
     return wide.reshape(old.shape)
 
 
@@ -541,7 +541,7 @@ class _Parquet(Table):
         import pyarrow
 
         missing = _flat(column).is_null().to_numpy(zero_copy_only=False).reshape(len(column), -1)
-        missing[np.ix_(cells.rows, cells.at)] = False
+        missing[np.ix_(cells.rows, np.asarray(cells.at, np.intp))] = False
         flat = pyarrow.array(values.ravel(), mask=missing.ravel())
         item = _item(column.type)
         if item is None:

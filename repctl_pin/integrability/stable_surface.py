@@ -115,7 +115,7 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """
     found = measure(strategy, Q)
     task = strategy.task
-    B = np.swapaxes(found.J, 1, 2)
+    B: NDArray[np.floating] = np.swapaxes(found.J, 1, 2)
     if isinstance(strategy, WeightedInverse):
         B = np.linalg.solve(strategy._weights(Q), B)  # M⁻¹ Jᵀ = G J M⁻¹ Jᵀ is as smooth as J
     B = found.G @ found.J @ B / joint_scale(task, Q[0])[:, None]

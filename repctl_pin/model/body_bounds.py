@@ -13,7 +13,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import Array
 from ..native import BODY_TABLES, filled_struct, library
@@ -171,10 +171,10 @@ class BodyBounds:
     def _native_tables(self) -> Any:
         """Create the struct :data:`BODY_TABLES` of these bodies and pairs."""
         joints = self._placements
-        ints = {"parent": joints.parents, "joint": self._joint}
+        ints: dict[str, ArrayLike] = {"parent": joints.parents, "joint": self._joint}
         ints |= {"first": self._first, "second": self._second}
         P = joints.fixed[:, :3, :3]
-        reals = {"fixed": P, "sine": joints.sine, "versine": joints.versine}
+        reals: dict[str, ArrayLike] = {"fixed": P, "sine": joints.sine, "versine": joints.versine}
         reals |= {"origin": joints.fixed[:, :3, 3]}
         reals |= {"slide": (P @ joints.slides[:, :, None])[:, :, 0]}
         reals |= {"centers": self._centers, "radii": self._radii}

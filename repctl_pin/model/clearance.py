@@ -171,7 +171,8 @@ class _Search:
         pairs, pieces = pairs[order], pieces[order]
         for pair in np.unique(pairs).tolist():
             here = pieces[slice(*np.searchsorted(pairs, [pair, pair + 1]))]
-            self._settle_pair(pair, rows[here] * 1.0, rows[here + 1] * 1.0)
+            begin, end = rows[[here, here + 1]].astype(np.float64)
+            self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
         """Settle a pair on M pieces, given by the positions of their ends (M,)."""

@@ -471,7 +471,7 @@ def _strips(
     ones = np.ones_like(slope)
     strips = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]
     effort = torques_along(limits, Q, slope, bend)
-    if effort is not None:
+    if effort is not None and limits.torque is not None:
         turning, moving, still = (part / limits.torque for part in effort)
         strips.append((turning, moving, -1 - still, 1 - still))
     along, across, low, high = (np.hstack(parts) for parts in zip(*strips, strict=True))

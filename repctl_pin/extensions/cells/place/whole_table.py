@@ -7,7 +7,7 @@ rectangles in the best of them are the sectors for which functions are designed.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -423,7 +423,7 @@ def _sector(
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
     (rho, z), half = (low + high) / 2, (high - low) / 2
     p = table.origin + rho * table.outward + z * table.up
-    spin = "all" if len(symmetries) > 1 else 0.0
+    spin: float | Literal["all"] = "all" if len(symmetries) > 1 else 0.0
     sector = Sector(
         table.task,
         pin.SE3(table.rotation, p),
@@ -441,6 +441,7 @@ def _best_locked(table: Table, locked: _Floods, design: CellDesign) -> LockedJoi
     if not len(locked.Q):
         return None
     cell = design.function.chart.cell
+    assert isinstance(cell, Sector)
     rho, z = cell.middle
     inside = np.abs(table.radii - rho)[:, None] <= cell.widths[RADIUS] + 1e-9
     inside = inside & (np.abs(table.heights - z)[None] <= cell.widths[HEIGHT] + 1e-9)
