@@ -213,8 +213,7 @@ class Parser(argparse.ArgumentParser):
 
     def weight(self) -> None:
         """Add --weight, the joint weights that select the inverse to check or to approximate."""
-        words = "inertia, limits, absolute (link angles of a planar arm)"
-        what = f"joint weights: {words} or w1,w2,… (default 1)"
+        what = "joint weights: inertia, limits, absolute, w1,w2,…"
         self.add_argument("--weight", metavar="M", help=what)
 
     def json(self, instead: str = "text", *, quiet: bool = False) -> None:
