@@ -13,7 +13,7 @@ import time
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -121,6 +121,23 @@ def few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fit and evaluate designs at 1024 nodes, where their number is left to the package."""
     for name in ("_LEAST_NODES", "NODES"):
         monkeypatch.setattr(f"repctl_pin.design.fit.{name}", 1024)
+
+
+@pytest.fixture
+def two_degrees(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Designs of automatic degree end at degree 2: the same in less time."""
+    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)
+
+
+@pytest.fixture
+def only_starts(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """A function that makes configurations, each with its words, the only default starts."""
+
+    def only(*offers: tuple[np.ndarray, str]) -> None:
+        starts = "repctl_pin.studies.choose_start.default_starts"
+        monkeypatch.setattr(starts, lambda task: iter(offers))
+
+    return only
 
 
 @pytest.fixture

@@ -694,9 +694,9 @@ class Stand:
     def hull_distances(self, Q: np.ndarray) -> np.ndarray:
         return Q[:, 1].copy()
 
-    def distances(self, Q: np.ndarray) -> np.ndarray:
+    def _all(self, Q: np.ndarray) -> tuple[np.ndarray, None]:
         self.tested += Q[:, 1].tolist()
-        return Q[:, 0].copy()
+        return Q[:, 0].copy(), None
 
 
 @pytest.mark.parametrize("overlaps", [0, 1, 20, 32, 200])

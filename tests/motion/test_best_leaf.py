@@ -12,6 +12,8 @@ from arms import planar_task
 
 import repctl_pin as rp
 
+BEST_LEAF = importlib.import_module("repctl_pin.motion.best_leaf")
+
 
 @pytest.fixture(scope="module")
 def tiago() -> rp.Design:
@@ -121,7 +123,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
 ) -> None:
     """A leaf with more room to limits, but a leaf margin under 0.1 and under the given one's, is
     refused."""
-    module = importlib.import_module("repctl_pin.motion.best_leaf")
+    module = BEST_LEAF
     path = rp.circle(panda_design.task, q_panda, 0.02)
     judged, seen = module._evaluated, []
 
@@ -143,7 +145,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
 
 
 def test_the_seed_fixes_it(monkeypatch) -> None:
-    module = importlib.import_module("repctl_pin.motion.best_leaf")
+    module = BEST_LEAF
     monkeypatch.setattr(module, "_DIRECTIONS", 1)
     monkeypatch.setattr(module, "_STRIDE", 0.5)
     task, q0 = (rp.Robot.load("planar4r").task("tool", "xy"), np.array([0.3, 0.8, 0.5, 0.7]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -121,7 +122,7 @@ def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("chosen", [True, False])
 def test_a_study_whose_motions_all_collide_says_so_first(
-    tmp_path: Path, chosen: bool, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, chosen: bool, only_starts: Callable[..., None]
 ) -> None:
     """Issue 52, item 26.10: a ball at the root of the third link lies in a ball around the arm.
 
@@ -129,8 +130,7 @@ def test_a_study_whose_motions_all_collide_says_so_first(
     task = beside(tmp_path, 0.45, 0.35, 0.0, '<sphere radius="0.3"/>')
     q0 = np.array([0.4, 0.9, 0.8])
     given = rp.Problem(task, start=q0, path=rp.circle(task, q0, 0.05))
-    starts = "repctl_pin.studies.choose_start.default_starts"
-    monkeypatch.setattr(starts, lambda task: iter([(q0, "first")]))
+    only_starts((q0, "first"))
     few = rp.FitOptions(samples=64, held_out=64)
     study = rp.study(given if chosen else rp.Problem(task), cycles=1, options=few)
     from repctl_pin.show.text.answer import study_answer

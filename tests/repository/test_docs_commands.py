@@ -45,10 +45,9 @@ def test_the_commands_are_found_and_parse() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, two_degrees: None
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)  # the same in less time
     shutil.copy(ROOT / "examples" / "my_arm.urdf", tmp_path)
     Path("workcell.urdf").write_text(SHELF, encoding="utf-8")
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")

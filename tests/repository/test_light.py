@@ -1,4 +1,4 @@
-"""A robot's computer needs six packages; whatever needs one that was left out names it."""
+"""A robot's computer needs seven packages; whatever needs one that was left out names it."""
 
 from __future__ import annotations
 

@@ -206,11 +206,11 @@ def test_the_commands_for_ones_own_arm_run(
     capsys: pytest.CaptureFixture[str],
     blank_pictures: None,
     few_nodes: None,
+    two_degrees: None,
 ) -> None:
     """In the README's order, with the two files it says to copy; later commands of a chain use what
     earlier ones wrote. What figures show is a matter of tests/show."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)  # the same in less time
     in_three_cycles(monkeypatch)
     few = some_of_them()
     monkeypatch.setattr("repctl_pin.model.catalogue.table", lambda: few)

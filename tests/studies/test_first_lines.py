@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,6 @@ import repctl_pin as rp
 from repctl_pin.studies.study import edge_warning
 
 NO_BETTER = "none of the default starts keeps the joint limits"
-STARTS = "repctl_pin.studies.choose_start.default_starts"
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 
@@ -64,14 +64,14 @@ def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Stud
 
 
 def test_a_default_start_keeps_limits_where_another_does(
-    planar: rp.Study, monkeypatch: pytest.MonkeyPatch
+    planar: rp.Study, only_starts: Callable[..., None]
 ) -> None:
     """The first start offered is at a limit, the second is not."""
     task = planar.task
     at_limit = planar.q0.copy()
     at_limit[0] = task.upper[0] - 1e-3
     both = [(at_limit, "first"), (planar.q0, "second")]
-    monkeypatch.setattr(STARTS, lambda task: iter(both))
+    only_starts(*both)
     path = lambda task, q0: rp.circle(task, q0, 0.1)  # noqa: E731
     study = rp.study(rp.Problem("planar4r", path=path), **QUICK)
     assert "the start is second" in study.notes and not study.row("repeatable").violations
@@ -80,17 +80,17 @@ def test_a_default_start_keeps_limits_where_another_does(
         .row("repeatable")
         .violations
     )
-    monkeypatch.setattr(STARTS, lambda task: iter([(at_limit, "first")]))
+    only_starts((at_limit, "first"))
     notes = rp.study(rp.Problem("planar4r", path=path), **QUICK).notes
     assert [note for note in notes if note.startswith(NO_BETTER)]
 
 
 def test_follow_says_that_default_starts_were_tried(
-    planar: rp.Study, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    planar: rp.Study, only_starts: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     at_limit = planar.q0.copy()
     at_limit[0] = planar.task.upper[0] - 1e-3
-    monkeypatch.setattr(STARTS, lambda task: iter([(at_limit, "first")]))
+    only_starts((at_limit, "first"))
     assert (
         main(
             [

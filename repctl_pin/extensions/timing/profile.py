@@ -392,6 +392,7 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class _Program:
     """Linear program of a profile, with K stages and L limits.
 

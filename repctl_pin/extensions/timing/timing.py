@@ -373,6 +373,7 @@ def approach(
     """
     task = require_type(motion, JointMotion, "motion", "a motion, such as rp.follow makes").task
     bodies = flag(bodies, "bodies")
+    rate = positive(rate, "rate", "samples per second")
     kept = joint_limits(task, limits)
     now = task.check(q_now, "q_now", beyond=RECOVERABLE)
     goal = motion.q[0]
@@ -401,7 +402,6 @@ def approach(
             lacking = named_links(known.unchecked)
             warnings.warn(f"collisions are not checked: no shape of {lacking}", stacklevel=2)
     line = begin + share * (end - begin)
-    rate = positive(rate, "rate", "samples per second")
     segment = fastest(line, kept)
     if kept.jerk is not None:
         from .jerk import with_jerk

@@ -128,9 +128,8 @@ function runOf(law, arm, { Q, V, perCycle, margin, last }, rows, cycles) {
   data.off = most.map((v, c) => [c ? most[c - 1] : 0, v]);
   let squares = 0;
   for (let i = 0; i < perCycle * n; i++) squares += V[i] * V[i];
-  const first = chain.own(start);
   const turned = ends.map((q) =>
-    chain.own(q).map((v, i) => (chain.turns[i] ? Math.abs(v - first[i]) : 0)),
+    Array.from(q, (v, i) => (chain.turns[i] ? Math.abs(v - start[i]) : 0)),
   );
   const others = ends.map((q) => othersOff(chain, at(0), q));
   const speed = Math.sqrt(squares / perCycle);
