@@ -161,13 +161,7 @@ class Continuation:
         begin = self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(
-                batches,
-                basis,
-                begin,
-                A,
-                penalty=penalty,
-                tolerance=tolerance,
-                report=self.reported,
+                batches, basis, begin, A, penalty=penalty, tolerance=tolerance, report=self.reported
             )
             penalty = min(10 * penalty, _MOST_PENALTY)
             lowest = self._lowest(found.A)
