@@ -602,10 +602,17 @@ def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
 
 
 def _parquet_bytes(table: Any) -> bytes:
+    import pyarrow
     import pyarrow.parquet
 
     out = io.BytesIO()
-    pyarrow.parquet.write_table(table, out)
+    try:
+        pyarrow.parquet.write_table(table, out)
+    except pyarrow.ArrowException as error:  # as null lists of a fixed size, before pyarrow 26
+        raise InputError(
+            f"pyarrow {pyarrow.__version__} cannot write this table: {error}",
+            remedy="use another version of pyarrow, or save an .npz file",
+        ) from None
     return out.getvalue()
 
 
