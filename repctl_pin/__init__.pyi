@@ -21,8 +21,8 @@ from .extensions.cells.fit.nearest_function import (
 from .extensions.cells.function import InverseFunction as InverseFunction
 from .extensions.cells.geometry.cell import Cell as Cell
 from .extensions.cells.geometry.sector import Sector as Sector
-from .extensions.cells.place.best_cell import BestCell as BestCell
-from .extensions.cells.place.best_cell import best_cell as best_cell
+from .extensions.cells.table.best_cell import BestCell as BestCell
+from .extensions.cells.table.best_cell import best_cell as best_cell
 from .extensions.point_to_point.motion_between import MotionBetween as MotionBetween
 from .extensions.point_to_point.motion_between import motion_between as motion_between
 from .extensions.proof.certify import prove as prove

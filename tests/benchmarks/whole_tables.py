@@ -14,20 +14,8 @@ import numpy as np
 
 import repctl_pin as rp
 
-ARMS = ["panda", "xarm7", "fr3", "baxter", "kinova", "ur5", "tiago", "talos", "z1"]
-TITLES = [
-    "arm",
-    "reach",
-    "rectangle",
-    "designed",
-    "angle",
-    "spin",
-    "mean",
-    "worst",
-    "bodies",
-    "time",
-    "locked",
-]
+ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "tiago", "talos", "z1")
+TITLES = "arm | reach | rectangle | designed | angle | spin | mean | worst | bodies | time | locked"
 
 
 def line(name: str) -> list[str]:
@@ -57,6 +45,6 @@ def line(name: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    print("| " + " | ".join(TITLES) + " |")
+    print(f"| {TITLES} |")
     for arm in sys.argv[1:] or ARMS:
         print("| " + " | ".join(line(arm)) + " |", flush=True)

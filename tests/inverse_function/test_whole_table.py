@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells.geometry.cut import cut_sides
-from repctl_pin.extensions.cells.place.flood import rectangles
+from repctl_pin.extensions.cells.table.flood import rectangles
 
 FEW = rp.FitOptions(samples=128, held_out=256)
 

@@ -387,12 +387,12 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
     degree = max(terms.degree, chart.monomials.degree, 3)
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
         degree += 1
-    steepest = degree
-    while cell.k == 2 and steepest < _STEEPEST and _terms(cell, steepest + 1) <= _MOST_TERMS:
+    steep, steepest = chart.monomials.degree > 4, degree
+    while steep and steepest < _STEEPEST and _terms(cell, steepest + 1) <= _MOST_TERMS:
         steepest += 1
     for d in range(max(terms.degree, 3), steepest + 1):
         count = _power_of_two(3 * _terms(cell, d))
-        count = max(count, _DENSE) if cell.k == 2 and not quick else count
+        count = max(count, _DENSE) if steep and not quick else count
         U = np.concatenate([cell.sample(count, 7), cell.corners()])
         U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
         points = CandidateFunction(chart, terms, descent.a).at(U)
@@ -403,7 +403,7 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
         follows = _follows(found, U[good], N)
         if d <= degree or follows:
             best = found, U[good], N
-        if close and (follows or chart.monomials.degree <= 4):
+        if close and (follows or not steep):
             break
     return _with_simple_fibres(*best)
 

@@ -34,7 +34,7 @@ from ..geometry.cell import Cell
 from ..geometry.cell_arguments import LEAST_WIDTH
 from ..place.posture_search import Candidate, given, searched
 from .cell_fit import MOST_UNKNOWNS, CellFit
-from .trimming import Wanted, ended_at_bodies, trimmed
+from .trimming import Required, ended_at_bodies, trimmed
 
 _HELD_OUT = 8192
 _MOST_DEGREE = 12
@@ -202,7 +202,7 @@ def nearest_inverse_function(
             return fit.priced(found, q)
         failures = found.failures if isinstance(found, CellDesign) else found
         if incomplete == "shrink":
-            part = trimmed(fit, cell, q, Wanted())
+            part = trimmed(fit, cell, q, Required())
             if part is not None:
                 free = [i for i in cell.free if i in cell._removed]
                 return ended_at_bodies(fit, part[2], free)

@@ -24,6 +24,7 @@ from ..evaluate.turning import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
 from ..geometry.kinematics import placed
+from ..geometry.sector import ANGLE
 from ..place.posture_search import given
 from .cell_fit import CellFit
 
@@ -31,11 +32,14 @@ _ROUNDS = 6
 _POSES, _TURNED = 4096, 2048
 """Numbers of poses at which a function is tested, and of those where bodies are."""
 
+_BODIES = 768
+"""Number of poses at which bodies are tested to move the sides of radius and height."""
+
 _LEAST = 0.05
 """Share of the cell below which nothing of use is left."""
 
 
-class Wanted(NamedTuple):
+class Required(NamedTuple):
     """What a function must keep on the part of a cell that it covers.
 
     Attributes
@@ -52,7 +56,7 @@ class Wanted(NamedTuple):
 
 
 def trimmed(
-    fit: CellFit, cell: Cell, q: Array, wanted: Wanted
+    fit: CellFit, cell: Cell, q: Array, limits: Required
 ) -> tuple[Cell, Array, CellDesign] | None:
     """Design a function on a part of a cell, whose sides are moved inward until it is covered.
 
@@ -62,7 +66,7 @@ def trimmed(
     volume, quick = 1.0, True
     for _ in range(_ROUNDS):
         found = fit.design(cell, q, quick=quick)
-        U, bad = _failing(fit, cell, q, found, wanted)
+        U, bad = _failing(fit, cell, q, found, limits)
         if not bad.any():
             if not isinstance(found, CellDesign):
                 return None
@@ -76,7 +80,7 @@ def trimmed(
         volume *= float(np.prod((high - low) / 2))
         if volume < _LEAST:
             return None
-        part = cell.part(low, high)
+        part = cell._part(low, high)
         try:
             q = given(part, _configuration(fit, cell, q, found, (low + high) / 2))
         except InputError:
@@ -86,17 +90,17 @@ def trimmed(
 
 
 def covered_share(
-    fit: CellFit, cell: Cell, q: Array, wanted: Wanted
+    fit: CellFit, cell: Cell, q: Array, limits: Required
 ) -> tuple[float, CellDesign | None]:
     """Estimate by one quick design which share of a cell is left after a cut, and return it."""
     found = fit.design(cell, q, quick=True)
-    low, high = cut_sides(*_failing(fit, cell, q, found, wanted))
+    low, high = cut_sides(*_failing(fit, cell, q, found, limits))
     share = float(np.prod((high - low) / 2))
     return share, found if isinstance(found, CellDesign) else None
 
 
 def _failing(
-    fit: CellFit, cell: Cell, q: Array, found: object, wanted: Wanted
+    fit: CellFit, cell: Cell, q: Array, found: object, limits: Required
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Evaluate where a function fails: coordinates U (K, k), and True where it does (K,).
 
@@ -109,15 +113,35 @@ def _failing(
     chart = found.function.chart
     at = sampled(fit.desired, CandidateFunction.zero(chart), U)
     with np.errstate(invalid="ignore"):
-        bad = ~at.covered | ~(at.ratio < (1 + wanted.worst) ** 2)
+        bad = ~at.covered | ~(at.ratio < (1 + limits.worst) ** 2)
     others = [stop.u for stop in found.failures if stop.cause != "collision"]
     if others:
         more = cell._split(np.clip(np.array(others), -1, 1))[0]
         U, bad = np.concatenate([U, more]), np.concatenate([bad, np.ones(len(more), bool)])
-    if found.extra_speed > wanted.mean and not bad.any():  # the dearest poses go
+    if np.isfinite(limits.distance):
+        some = np.flatnonzero(~bad[: len(at.Q)])[:_BODIES]
+        bad[some] = too_near(chart.cell, at.Q[some], limits.distance)
+    if found.extra_speed > limits.mean and not bad.any():  # the dearest poses go
         ratio = np.nan_to_num(np.pad(at.ratio, (0, len(U) - len(at.ratio))), posinf=0.0)
         bad |= ratio > np.quantile(ratio, 0.97)
     return U, bad
+
+
+def too_near(cell: Cell, Q: Array, distance: float) -> NDArray[np.bool_]:
+    """Test at which configurations Q (K, n) bodies are nearer than a distance, m.
+
+    The surroundings may be in the way at one angle alone, so they are tested at five angles; a
+    sector is then cut along its angle.
+    """
+    task, bodies = cell.task, bodies_of(cell.task)
+    near = bodies.hull_distances(Q) < distance
+    near[near] = bodies.distances(Q[near]) < distance
+    joints = [one.joint for one in cell.removed if one.coordinate == ANGLE]
+    if task.robot.surroundings is not None and joints:
+        around = np.eye(task.n)[joints[0]]
+        for turn in (0.9, -0.9, 1.8, -1.8):
+            near[near] = bodies.distances(Q[near] + turn * around) < distance
+    return near
 
 
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:

@@ -201,7 +201,7 @@ class Cell:
         turn = self.rotation * factor if len(self.rotation) else 0.0
         return Cell(self.task, self.placement, self.half_width * factor, turn)
 
-    def part(self, low: Array, high: Array) -> Cell:
+    def _part(self, low: Array, high: Array) -> Cell:
         """Return the cell between two corners, low and high (k,), in coordinates u from −1 to 1.
 
         Rotations keep their middle, and become narrower on both sides.
@@ -213,7 +213,7 @@ class Cell:
     def _middles_and_widths(
         self, low: Array, high: Array, movable: Sequence[int]
     ) -> tuple[Array, Array]:
-        """Compute the offset of the middle (m,) and half-widths (m,) of a part, see :meth:`part`.
+        """Compute the offset of the middle (m,) and half-widths (m,) of a part, see :meth:`_part`.
 
         Only the coordinates ``movable`` get another middle; others become narrower on both sides.
         """

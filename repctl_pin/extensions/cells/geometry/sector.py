@@ -317,7 +317,7 @@ class Sector(Cell):
         factors[[one.coordinate for one in self.symmetries]] = 1.0
         return self._changed(widths=self.widths * factors)
 
-    def part(self, low: Array, high: Array) -> Sector:
+    def _part(self, low: Array, high: Array) -> Sector:
         """Return the sector between two corners, low and high (k,), in coordinates u from −1 to 1.
 
         Tilts keep their middle, and become narrower on both sides.

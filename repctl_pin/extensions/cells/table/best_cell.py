@@ -26,7 +26,7 @@ from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
-from .posture_search import Candidate, chosen, judged, searched
+from ..place.posture_search import Candidate, chosen, judged, searched
 from .whole_table import WholeTable, whole_table
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ rectangles in the best of them are the sectors for which functions are designed.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -24,14 +24,14 @@ from ..cell_design import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Wanted, covered_share, ended_at_bodies, trimmed
+from ..fit.trimming import Required, covered_share, ended_at_bodies, trimmed
 from ..geometry.cell import Cell
-from ..geometry.cell_arguments import VERTICAL
+from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.kinematics import placed
 from ..geometry.sector import HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
+from ..place.posture_search import given
 from .flood import SPACING, Table, connected, flooded, rectangles
-from .posture_search import given
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
@@ -209,19 +209,19 @@ def whole_table(
         seed=seed,
         keep=True,
     )
-    wanted = Wanted(*most_extra, _CLEAR)
+    limits = Required(*most_extra, _CLEAR)
     quick = []
     for k, one in enumerate(order):
         report(f"posture {k + 1} of {len(order)}", 0.3 + 0.15 * k)
         cell = _sector(table, line, symmetries, found.first[one], found.last[one])
         with suppress(InputError):
             q = given(cell, postures[one])
-            share, design = covered_share(fit, cell, q, wanted)
+            share, design = covered_share(fit, cell, q, limits)
             quick.append((share * _worth(cell, design), cell, q))
     quick.sort(key=lambda part: -part[0])
     for k, (_, cell, q) in enumerate(quick):
         report("the function", 0.75 + 0.08 * k)
-        part = trimmed(fit, cell, q, wanted)
+        part = trimmed(fit, cell, q, limits)
         if part is None:
             continue
         cell, q, design = part
@@ -423,7 +423,7 @@ def _sector(
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
     (rho, z), half = (low + high) / 2, (high - low) / 2
     p = table.origin + rho * table.outward + z * table.up
-    spin: float | Literal["all"] = "all" if len(symmetries) > 1 else 0.0
+    spin: Angle = "all" if len(symmetries) > 1 else 0.0
     sector = Sector(
         table.task,
         pin.SE3(table.rotation, p),
@@ -441,7 +441,7 @@ def _best_locked(table: Table, locked: _Floods, design: CellDesign) -> LockedJoi
     if not len(locked.Q):
         return None
     cell = design.function.chart.cell
-    assert isinstance(cell, Sector)
+    assert isinstance(cell, Sector), "a table is a sector"
     rho, z = cell.middle
     inside = np.abs(table.radii - rho)[:, None] <= cell.widths[RADIUS] + 1e-9
     inside = inside & (np.abs(table.heights - z)[None] <= cell.widths[HEIGHT] + 1e-9)
