@@ -231,46 +231,7 @@ def studies() -> Measured:
     return found
 
 
-def steps() -> Measured:
-    """Time one step of the descent of a design, s: planar arms, degree 2, 16,384 nodes."""
-    import numpy as np
-    import scipy.linalg
-
-    import repctl_pin as rp
-
-    sys.path.insert(0, str(ROOT / "tests"))
-    from arms import planar_task
-
-    from repctl_pin.design import criterion, descend
-    from repctl_pin.design.batches import BarrierCost, Local
-    from repctl_pin.design.independence import independent
-
-    by_products = getattr(descend, "_MatrixFree", descend._PenalisedCost)
-    found: Measured = {}
-    for n in (7, 9, 14):
-        with tempfile.TemporaryDirectory() as folder:
-            task = planar_task([1 / n] * n, Path(folder))
-        q0 = np.array([0.3, *(0.7 * (-1) ** (i // 2) for i in range(1, n))])
-        box, desired, basis = rp.Box(q0, 0.2), rp.Pseudoinverse(task), rp.Polynomial(q0, 2, 0.2)
-        Q, weights = box.nodes(16384, 0)
-        chosen = independent(desired, basis, *box.nodes(max(512, 2 * basis.size), 0))
-        center = criterion.oriented_nullspace(task.jacobian(q0)[None], task, q0[None])[0]
-        builder = criterion.Builder(desired, basis, chosen.kept, center)
-        nodes = BarrierCost(Local(builder, Q, weights, 1024), builder, 1 / len(Q))
-        start = descend.start(nodes.batches, chosen.basis, nodes.total(criterion.linear))
-        problem = (by_products if n > 7 else descend._PenalisedCost)(
-            nodes, chosen.basis, start, 1e-2
-        )
-        x = scipy.linalg.solve_triangular(chosen.basis, start.A)
-
-        def step(problem=problem, x=x) -> None:
-            problem.step(problem.model(problem.evaluate(x)), 1e-4)
-
-        found[f"planar arm of {n} joints: a step of its design, s"] = seconds(step, 2)
-    return found
-
-
-PARTS = {f.__name__: f for f in (least, declined, bodies, ticks, studies, steps)}
+PARTS = {f.__name__: f for f in (least, declined, bodies, ticks, studies)}
 
 
 def measured(checkout: Path, part: str) -> Measured:
