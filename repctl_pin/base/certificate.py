@@ -46,8 +46,8 @@ class ClosingRadius:
     the straight way from the start, stays in Ω, the region of joint space that was proved, and ends
     where it began. Around a path that closes itself, every closed path that deviates by less than
     both, at each moment, closes too. That the path itself closes is proved if :attr:`checked` is 0;
-    else it was checked by following the path, at that many points. Where the path crosses itself, a
-    path that leaves it for its other branch is none of these. ``bool(radius)`` tells whether a
+    else it was checked by following the path, at that many points. Where the path crosses itself,
+    this does not cover a path that switches to the other branch. ``bool(radius)`` tells whether a
     radius of at least 1 mm is proved.
 
     Attributes
@@ -69,8 +69,8 @@ class ClosingRadius:
     boxes : int
         Number of boxes evaluated.
     complete : bool
-        False if the processor time was over before every box was decided or the radius asked for
-        was proved; more gives more.
+        False if the processor time ran out before every box was decided or the requested radius was
+        proved. More time can then prove a larger radius.
     reason : str
         Why the radius is not larger.
     checked : int

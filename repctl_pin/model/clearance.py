@@ -138,10 +138,11 @@ class _Search:
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Measure the minimum distance at some samples, the R rows.
+        """Measure the minimum distance at samples ``rows`` (R,), and list what is undecided.
 
-        Returns the pairs, and the pieces between two rows, by index, that the lower bounds at both
-        rows do not settle.
+        A piece is the motion between two successive rows. Returned are two arrays of indices, of
+        pairs of bodies and of pieces: each entry is a pair whose lower bounds at the two ends of a
+        piece do not decide it.
         """
         pairs, pieces = [], []
         last = None

@@ -302,9 +302,10 @@ def _mimicked(
 
 
 def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
-    """Compute the multiplier and the offset of a chain of ``<mimic>``, the follower's first.
+    """Combine a chain of ``<mimic>`` elements into one multiplier and one offset.
 
-    The follower is at multiplier · q + offset, with q the position of the last joint.
+    The chain leads from a follower, whose element comes first, to the joint that all of them
+    follow. With q the position of that joint, the follower is at multiplier · q + offset.
     """
     multiplier = 1.0
     offset = 0.0
@@ -421,7 +422,9 @@ def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
                 joints[limit.getparent().get("name") or "without a name"] = None
                 unknown[attribute] = None
     if joints:
-        notes.append(f"{' and '.join(unknown)} of −1 read as not given: {_few(joints)}")
+        notes.append(
+            f"limits of −1 were read as not given: {' and '.join(unknown)} of {_few(joints)}"
+        )
 
 
 def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:

@@ -213,8 +213,8 @@ def made_of(content: Sealed, task: Task, where: str) -> Any:
         unchecked = kind.check(content, task)
         if unchecked:
             warnings.warn(
-                f"{where} was written by repctl-pin {content.written_by}: it does not hold, so a "
-                f"change is not detected, of {' and '.join(unchecked)}",
+                f"{where} was written by repctl-pin {content.written_by}: the file lacks "
+                f"{' and '.join(unchecked)}, so a change of these is not detected; design again",
                 UserWarning,
                 stacklevel=3,
             )

@@ -116,10 +116,10 @@ def _frame_asked_for(one: FrameFile) -> tuple[str, ...]:
 
 
 def carrying_tool(made_for: TaskFile, task: Task) -> Task:
-    """Return the task of the tool of a file, if the task is that of the link that carries the tool.
+    """Add the tool of a file to a task whose frame is the link that carries the tool.
 
-    A file can be of a tool, a fixed placement in a link, which the URDF does not contain. Any other
-    task is returned as it is.
+    A file can be made for a tool: a fixed placement in a link, which the URDF does not contain. A
+    task of any other frame is returned unchanged, as is every task if the file has no tool.
     """
     if isinstance(made_for.tool, msgspec.UnsetType) or isinstance(task, ToolTask):
         return task

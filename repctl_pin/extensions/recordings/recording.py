@@ -351,12 +351,13 @@ def _times(given: ArrayLike, size: int) -> Array:
 def _find(
     table: Table, task: Task, given: Sequence[str] | None
 ) -> tuple[dict[str, list[str]], tuple[int, ...] | None]:
-    """Find the columns of the arguments of :class:`Recording` in a table, by their names.
+    """Find by name the columns of a table that become arguments of :class:`Recording`.
 
-    Returns the names of the columns of joints, poses, times and sessions, as far as there are any,
-    and the places of the joints in a row of their array; None if each joint has a column.
-    ``given`` names the numbers of the array. InputError is raised if there are neither joints nor
-    poses, or only some of the joints.
+    The first result is a dict from argument (joints, poses, times, sessions) to the names of its
+    columns, without the arguments that the table lacks. The second one is used if a single column
+    holds an array of all joints: the index of each joint in that array. It is None if each joint
+    has a column. ``given`` are the names of the numbers in the array. InputError is raised if there
+    are neither joints nor poses, or only some of the joints.
     """
     widths = table.widths
     found = {

@@ -222,7 +222,8 @@ def _stiffness(given: ArrayLike, kind: Kind) -> Array:
         values = np.where(kind.linear, values[0], values[1])
     if values is None or values.shape != (m,) or not (np.isfinite(values) & (values > 0)).all():
         raise InputError(
-            f"stiffness must be two numbers above 0, N/m and Nm/rad, or {m}; got {shown(given)}"
+            f"stiffness must be two numbers above 0 (N/m and Nm/rad), or {m} numbers, one per "
+            f"task coordinate; got {shown(given)}"
         )
     return values
 

@@ -388,8 +388,9 @@ def _solved(
 class _Rows(NamedTuple):
     """R rows ``A z ≤ b`` of a linear program, each with four coefficients.
 
-    ``coefficients`` and ``columns`` are (R, 4), ``bounds`` b (R,). Each row is about an interval
-    between two stages, so it concerns x and x′ at these two only.
+    Each row constrains the interval between two neighbouring stages, so only x and x′ at these two
+    stages have a coefficient. ``coefficients`` and ``columns``, the indices of these unknowns in z,
+    are (R, 4); ``bounds`` b is (R,).
     """
 
     coefficients: Array

@@ -273,10 +273,10 @@ def end_name(link: str) -> str:
 
 
 def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
-    """List the other end effectors, by link, that are off by 1 cm or more under some controller.
+    """List the other end effectors that end 1 cm or more from their start under some controller.
 
-    The task does not control them, but the arm moves them. Hands come first, then those that are
-    off most.
+    The task does not control them, but the arm moves them. The list has the names of their links:
+    hands first, then by distance, the largest first.
     """
     most: dict[str, float] = {}
     for one in summaries:
@@ -287,10 +287,10 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
 
 
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write which other end effectors, moved by the arm but not its task, are off, and how far.
+    """Write which end effectors that the task does not control are displaced, and how far.
 
-    They are off by the distance from where they began, m. The list of texts is empty if all are
-    back.
+    The displacement is the distance from the start, m. The list of texts is empty if all of them
+    return.
     """
     ends = ends_off(summaries)
     if not ends:
