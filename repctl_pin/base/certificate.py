@@ -228,7 +228,7 @@ class Proof:
     what : str
         Description of the design or the cell's function.
     proved : bool
-        True if everything that was asked for is proved.
+        True if everything that was requested is proved.
     leaf_margin : float
         Lower bound of the leaf margin over the whole region or cell; 0 if none was found.
     limit_margin : float
@@ -249,11 +249,11 @@ class Proof:
     theorem : int
         Version of the theorem (:data:`_THEOREM`) that was used.
     excepted : tuple of str
-        Joints left out of the limit margin: their limits end the range of a sector's angle or spin
-        that is ``"all"``, so they come as near to them as that range goes.
+        Joints left out of the limit margin, because they reach their limits. Such limits end the
+        range of a sector's angle or spin that was given as ``"all"``.
     closes : ClosingRadius, optional
-        Distance from the start, or from the path, within which every closed path closes. None if
-        it was not asked for, or for a tube without a path.
+        Distance from the start, or from the path, within which every closed path closes. None if it
+        was not requested, or for a tube without a path.
     subject : str
         Fingerprint of all that is proved: ``design.subject`` of the design.
     seal : str
@@ -306,10 +306,10 @@ class Proof:
         return 1 / self.leaf_margin - 1 if self.leaf_margin > 0 else np.inf
 
     def sealed(self, subject: str) -> Proof:
-        """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable.
+        """Return a copy of the proof that is bound to one design and protected against changes.
 
-        ``subject`` is the fingerprint, a hash, of the design. A proof of another design would be
-        worthless.
+        ``subject`` is the fingerprint, a hash, of the design. The copy also has a seal, a hash of
+        all its values, so that a proof of another design and a changed proof are both refused.
         """
         bound = replace(self, subject=subject, seal="")
         return replace(bound, seal=bound._fingerprint())

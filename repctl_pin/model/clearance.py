@@ -166,7 +166,7 @@ class _Search:
     def settle(
         self, rows: NDArray[np.intp], undecided: tuple[NDArray[np.intp], NDArray[np.intp]]
     ) -> None:
-        """Settle the pairs on the pieces between rows that are undecided, by their indices."""
+        """Decide all ``undecided`` pairs and pieces, as :meth:`look_at` returns them."""
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")
         pairs, pieces = pairs[order], pieces[order]
@@ -176,7 +176,7 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Settle a pair on M pieces, given by the positions of their ends (M,)."""
+        """Decide a pair on M pieces by further measurements; the ends of the pieces are (M,) each."""
         measured = bool(self._measured[pair])
         pieces = self._pieces(pair, begin, end)
         while True:
@@ -224,7 +224,7 @@ class _Search:
         )
 
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
-        """Tell whether lower bounds on distances, m, settle pairs, of which some are measured."""
+        """Test which pairs are decided by lower bounds on their distances, m."""
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
         least = self._best - max(_SHARE * self._best, _SMALL)

@@ -2,8 +2,8 @@
 
 MuJoCo itself compiles a file: defaults, includes, frames, several joints of a body, meshes.
 (Pinocchio's reader drops bodies in ``<frame>`` and without a name, and shifts ranges by ``ref``,
-without a word.) The tree of bodies is written again as links and joints. A joint of MuJoCo turns
-about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(−p)``.
+and does not report it.) The tree of bodies is written again as links and joints. A joint of MuJoCo
+turns about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(−p)``.
 """
 
 from __future__ import annotations
@@ -130,8 +130,8 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
     """Write the joints of a body as links, one below the other; the last one is the body.
 
     A URDF has one joint per link, MuJoCo several per body. ``above`` is the parent link, ``place``
-    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out; a ball joint is
-    one of the URDF that is made, where it is split into three joints.
+    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out; a ball joint
+    stays one here, and is split into three joints when the URDF is read.
     """
     parts: list[_Part] = []
     for j in joints:

@@ -485,7 +485,7 @@ def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
 
 
 def _is(given: Any, module: str, name: str) -> bool:
-    """Test whether an object is of a class of a module, which is not imported for it.
+    """Test whether an object is of a class of a module, without importing the module.
 
     If the module was not imported before, no object can be of its class.
     """

@@ -187,9 +187,9 @@ def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -
 
 @contextmanager
 def without_tracebacks() -> Iterator[None]:
-    """Keep trimesh from logging, on this thread, what it goes on without, such as a texture.
+    """Keep trimesh from logging missing files, such as textures, on this thread.
 
-    It writes a traceback for each missing file.
+    It goes on without them, but writes a traceback for each.
     """
     thread = get_ident()
     logger = logging.getLogger("trimesh.util")
@@ -385,8 +385,8 @@ def _unit(vectors: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np
 def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the distinct rows of an array (K, k).
 
-    The rows are compared by a hash of 64 bits, which numpy sorts several times as fast; that two
-    different rows share it is as unlikely as 1e-7 for a million rows.
+    The rows are compared by a hash of 64 bits, which NumPy sorts several times as fast. Among a
+    million rows, two different ones share a hash with a probability of 1e-7.
 
     Returns
     -------

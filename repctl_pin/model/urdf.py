@@ -316,10 +316,10 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 
 
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
-    """Make the joints fixed that mimic a fixed joint, at their offset; one note names them.
+    """Fix the joints that mimic a fixed joint, at their offsets, and add one note on them.
 
     A fixed joint is at 0, so that its followers do not move either. They keep the ``<mimic>``, by
-    which a finger is known.
+    which fingers are recognised.
     """
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     chains = {name: mimic_chain(joint, joints) for name, joint in joints.items()}
@@ -367,8 +367,8 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 def _millimetres(robot: etree._Element, root: str) -> list[str]:
     """Write a note on links longer than 20 m, which may be in millimetres.
 
-    A single length counts for nothing: the robot may stand far from the root of its file. The list
-    has one note, on the largest length; it is empty if there are fewer than two.
+    A single long link is ignored: the robot may stand far from the root of its file. The list has
+    one note, on the largest length; it is empty if there are fewer than two.
     """
     long = {}
     for joint in robot.findall("joint"):

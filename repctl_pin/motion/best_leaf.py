@@ -153,7 +153,7 @@ class _LeafCandidate:
 
 @dataclass(frozen=True, eq=False)
 class BestLeaf:
-    """Hold the result of :func:`best_leaf`: the best start found, and the given one for comparison.
+    """Result of :func:`best_leaf`: the best start found, and the given one for comparison.
 
     Attributes
     ----------

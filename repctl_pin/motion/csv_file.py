@@ -1,6 +1,6 @@
 """Motions as CSV: columns strategy, cycle, time, joints and joint velocities.
 
-``repctl`` writes these files; the animation reads them back, and a user's own.
+``repctl`` writes these files. The animation reads them, and files of this form by other programs.
 """
 
 from __future__ import annotations

@@ -80,8 +80,7 @@ def _frames(task: Task) -> list[FrameFile] | msgspec.UnsetType:
 def task_of(made_for: TaskFile, robot: Robot) -> Task:
     """Create the task (frame, kind, joints, tool) that a design was made for, on a robot.
 
-    The robot is loaded again if its base or its locked joints are other ones than those of the
-    file.
+    The robot is loaded again if its base or its locked joints differ from those of the file.
     """
     if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
         name = robot.entry.name if robot.entry is not None else robot.description.path

@@ -197,7 +197,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 
 
 def _size(miss: tuple[float, float]) -> float:
-    """Add the misses in m and in rad to one number, to compare two explanations.
+    """Combine differences in m and in rad into one number, by which explanations are compared.
 
     Each is counted in units of what the calibration of an arm usually corrects, 3 mm and 0.01 rad.
     """

@@ -241,7 +241,7 @@ class Recording:
 def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order.
 
-    For steps of which the time, but not the result, grows with the number of frames.
+    It serves steps that take longer with more frames, but give nearly the same result.
     """
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)
@@ -304,7 +304,8 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
 def _rotations(R: Array) -> Array:
     """Project matrices (K, 3, 3) onto the nearest rotations, to remove rounding of a file.
 
-    Raises InputError if a singular value is off 1 by more than 0.01, or a matrix is a reflection.
+    Raises InputError if a singular value differs from 1 by more than 0.01, or a matrix is a
+    reflection.
     """
     U, s, Vt = np.linalg.svd(R)
     made = U @ Vt
@@ -397,8 +398,8 @@ def _find(
 def _lerobot_names(file: Path, task: Task) -> list[str] | None:
     """Read the names of the joints' array from LeRobot's ``meta/info.json`` near a Parquet file.
 
-    It lies in the data set's folder, up to two above that of the file. None if there is no such
-    file, or it names none of the task's joints.
+    It is looked for in the folder of the Parquet file, and in the two folders above. None if there
+    is no such file, or it names none of the task's joints.
     """
     for folder in file.resolve().parents[:3]:
         info = folder / "meta" / "info.json"
@@ -424,7 +425,7 @@ def _stem(name: str, own: Sequence[str]) -> str:
 
 
 def _places(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
-    """Find the places of the task's joints in a row of an array, which has ``width`` numbers.
+    """Find the indices of the task's joints in the rows of an array, each of ``width`` numbers.
 
     ``given`` are the names of the numbers. Without names, the array must have one per joint.
     """

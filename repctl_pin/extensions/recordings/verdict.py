@@ -197,7 +197,7 @@ def _significant(found: Trend) -> NDArray[np.bool_]:
 def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
     """Test which joints (n,) creep: a significant slope, and a line that explains their values.
 
-    It explains them if what is left beside the line is at most half of their range, or within the
+    The line explains them if their distances from it are at most half of their range, or within the
     noise r (N, n). A jump has a slope as well, but no such line.
     """
     rest = np.ptp(q - t[:, None] * found.rate, axis=0)

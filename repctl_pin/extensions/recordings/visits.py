@@ -271,9 +271,9 @@ def _closest(
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
-    ``X`` (T, d) are the poses of the log and ``pose`` (d,) the one, as points of :func:`_features`.
-    Between two rows the motion is taken as straight; across a gap of the log, where ``whole`` is
-    False, it is unknown.
+    ``X`` (T, d) are the poses of the log, and ``pose`` (d,) is the pose to come near to, all as
+    points of :func:`_features`. Between two rows the motion is taken as straight; across a gap of
+    the log, where ``whole`` is False, it is unknown.
     """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)
@@ -311,7 +311,7 @@ def _at(values: Array, at: float) -> Array:
 
 
 class _Estimate(NamedTuple):
-    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, and what its errors need.
+    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, and data for its errors.
 
     ``off`` (m,) is the error of the hand before the correction. ``A`` (n, n) is the derivative of
     q, before the correction, by an error of the log's rows, and ``bend`` (n,) a bound on the error

@@ -218,7 +218,7 @@ def require_samples(count: float, seconds: float, rate: float, least: str = "") 
     """Raise InputError if a motion of ``count`` samples is too long for memory.
 
     ``seconds`` and ``rate`` are its duration, s, and samples per second, for the message; ``least``
-    stands before the duration.
+    is a text before the duration, such as "at least ".
     """
     if not count < MOST_SAMPLES:
         raise InputError(

@@ -1,9 +1,9 @@
 """Headline of a page and of a terminal: which part of the arm has drifted, and how far.
 
-Its notes give the extra joint speed of the repeatable controller, the limits and the bodies. A part
-is off by the distance between where it is after all cycles and where it began; it is back if that
-is less than 0.1 mm. A summary holds the numbers of one motion. A span is a piece of text with a
-tone (``bad``, ``good``), which is shown as colour.
+Its notes give the extra joint speed of the repeatable controller, the limits and the bodies. The
+displacement of a part is the distance between its places at the start and after all cycles; the
+part is back if that is less than 0.1 mm. A summary holds the numbers of one motion. A span is a
+piece of text with a tone (``bad``, ``good``), which is shown as colour.
 """
 
 from __future__ import annotations
@@ -205,11 +205,11 @@ def _is_open(one: MotionSummary) -> bool:
 
 
 def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
-    """Write which part or joint is off, and by how much under each controller.
+    """Write which part or joint is displaced, and by how much under each controller.
 
-    The part is the one that is off most under any of them. If no part is off by 1 cm or more, a
-    joint is named that is off by 0.1 rad or more. ``after`` says after how many cycles, if the
-    sentence before does not say it; else it is empty.
+    The part is the one that is displaced most under any of them. If no part is displaced by 1 cm or
+    more, a joint is named that is displaced by 0.1 rad or more. ``after`` says after how many
+    cycles, if the sentence before does not say it; else it is empty.
     """
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
@@ -336,7 +336,7 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
 
 
 def off_of(one: MotionSummary) -> Span:
-    """Format by how much the part is off that is displaced most at the end of all cycles.
+    """Format the displacement of the most displaced part at the end of all cycles.
 
     The tone is ``good`` for 0, and ``bad`` from 1 cm up.
     """
@@ -353,12 +353,12 @@ def _exact(one: MotionSummary) -> str:
 
 
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
-    """Format by how much the farthest part is off, m, under each controller, one text per summary.
+    """Format the displacement of the farthest part, m, under each controller: a text per summary.
 
-    It is off by the distance from where it began.
+
 
     ``unit`` is the text after each value (" off"), except a 0 that is not the first. Where the
-    controllers differ in the part that is off most, the smaller values name theirs.
+    controllers differ in the most displaced part, the smaller values name theirs.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part

@@ -155,7 +155,7 @@ def _cell(quantity: Quantity, row: Row) -> str:
     """Format the value of a quantity for one controller, with a mark if it is bad.
 
     ``!`` marks a bad value, and ``≠`` the time of a cycle that does not close. A missing value is
-    the word that the quantity says, such as ``not checked``.
+    shown as the word that the quantity has for it, such as ``not checked``.
     """
     motion = row.motion
     if quantity.of is None:
