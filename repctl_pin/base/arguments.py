@@ -244,7 +244,7 @@ def evaluated(
     Raises
     ------
     InputError
-        If it does not; the message calls its result ``what``, and gives q.
+        If the function does not; the message calls its result ``what``, and gives q.
     """
     required = " × ".join(map(str, shape)) + " finite numbers"
     try:

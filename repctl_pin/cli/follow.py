@@ -140,7 +140,7 @@ def run(options: Options) -> int:
     ):
         closes = None
         notes.append(
-            "the proved closing radius is of the design's leaf; this motion is on another one"
+            "the closing radius is proved on the design's leaf only; this motion is on another leaf"
         )
     motion = replace(motion, region=case.region, closing_radius=closes)
     loose = "" if lock else unresolved(strategy, motion)

@@ -325,7 +325,7 @@ def refuse_singular(
             f"{where}; the centre of the region is singular, or nearly so",
             at,
             None,
-            "choose another, or a smaller region",
+            "choose another region, or a smaller one",
         )
     free = "singularity-free region with the same centre"
     if isinstance(measure, LeafMargin):

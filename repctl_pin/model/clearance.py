@@ -176,7 +176,7 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Decide a pair on M pieces by further measurements; the ends of the pieces are (M,) each."""
+        """Decide a pair on M pieces, which end at (M,) positions each, by further measurements."""
         measured = bool(self._measured[pair])
         pieces = self._pieces(pair, begin, end)
         while True:

@@ -59,7 +59,8 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
     Raises
     ------
     UrdfError
-        If the file is not valid, or has what a tree of revolute and prismatic joints has not.
+        If the file is not valid, or has content that a tree of revolute and prismatic joints cannot
+        describe.
     """
     if importlib.util.find_spec("mujoco") is None:
         raise UrdfError(
@@ -174,7 +175,7 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
     Raises
     ------
     UrdfError
-        If there is another one.
+        If there is any other equality constraint.
     """
     found = {}
     for e in range(model.neq):
@@ -187,8 +188,8 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
         if kind != _JOINT:
             what = {_CONNECT: "connect", _WELD: "weld"}.get(kind, "tendon or flex")
             raise UrdfError(
-                f"equality constraint {name!r} ({what}) closes a loop or ties more than joints; "
-                "a robot here is a tree: remove it"
+                f"equality constraint {name!r} ({what}) closes a loop or couples other parts than "
+                "joints, but a robot must be a tree; remove it"
             )
         j, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         a = np.array(model.eq_data[e, :5])

@@ -468,7 +468,7 @@ def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
     Raises
     ------
     UrdfError
-        If the model has what a URDF has not.
+        If the model has content that a URDF cannot describe.
     """
     notes: list[str] = []
     if _is(given, "yourdfpy", "URDF"):

@@ -103,7 +103,7 @@ class SeveralFrames(Task):
         Raises
         ------
         InputError
-            If it is none; ``name`` names it.
+            If it is not one placement per frame; the message calls it ``name``.
         """
         if isinstance(value, Placements) and len(value) == len(self.parts):
             return value

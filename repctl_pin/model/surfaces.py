@@ -238,7 +238,10 @@ class _Beside:
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
-            raise InputError(f"it asks for {name[:60]!r}, outside its folder")
+            raise InputError(
+                f"it names {name[:60]!r}, which lies outside the folder above the mesh file; "
+                "move that file beside the mesh"
+            )
         if not file.exists():
             raise FileNotFoundError(name)
         return _read_bytes(file)

@@ -105,7 +105,7 @@ def rigid(placement: Placement) -> pin.SE3:
         raise InputError("the position of the tool must be finite numbers, m")
     if (away := float(np.linalg.norm(tool.translation))) > _FARTHEST:
         raise InputError(
-            f"the tool is {away:.3g} m from the frame: at most {_FARTHEST:,.0f} m is taken",
+            f"the tool is {away:.3g} m from the frame: at most {_FARTHEST:,.0f} m is accepted",
             remedy="give its position in m",
         )
     require_rotation(tool.rotation, "the tool")

@@ -164,7 +164,7 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
         if rest is None:
             break
         Q = np.vstack([Q[:1], rest])
-    raise InputError("the motion of J⁺ cannot be closed", remedy="pass one that closes as guess=")
+    raise InputError("the motion of J⁺ cannot be closed", remedy="pass a closed motion as guess=")
 
 
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:

@@ -109,7 +109,8 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     -----
     UserWarning
         If an older file lacks part of the fingerprint, if its certificate is dropped because it
-        proves something else, or if a cell's body distance is, because the bodies have changed.
+        proves something else, or if a cell's body distance is dropped, because the bodies have
+        changed.
 
     Examples
     --------

@@ -308,7 +308,9 @@ def audit(
     notes = [given.read] if given.read else []
     notes += _units(task, given)
     if given.dropped:
-        notes.append(f"{given.dropped} rows without new numbers were left out")
+        notes.append(
+            f"{given.dropped} rows were left out: a number is missing, or the time is that before"
+        )
     endless = np.isinf(task.upper)
     given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
     every = -(-len(given.t) // _MOST_ROWS)

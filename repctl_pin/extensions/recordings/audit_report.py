@@ -194,7 +194,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def _part_of(audit: Audit) -> str:
-    """Name the part of the arm that differs most between two visits of one pose, such as "elbow"."""
+    """Name the part that differs most between two visits of one pose, such as "elbow"."""
     return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
 

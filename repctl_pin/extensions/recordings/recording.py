@@ -313,7 +313,8 @@ def _rotations(R: Array) -> Array:
     if wrong.any():
         at = int(np.argmax(wrong))
         raise InputError(
-            f"a rotation is none: R Rᵀ differs from I, or det R = {np.linalg.det(R[at]):.2g}",
+            "a matrix is not a rotation: R Rᵀ differs from I, "
+            f"or det R = {np.linalg.det(R[at]):.2g}",
             remedy="give homogeneous matrices",
             at=at,
         )

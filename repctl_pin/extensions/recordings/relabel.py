@@ -199,7 +199,7 @@ class Relabeled:
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of the file's columns that hold the new joints; for an array, also their indices."""
+        """Names of the columns that hold the new joints; for an array, also their indices."""
         return self._columns.written
 
     @property

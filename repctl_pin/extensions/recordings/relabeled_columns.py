@@ -53,7 +53,7 @@ class Columns(NamedTuple):
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of the columns that hold the new joints; for an array, also their indices, from 0."""
+        """Names of the columns that hold the new joints; for an array, also indices, from 0."""
         return tuple(
             name if len(cells.at) == 1 else f"{name} [{_ranges(cells.at)}]"
             for name, cells in self.new.items()

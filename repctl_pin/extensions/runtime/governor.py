@@ -137,8 +137,8 @@ class Governor:
     Raises
     ------
     InputError
-        If a limit is missing or not above 0, or dt is not, or the bodies are of another task, or
-        a link has no body.
+        If a limit is missing, a limit or dt is not above 0, the bodies are of another task, or a
+        link has no body.
 
     Examples
     --------
@@ -337,7 +337,7 @@ class Governor:
         status = Status(self._native.call_governor_start(self._address))
         if status is Status.BAD_NUMBER:
             raise InputError(
-                "the frame is 10⁶ m from the base or farther, where no target is taken",
+                "the frame is 10⁶ m or more from the base, where no target is accepted",
                 remedy="place the base nearer to the origin of the URDF",
             )
         assert status is Status.OK, status  # all else was refused above

@@ -187,7 +187,7 @@ class LeafImpedance:
             twist = _checked(twist, size, "the twist (v, ω)", "m/s and rad/s")
         if observer is not None and not (type(observer) is Observer and len(observer.state) == r):
             raise InputError(
-                f"must be what observer(dt) of this control made; got {shown(observer)}",
+                f"must be a result of observer(dt) of this controller; got {shown(observer)}",
                 argument="observer",
             )
         with np.errstate(over="ignore", invalid="ignore"):

@@ -79,8 +79,8 @@ def with_own_times(
     limits
         Limits to keep.
     added
-        Number of ends, 0 to 2, at which time may be added; without it the path is run a little
-        faster instead.
+        Number of ends, 0 to 2, at which time may be added; with 0 the path is run a little faster
+        instead.
     most
         Longest smoothing time, s.
     joints

@@ -260,7 +260,7 @@ def _meanings(study: Study) -> list[str]:
     """Explain the letters and units of the short table, in texts that follow the other notes."""
     said = ["the usual control is the pseudoinverse J⁺, r the number of spare joints"]
     if study.task.unit == "rad and m":
-        said.append("joints off: root of the sum of squares; rad if they turn, m if they slide")
+        said.append("joints off: root of the sum of squares; rad if revolute, m if prismatic")
     return said
 
 
