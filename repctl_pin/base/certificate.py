@@ -221,7 +221,8 @@ class Proof:
     """Lower bounds that are proved over a whole region or cell, or the box that prevented a proof.
 
     ``bool(proof)`` is :attr:`proved`. A proof belongs to one design: to its chain, limits, region
-    or cell, potentials and coefficients. A design that is not the one drops it with a warning.
+    or cell, potentials and coefficients. A design to which it does not belong drops it, with a
+    warning.
 
     Attributes
     ----------

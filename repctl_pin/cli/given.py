@@ -212,8 +212,8 @@ class Options(argparse.Namespace):
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
         The result is what :class:`Problem` takes. A single path is that of the first frame, and the
-        others hold still, which None, or the word ``hold``, stands for; a CSV file names the frames
-        that move.
+        other frames hold still. In a list, None or the word ``hold`` stands for a frame that holds
+        still. A CSV file names the frames that move.
         """
         path = getattr(self, "path", None)
         frames, paths = _listed(self.frame), _listed(path)
@@ -263,8 +263,8 @@ class Options(argparse.Namespace):
     def asked_limits(self) -> rp.Limits:
         """Parse ``--acceleration``, ``--jerk`` and ``--tool-speed``, the limits of a motion.
 
-        An acceleration or jerk is a robot's name, one number, or one per joint; InputError for
-        others.
+        An acceleration or jerk is a robot's name, one number, or one per joint; InputError for any
+        other text.
         """
         tool_speed = self.tool_speed
         if tool_speed is not None:

@@ -420,7 +420,8 @@ class Robot(Mechanism):
     def offered_frames(self) -> tuple[str, ...]:
         """Frames to offer for a task: the catalogue's, else the end of the longest arm.
 
-        Among arms of the same length, the one whose end has the better name; a sensor comes last.
+        Among arms of the same length, the one is chosen whose end has the best name (:func:`rank`);
+        sensors come last.
         """
         known = tuple(
             frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)

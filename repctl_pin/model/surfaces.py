@@ -233,7 +233,8 @@ class _Beside:
     def get(self, name: str) -> bytes:
         """Read a file that the mesh names; trimesh ignores the error for a missing one.
 
-        InputError is raised for a file outside the folder of the mesh and the one above it.
+        InputError is raised for a file that is neither in the folder of the mesh nor in the one
+        above.
         """
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
@@ -308,8 +309,8 @@ def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute averaged normals (3F, 3) of face corners, for smooth shading.
 
-    A corner's normal is the average over the faces at that point whose normals are within the
-    crease angle of that of its own face.
+    A corner's normal is the average over the faces at that point whose normals differ from the
+    normal of its own face by at most the crease angle.
 
     Parameters
     ----------
@@ -344,9 +345,10 @@ def _by_pairs(
 ) -> None:
     """Write averaged normals of some corners, given with their points, into ``normals``.
 
-    Each corner averages the normals of the faces at its point that are within the crease angle of
-    its own. ``corner`` and ``point`` (K,) are numbers of face corners and of the points that they
-    share, and ``flat`` (F, 3) the normals of the faces, as long as twice their areas.
+    Each corner averages those normals of the faces at its point that differ from its own face's
+    normal by at most the crease angle. ``corner`` and ``point`` (K,) are numbers of face corners
+    and of the points that they share, and ``flat`` (F, 3) the normals of the faces, as long as
+    twice their areas.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]

@@ -98,7 +98,8 @@ def rigid(placement: Placement) -> pin.SE3:
     """Check the placement of a tool, and make its rotation exact where it is not.
 
     A rotation that is written with few digits is replaced by the nearest rotation. InputError is
-    raised if it is none, if the position is not finite, or if it is more than 1,000 m away.
+    raised if the matrix is not a rotation, or if the position is not finite or more than 1,000 m
+    away.
     """
     tool = as_placement(placement, "placement")
     if not np.isfinite(tool.translation).all():

@@ -232,8 +232,8 @@ def _joint(
 ) -> Joint:
     """Read a joint; a missing range or speed limit counts as unlimited, with a note.
 
-    ``joints`` are the elements of all joints by name, for the one that a mimic joint follows;
-    ``notes`` receives the notes. A limit beyond 1000 also counts as none.
+    ``joints`` are the elements of all joints by name, in which the leader of a mimic joint is
+    found; ``notes`` receives the notes. A limit beyond 1000 also counts as none.
     """
     name = element.get("name")
     kind = element.get("type")
@@ -430,8 +430,9 @@ def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
 def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:
     """Replace the ``quat_xyzw`` of every origin by ``rpy``, as URDF 1.1 and later allow.
 
-    In a file of an older version, or of none, it does not count; ``notes`` receives a note.
-    UrdfError is raised for a quaternion of length 0, and for an origin that has both.
+    In a file with an older version, or without a version, the attribute is ignored, and ``notes``
+    receives a note. UrdfError is raised for a quaternion of length 0, and for an origin that has
+    both.
     """
     origins = [origin for origin in robot.iter("origin") if origin.get("quat_xyzw") is not None]
     if origins and robot.get("version", "1.0") == "1.0":

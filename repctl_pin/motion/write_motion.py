@@ -90,7 +90,7 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 
     A timed motion is a smooth curve through the points of the original motion, which is straight
     between them. So the timed motion can collide where the original one does not. ``remedy`` ends
-    the message. A motion through poses is its own curve, and is checked once.
+    the message. A motion through poses has no original motion, so only its own curve is checked.
     """
     followed = motion.motion
     if followed is not None and followed.q.shape == motion.q.shape:

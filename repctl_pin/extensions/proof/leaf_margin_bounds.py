@@ -157,7 +157,7 @@ class LeafMarginProblem:
         """Evaluate the arm angles' gradients on boxes Q ± half, (K, n) each, for C; None without.
 
         The result (K, r, n² + 2 n + 1) has for each of the r potentials the gradient V at the
-        centre, its n² derivatives, n bounds of the rest, and a bound of the rounding.
+        centre, its n² derivatives, n bounds of the remainder, and a bound of the rounding error.
         """
         if not self.features.arms:
             return None

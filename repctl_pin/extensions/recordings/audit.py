@@ -427,9 +427,9 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
 def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
     """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
 
-    ``part`` is the index of the link. The scatter of the point counts as at least what ``floor``, a
-    scatter of each joint (n,), rad or m, causes, so that the interval is not too narrow after a few
-    equal visits.
+    ``part`` is the index of the link. ``floor`` (n,), rad or m, is a smallest scatter of each
+    joint. The scatter of the point is taken as at least the one that ``floor`` causes, so that the
+    interval is not too narrow after a few equal visits.
     """
     q, step = visits.q[0], 1e-6
     around = np.vstack([q, q + step * np.eye(len(q))])

@@ -157,8 +157,9 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
     """Number the configurations (N,): a visit joins the first whose intervals all overlap its own.
 
-    Each visit has the interval q ± r (N, n) of every joint, with r its noise; visits of one number
-    are the same within it. Intervals have a common point if and only if each two overlap.
+    Each visit has the interval q ± r (N, n) of every joint, with r its noise; visits with one
+    number have the same configuration within the noise. Intervals have a common point if and only
+    if each two overlap.
     """
     low, high = np.empty_like(q), np.empty_like(q)  # of each group
     groups, count = np.zeros(len(q), np.intp), 0

@@ -68,7 +68,7 @@ class Status(IntEnum):
         A joint is on its way back from beyond its limit; the target is followed after that.
     BODIES
         Two bodies are near each other ahead, :attr:`Governor.nearest_bodies`: the arm slows down
-        and stops before their distance is below the one to keep.
+        and stops before their distance falls below ``body_distance``.
 
     Examples
     --------
@@ -297,10 +297,10 @@ class Governor:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
 
         The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
-        joint can be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad (m).
-        The first target or twist then moves it straight inside, never farther out, at most at a
-        tenth of the speed limits, with the status ``RECOVERING``; once begun, this motion ends
-        inside. The leaf is that of the configuration inside.
+        joint can be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad (m). The
+        first target or twist then moves it straight inside, never farther out, at most at a tenth
+        of the speed limits, with the status ``RECOVERING``; once begun, this motion ends inside.
+        The leaf is then that of the configuration at which this motion ends.
 
         Parameters
         ----------

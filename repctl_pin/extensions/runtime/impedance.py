@@ -196,7 +196,7 @@ class LeafImpedance:
 
 
 def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
-    """Check n numbers and return them as an array; one of finite doubles is returned as it is.
+    """Check n numbers and return them as an array; an array of finite doubles is not copied.
 
     It is called at every tick of a control loop, so the usual case is decided by one product. An
     array whose squares overflow goes through :func:`vector`, which looks at each number. ``name``
@@ -242,8 +242,8 @@ def _torque_law(inverse: RepeatableInverse, gains: Gains) -> NumPyTorques | Nati
 def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
     """Create the function (q, q̇) → inertia M (n, n) and bias b (n,), for one thread.
 
-    b contains gravity and velocity terms. Mimic joints count for the joints that drive them. Each
-    thread has its own, because Pinocchio computes in a buffer.
+    b contains gravity and velocity terms. Inertia and bias of a mimic joint are added to those of
+    the joint that drives it. Each thread has its own, because Pinocchio computes in a buffer.
     """
     model, drive = task.bodies_model()
     data = model.createData()

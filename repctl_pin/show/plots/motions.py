@@ -165,8 +165,8 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
     """Leave out motions that would hide the drift of the others on a linear scale.
 
     These motions move far away in cycle 1, to more than four times the others' drift, and stay
-    there, as a controller does that is drawn to another posture. ``motions`` lists the label,
-    motion and colour of each.
+    there, such as under a controller that is attracted to another posture. ``motions`` lists the
+    label, motion and colour of each.
     """
     rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [

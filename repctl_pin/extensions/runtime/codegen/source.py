@@ -207,7 +207,7 @@ def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | N
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
-    """Test whether an inverse is that of the function over this cell of poses.
+    """Test whether an inverse belongs to the function over this cell of poses.
 
     Only then can the cell be its region in C, because the chart of the function tests the poses.
     """
