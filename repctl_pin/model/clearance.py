@@ -224,7 +224,11 @@ class _Search:
         )
 
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
-        """Test which pairs are decided by lower bounds on their distances, m."""
+        """Test which pairs need no further measurement, by lower bounds on their distances, m.
+
+        A pair needs none if it can neither collide nor, if its distance is ``measured``, lie clearly
+        below the smallest distance found.
+        """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
         least = self._best - max(_SHARE * self._best, _SMALL)

@@ -347,8 +347,8 @@ def _by_pairs(
 
     Each corner averages those normals of the faces at its point that differ from its own face's
     normal by at most the crease angle. ``corner`` and ``point`` (K,) are numbers of face corners
-    and of the points that they share, and ``flat`` (F, 3) the normals of the faces, as long as
-    twice their areas.
+    and of the points that they share, and ``flat`` (F, 3) the normals of the faces, each with twice
+    the area of its face as length.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]

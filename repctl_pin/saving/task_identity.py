@@ -135,8 +135,8 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     """
     if isinstance(made_for.coordinates, list):
         raise InputError(
-            f"{where} is in joint coordinates ψ, q = T ψ, which a weight has replaced: its region "
-            "and cost are of ψ; design again with --weight absolute, if ψ are absolute angles, or "
+            f"{where} is in joint coordinates ψ, q = T ψ, which are no longer supported: a weight "
+            "replaces them; design again with --weight absolute, if ψ are absolute angles, or "
             "with rp.WeightedInverse(task, np.linalg.inv(T @ T.T))"
         )
     mine = identity(task)

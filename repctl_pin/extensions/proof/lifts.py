@@ -237,10 +237,11 @@ class _Search:
     def _halved(
         self, take: NDArray[np.intp]
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Return the halves of the undecided boxes ``take``, with their places and sets.
+        """Halve the undecided boxes ``take``; return the halves, with their places and sets.
 
-        These are lower and upper corners, (L, n) each, and (L,) each the index of the place, and
-        that of the smallest set S that contains the box; see :func:`halved`.
+        The halves are their lower and upper corners, (L, n) each. With them come two indices per
+        half, (L,) each: of its place, and of the smallest set S that contains it. See
+        :func:`halved`.
         """
         low, high, parents = halved(self.low[take], self.high[take], self.split[take])
         order = take[parents]

@@ -417,8 +417,8 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
     Each is one text, with a tone.
 
-    Without a violation it says that the joint limits are kept, and in how many ``cycles`` if one
-    will be violated later.
+    Without a violation, the text says that the joint limits are kept. If the drift will violate one
+    later, it says that they are kept in these ``cycles``.
     """
     said = []
     for one in summaries:
