@@ -226,8 +226,8 @@ class _Search:
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
         """Test which pairs need no further measurement, by lower bounds on their distances, m.
 
-        A pair needs none if it can neither collide nor, if its distance is ``measured``, lie clearly
-        below the smallest distance found.
+        These are pairs that cannot collide. If their distance is ``measured``, it must not lie
+        clearly below the smallest one found, either.
         """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0

@@ -159,7 +159,7 @@ class Course:
     durations: Array
 
     def stretched(self, factor: float) -> Course:
-        """Return the course with all times multiplied by a factor, so that it is slower above 1."""
+        """Return the course with all times multiplied by a factor; above 1, it becomes slower."""
         return Course(self.segments, self.begins * factor, self.durations * factor)
 
     def derivatives(self, t: Array) -> Array:

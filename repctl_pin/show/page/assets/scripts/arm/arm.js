@@ -202,7 +202,7 @@ export class ArmView {
     return point.clone().applyMatrix4(this.moving[k].matrix);
   }
 
-  // The place on that part which is displaced most in the end, now; the elbow where there is no part.
+  // Present position of the place on that part which is displaced most; the elbow without a part.
   partSpot() {
     return this.spot
       ? this.placed(this.spot.k, this.spot.point)
