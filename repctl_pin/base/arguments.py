@@ -136,8 +136,8 @@ def per_joint(
 ) -> Array:
     """Convert one number above 0, or n of them, to an array (n,).
 
-    Infinity is allowed unless ``finite``, which is for lengths by which joint positions are
-    divided: these must also exceed the rounding of a joint position.
+    Infinity is allowed unless ``finite`` is True. That is for lengths by which joint positions are
+    divided, so these must also exceed the rounding error of a joint position.
     """
     array = as_numbers(values)
     most = (
@@ -244,7 +244,7 @@ def evaluated(
     Raises
     ------
     InputError
-        If it does not; the message calls its result ``what``, and gives q.
+        If the function does not; the message calls its result ``what``, and gives q.
     """
     required = " × ".join(map(str, shape)) + " finite numbers"
     try:

@@ -46,8 +46,8 @@ class ClosingRadius:
     the straight way from the start, stays in Ω, the region of joint space that was proved, and ends
     where it began. Around a path that closes itself, every closed path that deviates by less than
     both, at each moment, closes too. That the path itself closes is proved if :attr:`checked` is 0;
-    else it was checked by following the path, at that many points. Where the path crosses itself, a
-    path that leaves it for its other branch is none of these. ``bool(radius)`` tells whether a
+    else it was checked by following the path, at that many points. Where the path crosses itself,
+    this does not cover a path that switches to the other branch. ``bool(radius)`` tells whether a
     radius of at least 1 mm is proved.
 
     Attributes
@@ -69,8 +69,8 @@ class ClosingRadius:
     boxes : int
         Number of boxes evaluated.
     complete : bool
-        False if the processor time was over before every box was decided or the radius asked for
-        was proved; more gives more.
+        False if the processor time ran out before every box was decided or the requested radius was
+        proved. More time can then prove a larger radius.
     reason : str
         Why the radius is not larger.
     checked : int
@@ -221,14 +221,15 @@ class Proof:
     """Lower bounds that are proved over a whole region or cell, or the box that prevented a proof.
 
     ``bool(proof)`` is :attr:`proved`. A proof belongs to one design: to its chain, limits, region
-    or cell, potentials and coefficients. A design that is not the one drops it with a warning.
+    or cell, potentials and coefficients. A design to which it does not belong drops it, with a
+    warning.
 
     Attributes
     ----------
     what : str
         Description of the design or the cell's function.
     proved : bool
-        True if everything that was asked for is proved.
+        True if everything that was requested is proved.
     leaf_margin : float
         Lower bound of the leaf margin over the whole region or cell; 0 if none was found.
     limit_margin : float
@@ -249,11 +250,11 @@ class Proof:
     theorem : int
         Version of the theorem (:data:`_THEOREM`) that was used.
     excepted : tuple of str
-        Joints left out of the limit margin: their limits end the range of a sector's angle or spin
-        that is ``"all"``, so they come as near to them as that range goes.
+        Joints left out of the limit margin, because they reach their limits. Such limits end the
+        range of a sector's angle or spin that was given as ``"all"``.
     closes : ClosingRadius, optional
-        Distance from the start, or from the path, within which every closed path closes. None if
-        it was not asked for, or for a tube without a path.
+        Distance from the start, or from the path, within which every closed path closes. None if it
+        was not requested, or for a tube without a path.
     subject : str
         Fingerprint of all that is proved: ``design.subject`` of the design.
     seal : str
@@ -306,10 +307,10 @@ class Proof:
         return 1 / self.leaf_margin - 1 if self.leaf_margin > 0 else np.inf
 
     def sealed(self, subject: str) -> Proof:
-        """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable.
+        """Return a copy of the proof that is bound to one design and protected against changes.
 
-        ``subject`` is the fingerprint, a hash, of the design. A proof of another design would be
-        worthless.
+        ``subject`` is the fingerprint, a hash, of the design. The copy also has a seal, a hash of
+        all its values, so that a proof of another design and a changed proof are both refused.
         """
         bound = replace(self, subject=subject, seal="")
         return replace(bound, seal=bound._fingerprint())

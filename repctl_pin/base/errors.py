@@ -76,7 +76,7 @@ class RepctlError(Exception):
 
 
 def _restored(kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]) -> RepctlError:
-    """Create an error again from its parts, without calling its constructor, which may take others.
+    """Create an error from its parts, without its constructor, which may take other arguments.
 
     Errors cross from worker processes by pickle. ``args`` and ``parts`` are its attributes.
     """

@@ -48,8 +48,8 @@ class Extension:
     files
         Modules with a ``KIND`` of design files, by the file's ``format``.
     parts
-        What the core uses where it has a place for additions, as ``module:name``, by the name of
-        the place: see :func:`parts`.
+        Objects that the core uses at the places where it accepts additions. Each is
+        ``module:name``, by the name of the place, see :func:`parts`.
     """
 
     package: str

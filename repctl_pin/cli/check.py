@@ -109,12 +109,12 @@ def run(options: Options) -> int:
 def _prove(options: Options, say: Callable[[str], None]) -> int:
     """Prove the margins of a saved design over its region, print the proof, and return a code.
 
-    The leaf margin is the distance from an algorithmic singularity; for a cell, also that from the
-    joint limits is proved.
+    The leaf margin is the distance from an algorithmic singularity; for a cell, the distance from
+    the joint limits is proved, too.
 
     If the design's file holds a certificate, the bounds of an earlier proof, those are proved
-    again; otherwise the largest bounds found are. The exit code is 0 if the proof was reached, else
-    3. ``say`` receives the name of each step.
+    again. Otherwise the largest bounds that can be found are proved. The exit code is 0 if the
+    proof was reached, else 3. ``say`` receives the name of each step.
     """
     from dataclasses import asdict
 

@@ -96,7 +96,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Follow the path, evaluate the motion, write it to the files asked for, and print a report.
+    """Follow the path, evaluate the motion, write it to the requested files, and print a report.
 
     If a limit is violated or bodies collide, InputError is raised before ``--csv`` or ``--yaml`` is
     written, unless ``--allow-violations`` is given. Returns the exit code 0.
@@ -140,7 +140,7 @@ def run(options: Options) -> int:
     ):
         closes = None
         notes.append(
-            "the proved closing radius is of the design's leaf; this motion is on another one"
+            "the closing radius is proved on the design's leaf only; this motion is on another leaf"
         )
     motion = replace(motion, region=case.region, closing_radius=closes)
     loose = "" if lock else unresolved(strategy, motion)
@@ -185,7 +185,7 @@ def run(options: Options) -> int:
 
 
 def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) -> rp.BestLeaf:
-    """Search the leaf that ``--best-leaf`` asks for; InputError without a repeatable controller."""
+    """Search for the leaf of ``--best-leaf``; InputError without a repeatable controller."""
     if not isinstance(case.strategy, rp.RepeatableInverse):
         raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
     say("searching for the best leaf")
@@ -200,7 +200,7 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the numbers of a motion from rest to rest, replacing those of the path's times."""
+    """Collect the numbers of the motion timed from rest to rest; they replace the untimed ones."""
     return {
         "duration": rest.duration,
         "slowed_by": None,
@@ -213,10 +213,10 @@ def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
 def _written(
     options: Options, slowed: rp.Motion, rest: rp.TimedMotion | None, remedy: str
 ) -> list[Path]:
-    """Write the files that were asked for, of the timed motion if there is one; return them.
+    """Write the requested files, from the timed motion if there is one; return their paths.
 
-    InputError is raised before any is written if a limit is violated or bodies collide, unless
-    ``--allow-violations`` is given; ``remedy`` says how to avoid that.
+    If a limit is violated or bodies collide, InputError is raised before any file is written,
+    unless ``--allow-violations`` is given. ``remedy`` says how to avoid the violation.
     """
     from ..motion.csv_file import csv_text
     from ..motion.joint_motion import refuse_violations

@@ -212,8 +212,8 @@ class Options(argparse.Namespace):
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
         The result is what :class:`Problem` takes. A single path is that of the first frame, and the
-        others hold still, which None, or the word ``hold``, stands for; a CSV file names the frames
-        that move.
+        other frames hold still. In a list, None or the word ``hold`` stands for a frame that holds
+        still. A CSV file names the frames that move.
         """
         path = getattr(self, "path", None)
         frames, paths = _listed(self.frame), _listed(path)
@@ -263,8 +263,8 @@ class Options(argparse.Namespace):
     def asked_limits(self) -> rp.Limits:
         """Parse ``--acceleration``, ``--jerk`` and ``--tool-speed``, the limits of a motion.
 
-        An acceleration or jerk is a robot's name, one number, or one per joint; InputError for
-        others.
+        An acceleration or jerk is a robot's name, one number, or one per joint; InputError for any
+        other text.
         """
         tool_speed = self.tool_speed
         if tool_speed is not None:
@@ -348,7 +348,7 @@ def require_proofs(asked: bool) -> None:
 
 
 def proof_code(proof: rp.Proof | None) -> int:
-    """Return the exit code of a command: 3 if a proof was asked for and not reached, else 0."""
+    """Return the exit code of a command: 3 if a requested proof was not reached, else 0."""
     return 0 if proof is None or proof else NOT_PROVED
 
 
@@ -364,7 +364,7 @@ def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
 def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
     """Write a note that names the joints at whose limits a box was cut: a tuple of one text.
 
-    The box is cut if it is narrower than ``half_width``, the one asked for; otherwise the tuple is
+    The box is cut if it is narrower than ``half_width``, the requested one; otherwise the tuple is
     empty.
     """
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)

@@ -74,7 +74,7 @@ def report(
 ) -> int:
     """Print the result of a command, as JSON or as text and the written files; return exit code 0.
 
-    Commands end with it. Only the form that is asked for is made.
+    Commands end with it. Only the requested form is made.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def page_lines(files: Sequence[Path]) -> list[str]:
 
 
 def _as_json(value: Any, indent: int | None = None) -> str:
-    """Write a value as JSON, with unprintable characters escaped so that no terminal obeys them.
+    """Write a value as JSON, with unprintable characters escaped, which could control a terminal.
 
     Non-ASCII letters stay readable; ``indent`` is that of ``json.dumps``.
     """

@@ -258,7 +258,7 @@ class _PenalisedCost:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I.
 
         ``model`` is (g, H), half the gradient and the Gauss–Newton matrix. The damping used can be
-        larger than asked for, if the matrix is not positive definite.
+        larger than the requested one, if the matrix is not positive definite.
         """
         gradient, H = model
         g = gradient.T.ravel()
@@ -269,8 +269,8 @@ class _PenalisedCost:
     def _closeness(self, x: Array) -> float:
         """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant, at ``A = B x``.
 
-        It draws V towards the projection of N(center), the null space at the centre of Ω, onto that
-        at each node. τ is its weight.
+        It draws V towards the projection of N(center), the null space at the centre of Ω, onto the
+        null space at each node. τ is its weight.
         """
         quadratic = np.sum(x * (self.EE @ x))
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))

@@ -228,8 +228,8 @@ def _defects(design: Design, Q: Array) -> Array:
 def _with_gaps(evaluate: Callable[[Array], Array], Q: Array, width: int) -> Array:
     """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities.
 
-    A function on many rows fails as a whole if one row is singular. So the rows are halved until
-    each failing one is alone.
+    A function on many rows fails as a whole if one row is singular. The rows are therefore divided
+    into halves until each failing row is alone.
     """
     try:
         return evaluate(Q)

@@ -151,12 +151,12 @@ class Design:
         """Convert a design for a pose task to another tool on the same body, without a new fit.
 
         The null space of a pose task does not depend on the point of the body, ``J' = A J`` with an
-        invertible A. So the same potentials repeat, with the same leaf margin and the same joint
-        path of a motion, and ``G_r' = G_r A⁻¹``. Cost and margins are evaluated again;
-        ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees`` stay those of the
-        fit, and ``cycle`` is None. The leaf and limit margins of a certificate hold as they are.
-        Its bound of σ_min(J) becomes smaller, and its closing radius is converted, because the
-        metres are measured at another point.
+        invertible A. So the same potentials give a repeatable inverse of the new tool, with the
+        same leaf margin and the same joint paths: ``G_r' = G_r A⁻¹``. Cost and margins are
+        evaluated again; ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees``
+        stay those of the fit, and ``cycle`` is None. The leaf and limit margins of a certificate
+        hold as they are. Its bound of σ_min(J) becomes smaller, and its closing radius is
+        converted, because the metres are measured at another point.
 
         Parameters
         ----------

@@ -63,7 +63,7 @@ def evaluate_design(
 ) -> Evaluation:
     """Evaluate a repeatable inverse against a desired one, on held-out nodes of a region.
 
-    A fit can be good at its own nodes and bad between them; these nodes are others.
+    A fit can be good at its own nodes and bad between them, so other nodes are used here.
 
     Parameters
     ----------

@@ -94,9 +94,9 @@ def _refuse_arm_singularities(problem: FitProblem) -> None:
 
 
 def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
-    """Compute the number of all nodes of a fit, and that of the few for most descents.
+    """Compute two numbers of nodes: of the whole fit, and of the smaller set for most descents.
 
-    InputError is raised if all nodes are too few for the potentials.
+    InputError is raised if even the whole set has too few nodes for the potentials.
     """
     task, size, samples = problem.desired.task, problem.potentials.size, problem.options.samples
     unknowns = (size - task.r) * task.r
@@ -117,7 +117,7 @@ def _refined(
     fine: BarrierCost,
     samples: int,
 ) -> Design | SingularRegionError:
-    """Descend on all nodes from a result on few, and evaluate the design on held-out nodes.
+    """Descend on all nodes, from a result on few nodes; evaluate the design on held-out nodes.
 
     A singularity that the evaluation finds becomes a barrier point of ``fine``, and the descent is
     repeated. The last singularity is returned if the start itself, ``near``, is singular there or

@@ -157,7 +157,7 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 def _shrinking(problem: FitProblem, shrink: bool) -> Design:
     """Design in Ω; with ``shrink``, in the largest region that is found free of singularities.
 
-    Without ``shrink``, a singularity in Ω, the region asked for, raises an error. After a shrunk
+    Without ``shrink``, a singularity in Ω, the requested region, raises an error. After a shrunk
     region fails too, each new one is at most 0.9 times as large. ``shrunk`` of the design is the
     factor that was needed.
     """

@@ -118,10 +118,10 @@ class Dexterity:
     def newton(self, Q: Array, scale: Array) -> Array:
         """Compute the Newton steps (K, n) to the nearest configurations at which J loses rank.
 
-        The steps are in units of scale (n,), and the shortest ones to first order. With the
-        singular value decomposition J = U Σ Vᵀ, J loses rank where the n − m + 1 equations
-        ``V₂ᵀ Jᵀ u = 0`` hold; u is the last column of U, V₂ the columns m, …, n of V. Where the arm
-        is stretched out, σ_min has the shape of a cone, to whose tip gradient descent does not
+        The steps are in units of ``scale`` (n,), and are the shortest ones to first order. With the
+        singular value decomposition J = U Σ Vᵀ, J loses rank where the n − m + 1 equations ``V₂ᵀ Jᵀ
+        u = 0`` hold; u is the last column of U, V₂ the columns m, …, n of V. Where the arm is
+        stretched out, σ_min has the shape of a cone, to whose tip gradient descent does not
         converge."""
         m = self.task.m
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
@@ -178,11 +178,12 @@ class LeafMargin:
 def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     """Minimise a measure over Ω by local searches from several starting points at once.
 
-    A measure is a function of q that is 0 at a singularity. They end when one reaches a value of 0
-    or below, or when none can go lower. A step goes down the slope, at most to where the measure
-    would be 0 to first order. The bound on the step length is doubled after a step that lowered the
-    measure, and quartered after one that did not. If no value of a :class:`Dexterity` is 0 then, up
-    to 12 Newton steps follow until one is; each is at most half the half-widths of Ω long.
+    A measure is a function of q that is 0 at a singularity. The searches end when one of them
+    reaches a value of 0 or below, or when none can go lower. A step goes down the slope, at most to
+    where the measure would be 0 to first order. The bound on the step length is doubled after a
+    step that lowered the measure, and quartered after one that did not. If the measure is a
+    :class:`Dexterity` and no search has reached 0, up to 12 Newton steps follow, each at most half
+    the half-widths of Ω long.
 
     Parameters
     ----------
@@ -229,12 +230,11 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
 def search(measure: _Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
-    A measure is a function of q that is 0 at a singularity; one at or below 0 makes a design
-    impossible there. Candidates are the configurations Q (K, n), with their values (K,) if known,
-    and configurations near the corners of Ω. The starting points are those with the smallest
-    values, and a few spread over all values. Corners are included because a polynomial fitted to
-    few nodes deviates most there, and random points in many dimensions rarely lie close to a
-    corner.
+    A measure is a function of q that is 0 at a singularity; a value at or below 0 makes a design in
+    Ω impossible. Candidates are the configurations Q (K, n), with their values (K,) if known, and
+    configurations near the corners of Ω. The starting points are those with the smallest values,
+    and a few spread over all values. Corners are included because a polynomial fitted to few nodes
+    deviates most there, and random points in many dimensions rarely lie close to a corner.
     """
     values = measure(Q) if values is None else values
     corners = _corners(region, Q)
@@ -325,7 +325,7 @@ def refuse_singular(
             f"{where}; the centre of the region is singular, or nearly so",
             at,
             None,
-            "choose another, or a smaller region",
+            "choose another region, or a smaller one",
         )
     free = "singularity-free region with the same centre"
     if isinstance(measure, LeafMargin):

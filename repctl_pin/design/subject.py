@@ -31,7 +31,8 @@ _DIGITS = 9
 def check_configurations(task: Task) -> Array:
     """Choose configurations (4, n) at which a changed robot is detected: generic ones.
 
-    A saved file has the frame's places there. The first one is the task's reference configuration.
+    A saved file holds the placements of the frame at these configurations. The first one is the
+    task's reference configuration.
     """
     joints = np.arange(1, task.n + 1)
     away = [0.7 * np.sin(joints * (k + 1.3)) for k in range(_CHECKS - 1)]

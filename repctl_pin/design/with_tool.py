@@ -71,8 +71,8 @@ def for_task(design: Any, task: Task) -> Any:
 def _desired(desired: Inverse, task: Task) -> Inverse:
     """Convert a desired inverse: ``G_d' = G_d A⁻¹``, where ``J' = A J`` is the tool's Jacobian.
 
-    A depends on the tool's offset. For J⁺ and a weighted inverse this is the same kind of inverse
-    of the new task, which is made; other inverses are multiplied by A⁻¹ at each configuration.
+    A depends on the tool's offset. For J⁺ and a weighted inverse, the result is the same kind of
+    inverse, made for the new task; other inverses are multiplied by A⁻¹ at each configuration.
     """
     if isinstance(desired, Pseudoinverse):
         return Pseudoinverse(task)

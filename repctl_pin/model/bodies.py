@@ -60,8 +60,9 @@ class Bodies:
     distance: pairs that the SRDF disables, pairs with a single joint between them, and pairs whose
     hulls overlap at every sampled configuration. Links that a joint connects are not checked. Also
     not checked are pairs of the first two kinds that collide at the reference pose or at a quarter
-    of the sampled configurations, and any pair that collides at all of them. This is decided for
-    two links of the robot with all of their shapes, and for each shape of the surroundings.
+    of the sampled configurations, and any pair that collides at all of them. The decision is made
+    for each pair of links of the robot, with all of their shapes, and for each single shape of the
+    surroundings.
 
     Bodies of the same files and joints share their geometry. Several threads can use one object.
 

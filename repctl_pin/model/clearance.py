@@ -138,10 +138,11 @@ class _Search:
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Measure the minimum distance at some samples, the R rows.
+        """Measure the minimum distance at samples ``rows`` (R,), and list what is undecided.
 
-        Returns the pairs, and the pieces between two rows, by index, that the lower bounds at both
-        rows do not settle.
+        A piece is the motion between two successive rows. Returned are two arrays of indices, of
+        pairs of bodies and of pieces: each entry is a pair whose lower bounds at the two ends of a
+        piece do not decide it.
         """
         pairs, pieces = [], []
         last = None
@@ -165,7 +166,7 @@ class _Search:
     def settle(
         self, rows: NDArray[np.intp], undecided: tuple[NDArray[np.intp], NDArray[np.intp]]
     ) -> None:
-        """Settle the pairs on the pieces between rows that are undecided, by their indices."""
+        """Decide all ``undecided`` pairs and pieces, as :meth:`look_at` returns them."""
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")
         pairs, pieces = pairs[order], pieces[order]
@@ -175,7 +176,7 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Settle a pair on M pieces, given by the positions of their ends (M,)."""
+        """Decide a pair on M pieces, which end at (M,) positions each, by further measurements."""
         measured = bool(self._measured[pair])
         pieces = self._pieces(pair, begin, end)
         while True:
@@ -223,7 +224,11 @@ class _Search:
         )
 
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
-        """Tell whether lower bounds on distances, m, settle pairs, of which some are measured."""
+        """Test which pairs need no further measurement, by lower bounds on their distances, m.
+
+        These are pairs that cannot collide. If their distance is ``measured``, it must not lie
+        clearly below the smallest one found, either.
+        """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
         least = self._best - max(_SHARE * self._best, _SMALL)

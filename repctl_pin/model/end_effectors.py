@@ -154,7 +154,7 @@ def _only_collides(link: str, body: _Body) -> bool:
     """Test whether a link only holds the collision shapes of another one, as its name says.
 
     It is not drawn, and its name is that of the other link with an ending, such as ``link7_sc``, or
-    contains ``collision``. A ``tool0`` that has a collision shape is none.
+    contains ``collision``. A link ``tool0`` with a collision shape is not such a link.
     """
     extends = any(link != other and link.startswith(other) for other in body.links)
     return link in body.shells and (extends or "collision" in words(link))

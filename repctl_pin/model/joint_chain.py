@@ -72,7 +72,7 @@ def joint_chain(task: Task) -> JointChain:
 class _JointTree:
     """All N joints that a task moves, those beside its chains included, from the base outward.
 
-    A page in the browser moves the whole arm with it, also links beside the chain.
+    A page in the browser uses it to move the whole arm, with the links beside the chain.
 
     Attributes
     ----------
@@ -188,9 +188,9 @@ def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]]
 def _along_z(chain: JointChain) -> tuple[Array, Array]:
     """Turn the frames of the joints, so that each joint moves about or along its own z axis.
 
-    Each frame is also turned about its z axis, which its joint does anyway, so that the rotation to
-    the next frame is one about x, unless the two z axes are parallel. Products with such
-    rotations need fewer operations in C.
+    Each frame is also turned about its z axis, which commutes with the motion of its joint, so that
+    the rotation to the next frame is one about x, unless the two z axes are parallel. Products with
+    such rotations need fewer operations in C.
 
     Returns
     -------

@@ -158,7 +158,7 @@ def task_kind(name: str) -> Kind:
     Raises
     ------
     InputError
-        If there is none.
+        If there is no kind of that name.
     """
     if not isinstance(name, str) or name not in KINDS:
         raise InputError(f"no task kind {shown(name)}; choose from {', '.join(KINDS)}")

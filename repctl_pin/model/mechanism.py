@@ -70,7 +70,7 @@ class Coupling:
     def leader(self, joint: int) -> int:
         """Return the index of the free joint that drives joint number ``joint`` of the model.
 
-        It is the joint itself, or the one that it mimics.
+        A free joint drives itself; a mimic joint is driven by the joint that it mimics.
         """
         return int(np.argmax(self.S[joint] != 0))
 

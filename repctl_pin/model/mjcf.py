@@ -2,8 +2,8 @@
 
 MuJoCo itself compiles a file: defaults, includes, frames, several joints of a body, meshes.
 (Pinocchio's reader drops bodies in ``<frame>`` and without a name, and shifts ranges by ``ref``,
-without a word.) The tree of bodies is written again as links and joints. A joint of MuJoCo turns
-about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(−p)``.
+and does not report it.) The tree of bodies is written again as links and joints. A joint of MuJoCo
+turns about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(−p)``.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
     Raises
     ------
     UrdfError
-        If the file is not valid, or has what a tree of revolute and prismatic joints has not.
+        If the file is not valid, or has content that a tree of revolute and prismatic joints cannot
+        describe.
     """
     if importlib.util.find_spec("mujoco") is None:
         raise UrdfError(
@@ -130,8 +131,8 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
     """Write the joints of a body as links, one below the other; the last one is the body.
 
     A URDF has one joint per link, MuJoCo several per body. ``above`` is the parent link, ``place``
-    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out; a ball joint is
-    one of the URDF that is made, where it is split into three joints.
+    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out; a ball joint
+    stays one here, and is split into three joints when the URDF is read.
     """
     parts: list[_Part] = []
     for j in joints:
@@ -174,7 +175,7 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
     Raises
     ------
     UrdfError
-        If there is another one.
+        If there is any other equality constraint.
     """
     found = {}
     for e in range(model.neq):
@@ -187,8 +188,8 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
         if kind != _JOINT:
             what = {_CONNECT: "connect", _WELD: "weld"}.get(kind, "tendon or flex")
             raise UrdfError(
-                f"equality constraint {name!r} ({what}) closes a loop or ties more than joints; "
-                "a robot here is a tree: remove it"
+                f"equality constraint {name!r} ({what}) closes a loop or couples other parts than "
+                "joints, but a robot must be a tree; remove it"
             )
         j, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         a = np.array(model.eq_data[e, :5])

@@ -420,7 +420,8 @@ class Robot(Mechanism):
     def offered_frames(self) -> tuple[str, ...]:
         """Frames to offer for a task: the catalogue's, else the end of the longest arm.
 
-        Among arms of the same length, the one whose end has the better name; a sensor comes last.
+        Among arms of the same length, the one is chosen whose end has the best name (:func:`rank`);
+        sensors come last.
         """
         known = tuple(
             frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
@@ -468,7 +469,7 @@ def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
     Raises
     ------
     UrdfError
-        If the model has what a URDF has not.
+        If the model has content that a URDF cannot describe.
     """
     notes: list[str] = []
     if _is(given, "yourdfpy", "URDF"):
@@ -485,7 +486,7 @@ def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
 
 
 def _is(given: Any, module: str, name: str) -> bool:
-    """Test whether an object is of a class of a module, which is not imported for it.
+    """Test whether an object is of a class of a module, without importing the module.
 
     If the module was not imported before, no object can be of its class.
     """

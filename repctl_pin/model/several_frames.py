@@ -103,7 +103,7 @@ class SeveralFrames(Task):
         Raises
         ------
         InputError
-            If it is none; ``name`` names it.
+            If it is not one placement per frame; the message calls it ``name``.
         """
         if isinstance(value, Placements) and len(value) == len(self.parts):
             return value
@@ -224,7 +224,7 @@ def based(robot: _Robot, base: str | None) -> _Robot:
 
 
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
-    """List the tasks of one frame of a task, each with its own q (of the joints that move it).
+    """Split a task into tasks of one frame, each with the q of the joints that move its frame.
 
     Lengths and elbows are those of single arms. A task of one frame is returned with its q.
     """

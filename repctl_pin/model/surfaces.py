@@ -187,9 +187,9 @@ def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -
 
 @contextmanager
 def without_tracebacks() -> Iterator[None]:
-    """Keep trimesh from logging, on this thread, what it goes on without, such as a texture.
+    """Keep trimesh from logging missing files, such as textures, on this thread.
 
-    It writes a traceback for each missing file.
+    It goes on without them, but writes a traceback for each.
     """
     thread = get_ident()
     logger = logging.getLogger("trimesh.util")
@@ -233,12 +233,16 @@ class _Beside:
     def get(self, name: str) -> bytes:
         """Read a file that the mesh names; trimesh ignores the error for a missing one.
 
-        InputError is raised for a file outside the folder of the mesh and the one above it.
+        InputError is raised for a file that is neither in the folder of the mesh nor in the one
+        above.
         """
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
-            raise InputError(f"it asks for {name[:60]!r}, outside its folder")
+            raise InputError(
+                f"it names {name[:60]!r}, which lies outside the folder above the mesh file; "
+                "move that file beside the mesh"
+            )
         if not file.exists():
             raise FileNotFoundError(name)
         return _read_bytes(file)
@@ -305,8 +309,8 @@ def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute averaged normals (3F, 3) of face corners, for smooth shading.
 
-    A corner's normal is the average over the faces at that point whose normals are within the
-    crease angle of that of its own face.
+    A corner's normal is the average over the faces at that point whose normals differ from the
+    normal of its own face by at most the crease angle.
 
     Parameters
     ----------
@@ -341,9 +345,10 @@ def _by_pairs(
 ) -> None:
     """Write averaged normals of some corners, given with their points, into ``normals``.
 
-    Each corner averages the normals of the faces at its point that are within the crease angle of
-    its own. ``corner`` and ``point`` (K,) are numbers of face corners and of the points that they
-    share, and ``flat`` (F, 3) the normals of the faces, as long as twice their areas.
+    Each corner averages those normals of the faces at its point that differ from its own face's
+    normal by at most the crease angle. ``corner`` and ``point`` (K,) are numbers of face corners
+    and of the points that they share, and ``flat`` (F, 3) the normals of the faces, each with twice
+    the area of its face as length.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]
@@ -385,8 +390,8 @@ def _unit(vectors: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np
 def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the distinct rows of an array (K, k).
 
-    The rows are compared by a hash of 64 bits, which numpy sorts several times as fast; that two
-    different rows share it is as unlikely as 1e-7 for a million rows.
+    The rows are compared by a hash of 64 bits, which NumPy sorts several times as fast. Among a
+    million rows, two different ones share a hash with a probability of 1e-7.
 
     Returns
     -------

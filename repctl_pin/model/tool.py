@@ -98,14 +98,15 @@ def rigid(placement: Placement) -> pin.SE3:
     """Check the placement of a tool, and make its rotation exact where it is not.
 
     A rotation that is written with few digits is replaced by the nearest rotation. InputError is
-    raised if it is none, if the position is not finite, or if it is more than 1,000 m away.
+    raised if the matrix is not a rotation, or if the position is not finite or more than 1,000 m
+    away.
     """
     tool = as_placement(placement, "placement")
     if not np.isfinite(tool.translation).all():
         raise InputError("the position of the tool must be finite numbers, m")
     if (away := float(np.linalg.norm(tool.translation))) > _FARTHEST:
         raise InputError(
-            f"the tool is {away:.3g} m from the frame: at most {_FARTHEST:,.0f} m is taken",
+            f"the tool is {away:.3g} m from the frame: at most {_FARTHEST:,.0f} m is accepted",
             remedy="give its position in m",
         )
     require_rotation(tool.rotation, "the tool")

@@ -232,8 +232,8 @@ def _joint(
 ) -> Joint:
     """Read a joint; a missing range or speed limit counts as unlimited, with a note.
 
-    ``joints`` are the elements of all joints by name, for the one that a mimic joint follows;
-    ``notes`` receives the notes. A limit beyond 1000 also counts as none.
+    ``joints`` are the elements of all joints by name, in which the leader of a mimic joint is
+    found; ``notes`` receives the notes. A limit beyond 1000 also counts as none.
     """
     name = element.get("name")
     kind = element.get("type")
@@ -302,9 +302,10 @@ def _mimicked(
 
 
 def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
-    """Compute the multiplier and the offset of a chain of ``<mimic>``, the follower's first.
+    """Combine a chain of ``<mimic>`` elements into one multiplier and one offset.
 
-    The follower is at multiplier · q + offset, with q the position of the last joint.
+    The chain leads from a follower, whose element comes first, to the joint that all of them
+    follow. With q the position of that joint, the follower is at multiplier · q + offset.
     """
     multiplier = 1.0
     offset = 0.0
@@ -315,10 +316,10 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 
 
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
-    """Make the joints fixed that mimic a fixed joint, at their offset; one note names them.
+    """Fix the joints that mimic a fixed joint, at their offsets, and add one note on them.
 
     A fixed joint is at 0, so that its followers do not move either. They keep the ``<mimic>``, by
-    which a finger is known.
+    which fingers are recognised.
     """
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     chains = {name: mimic_chain(joint, joints) for name, joint in joints.items()}
@@ -366,8 +367,8 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 def _millimetres(robot: etree._Element, root: str) -> list[str]:
     """Write a note on links longer than 20 m, which may be in millimetres.
 
-    A single length counts for nothing: the robot may stand far from the root of its file. The list
-    has one note, on the largest length; it is empty if there are fewer than two.
+    A single long link is ignored: the robot may stand far from the root of its file. The list has
+    one note, on the largest length; it is empty if there are fewer than two.
     """
     long = {}
     for joint in robot.findall("joint"):
@@ -421,14 +422,17 @@ def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
                 joints[limit.getparent().get("name") or "without a name"] = None
                 unknown[attribute] = None
     if joints:
-        notes.append(f"{' and '.join(unknown)} of −1 read as not given: {_few(joints)}")
+        notes.append(
+            f"limits of −1 were read as not given: {' and '.join(unknown)} of {_few(joints)}"
+        )
 
 
 def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:
     """Replace the ``quat_xyzw`` of every origin by ``rpy``, as URDF 1.1 and later allow.
 
-    In a file of an older version, or of none, it does not count; ``notes`` receives a note.
-    UrdfError is raised for a quaternion of length 0, and for an origin that has both.
+    In a file with an older version, or without a version, the attribute is ignored, and ``notes``
+    receives a note. UrdfError is raised for a quaternion of length 0, and for an origin that has
+    both.
     """
     origins = [origin for origin in robot.iter("origin") if origin.get("quat_xyzw") is not None]
     if origins and robot.get("version", "1.0") == "1.0":

@@ -191,7 +191,7 @@ def axis_of(joint: etree._Element) -> tuple[float, float, float]:
 def _check_names(elements: Sequence[etree._Element]) -> None:
     """Check that elements have unique names that CSV files and Pinocchio can hold.
 
-    UrdfError is raised for the first one that has not.
+    UrdfError is raised for the first element without such a name.
     """
     seen: dict[str, etree._Element] = {}
     for element in elements:
@@ -232,7 +232,7 @@ def _check_numbers(element: etree._Element) -> None:
 def _check_body(link: etree._Element) -> None:
     """Check that a link's inertia and shapes are complete, and raise UrdfError if not.
 
-    Pinocchio ignores incomplete ones without a word.
+    Pinocchio silently ignores incomplete ones.
     """
     for inertial in link.findall("inertial"):
         for tag in ("mass", "inertia"):

@@ -180,9 +180,9 @@ def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
 
 
 def _mesh_file(shape: Shape, of: Description, robot: Mechanism) -> Path | None:
-    """Find the mesh file of a shape; None if it has none, or it is missing.
+    """Find the mesh file of a shape; None if the shape has no mesh, or the file is missing.
 
-    ``of`` is the URDF that names it, the robot's or that of the surroundings.
+    ``of`` is the URDF that contains the shape: the robot's, or that of the surroundings.
     """
     name = shape.filename
     return find_mesh(name, of.path, robot.package_dirs) if name else None

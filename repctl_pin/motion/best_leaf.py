@@ -88,7 +88,7 @@ _APART = 0.3
 @dataclass(frozen=True, eq=False)
 @read_only
 class _LeafCandidate:
-    """A start configuration, with the margins of one cycle from it.
+    """A start configuration, with the margins of the cycle that begins there.
 
     A start selects the leaf h(q) = c that the whole motion stays on, so that one cycle shows the
     margins of all. :func:`best_leaf` compares starts by them. A leaf is a set of configurations on
@@ -153,7 +153,7 @@ class _LeafCandidate:
 
 @dataclass(frozen=True, eq=False)
 class BestLeaf:
-    """Hold the result of :func:`best_leaf`: the best start found, and the given one for comparison.
+    """Result of :func:`best_leaf`: the best start found, and the given one for comparison.
 
     Attributes
     ----------
@@ -276,8 +276,8 @@ def best_leaf(
     def allowed(starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Yield the starts with a full cycle inside the region and a sufficient leaf margin.
 
-        A start None is one that the walk did not reach; it counts as tried. The leaf margin is
-        sufficient from 0.1 on, or from that of the given start on.
+        None stands for a start that the walk did not reach; it is counted as tried. The leaf margin
+        is sufficient from 0.1 on, or from that of the given start on.
         """
         nonlocal tried
         for q in starts:

@@ -1,6 +1,6 @@
 """Motions as CSV: columns strategy, cycle, time, joints and joint velocities.
 
-``repctl`` writes these files; the animation reads them back, and a user's own.
+``repctl`` writes these files. The animation reads them, and files of this form by other programs.
 """
 
 from __future__ import annotations
@@ -183,8 +183,8 @@ def read_motions(
 def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> int:
     """Return the number of cycles: ``asked``, else the last value of ``cycle``, else 1.
 
-    ``end`` is that value, in the row ``row`` of the table, None without such a column. InputError
-    is raised if the motion ends within a cycle.
+    ``end`` is the last value of that column, in the row ``row`` of the table; None without the
+    column. InputError is raised if the motion ends within a cycle.
     """
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):

@@ -1,8 +1,7 @@
 """Displacement of bodies between two placements, and prediction of when a joint leaves its range.
 
-The **part that is off most** is the link of the arm whose drawn body has the point that is
-displaced most, and its displacement is that of this point. Every text, table, page and figure means
-this.
+The **most displaced part** is the link of the arm whose drawn body has the point that is displaced
+most, and its displacement is that of this point. Every text, table, page and figure means this.
 """
 
 from __future__ import annotations
@@ -79,7 +78,7 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
 
 
 def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
-    """Find the part that is off most after a motion, as its link, and how far it is off, m.
+    """Find the link that is displaced most after a motion, and its displacement, m.
 
     It is the link whose drawn body has the point that is displaced most; reports name it.
 
@@ -95,7 +94,7 @@ def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
 
 
 def cycle_displacements(motion: JointMotion) -> Array:
-    """Compute how far the part that is off most is from its start after each cycle: (cycles,), m.
+    """Compute the displacement of the most displaced part after each cycle: (cycles,), m.
 
     The part is the link whose drawn body has the point that is displaced most; it can differ from
     cycle to cycle. Reports show this beside the drift, which is a norm of joint angles.

@@ -190,9 +190,9 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
 
     A study then shows this text instead of a drift. The motion is integrated again, with twice the
     steps per cycle. Its drift is resolved if the two runs end each cycle within 1 % of the drift,
-    or within the distance that counts as closed. The fourth-order method leaves far less on a
-    regular motion; near a singularity, where J⁺ grows without bound, neither number of steps is
-    enough.
+    or within the distance that counts as closed. On a regular motion, the error of the fourth-order
+    method is far smaller; near a singularity, where J⁺ grows without bound, neither number of steps
+    is enough.
 
     Returns
     -------

@@ -164,7 +164,7 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
         if rest is None:
             break
         Q = np.vstack([Q[:1], rest])
-    raise InputError("the motion of J⁺ cannot be closed", remedy="pass one that closes as guess=")
+    raise InputError("the motion of J⁺ cannot be closed", remedy="pass a closed motion as guess=")
 
 
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
@@ -265,8 +265,8 @@ class _Cost:
 
         Self-motions are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so that Newton's matrix is the
         Gauss–Newton matrix plus the blocks ``−λᵀ (H N) N`` with ``λ = J⁺ᵀ ∇``, ∇ the gradient of
-        the cost. Unless ``exact``, only the convex parts of these blocks are used, and the matrix
-        is positive definite.
+        the cost. If ``exact`` is False, only the convex parts of these blocks are used, so that the
+        matrix is positive definite.
 
         Raises
         ------

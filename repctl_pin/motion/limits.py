@@ -105,8 +105,8 @@ class Limits:
     Raises
     ------
     InputError
-        If a number is not above 0, or no limits of that name are known. If the URDF lacks
-        accelerations that are not given, what uses the limits raises it.
+        If a number is not above 0, or no limits of that name are known. It is raised later, by the
+        function that uses the limits, if the URDF lacks accelerations that were not given.
 
     Examples
     --------

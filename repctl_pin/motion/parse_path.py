@@ -96,7 +96,9 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
         radius = _length(parts[0], text)
         degrees = number(parts[1])
         if not np.isfinite(degrees):
-            raise InputError(f"path {text!r}: {parts[1]!r} is no angle in degrees; give {_FORMS}")
+            raise InputError(
+                f"path {text!r}: {parts[1]!r} is not an angle in degrees; give {_FORMS}"
+            )
         return lambda task, q0, plane: circle_at(task, q0, radius, plane, degrees)
     numbers = [_length(part, text) for part in parts]
     curves: dict[str, Callable[..., TaskPath]] = {"eight": figure_eight, "rose": rose}

@@ -63,9 +63,10 @@ def solve_ik(
 ) -> Array:
     """Find q with f(q) at the target, by Newton's method with J⁺ and bounded steps.
 
-    The first start is q0. If it does not lead there, 40 more starts follow: they lie on the way
-    from q0 to random configurations inside the joint limits, each nearer to its own end than the
-    one before. The first solution is returned; the random numbers are the same in each call.
+    The first start is q0. If it does not lead to the target, 40 more starts follow. Start k lies on
+    the line from q0 to the k-th of 40 random configurations inside the joint limits, and farther
+    along it for larger k. The first solution is returned; the random numbers are the same in each
+    call.
 
     Parameters
     ----------

@@ -88,9 +88,9 @@ def refuse_coarse(motion: TimedMotion) -> None:
 def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> None:
     """Raise InputError if a sample of a timed motion exceeds a joint limit, or bodies collide.
 
-    A timed motion is a smooth curve through the points of the motion that it was made from, which
-    is straight between them: so it can collide where that one does not. ``remedy`` ends the
-    message. A motion through poses is its own curve, and is checked once.
+    A timed motion is a smooth curve through the points of the original motion, which is straight
+    between them. So the timed motion can collide where the original one does not. ``remedy`` ends
+    the message. A motion through poses has no original motion, so only its own curve is checked.
     """
     followed = motion.motion
     if followed is not None and followed.q.shape == motion.q.shape:

@@ -28,7 +28,8 @@ _REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin agai
 def library() -> ctypes.CDLL | None:
     """Load the native library; None if ``REPCTL_NATIVE=no``, or if it is missing, with one warning.
 
-    For callers that can do without it, slower, in NumPy; others call :func:`required_library`.
+    It serves callers that also have a slower version in NumPy; others call
+    :func:`required_library`.
     """
     return None if os.environ.get("REPCTL_NATIVE") == "no" else _loaded()
 

@@ -55,8 +55,8 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
 def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
     """Create the function ω(s) of an orientation R(s) by finite differences, error 1e-11.
 
-    For a path whose user gives the orientation alone. The differences are those of log(R(s + e)
-    R(s)ᵀ), within one interval between ``breaks``, the s at which ω may jump.
+    It serves a path whose user gives R(s) without ω(s). The differences are those of log(R(s + e)
+    R(s)ᵀ), within one interval between ``breaks``, the values of s at which ω may jump.
     """
     knots = np.array([0.0, *breaks, 1.0])
     piece = piece_finder(knots, np.diff(knots))

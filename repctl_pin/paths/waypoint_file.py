@@ -59,9 +59,9 @@ def _table(file: str | Path) -> CsvTable:
 def _waypoints(table: CsvTable, columns: Mapping[str, str]) -> Waypoints:
     """Read the waypoints of one frame, and check them.
 
-    ``columns`` are its columns of the table, by their names without that of a frame. InputError
-    names the line with a wrong number, a quaternion that is not of length 1, or a time that does
-    not increase.
+    ``columns`` maps names without that of a frame, such as ``x``, to the frame's columns in the
+    table, such as ``left.x``. InputError names the line with a wrong number, a quaternion that is
+    not of length 1, or a time that does not increase.
     """
     file = table.file
     named = _known(columns, file)
@@ -93,9 +93,9 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
     Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
-    frames, each has its own columns, ``left.x, left.y, left.z``: before the dot stands its name, or
-    a part of it that is in no other frame's. A frame without columns holds still; columns without a
-    dot are of the first frame.
+    frames, each has its own columns, ``left.x, left.y, left.z``: the text before the dot is the
+    frame's name, or a part of it that no other frame's name contains. A frame without columns holds
+    still; columns without a dot are of the first frame.
 
     Raises
     ------
@@ -129,9 +129,9 @@ def _through(
 ) -> Callable[[Task, ArrayLike], TaskPath]:
     """Return the function ``(task, q0) → path`` of the waypoints of one frame.
 
-    The path depends on the task only if the file has no orientations: the frame then keeps that at
-    q0. ``name`` and ``spec`` are its display name and its text on the command line, ``blend`` the
-    radius of rounded corners, m.
+    The path depends on the task only if the file has no orientations: the frame then keeps its
+    orientation at q0. ``name`` and ``spec`` are its display name and its text on the command line,
+    ``blend`` the radius of rounded corners, m.
     """
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
@@ -149,8 +149,8 @@ def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
     """Split the columns of a file into those of each frame, by the text before their dot.
 
     ``left.x`` is the column x of the frame ``left``; a column of times is of all frames. Without
-    dots, all columns are those of an empty text, which is the first frame. InputError is raised if
-    only some columns name a frame.
+    dots, all columns belong to the empty text, which stands for the first frame. InputError is
+    raised if only some columns name a frame.
     """
     cells = {name: name.rpartition(".")[::2] for name in table.names}
     frames = dict.fromkeys(frame for frame, _ in cells.values() if frame)
@@ -167,7 +167,7 @@ def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
 
 
 def _frame_of(text: str, task: Task, file: Path) -> str:
-    """Find the frame of a task that the columns ``text.x`` are of; the first one for an empty text.
+    """Find the frame of a task to which columns ``text.x`` belong; the first for an empty text.
 
     ``text`` is its name, or a beginning or part of only one frame's name; InputError otherwise.
     """

@@ -1,7 +1,7 @@
 """Number of turns of a path around the first joint of an arm.
 
-Repeatability holds for paths that can be shrunk to a point; one that goes around the base cannot,
-so studies count the turns and warn of them.
+Repeatability holds for paths that can be shrunk to a point; a path around the base cannot, so
+studies count the turns and warn of them.
 """
 
 from __future__ import annotations

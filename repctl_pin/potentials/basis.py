@@ -139,7 +139,7 @@ class SumMap(Potentials):
 class _CurvedSumMap(SumMap):
     """Sum of several maps of r potentials each, all with second derivatives.
 
-    It is a class of its own, because the method ``hessian`` tells that second derivatives exist.
+    It is a separate class, because the method ``hessian`` marks potentials with second derivatives.
     """
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:

@@ -64,7 +64,8 @@ class CustomPotentials(PotentialBasis):
                 or not (pair[1] is None or callable(pair[1]))
             ):
                 raise InputError(
-                    f"potential {i + 1} is no function q → h, nor a pair of one and its gradient"
+                    f"potential {i + 1} must be a function q → h, "
+                    "or a pair of such a function and its gradient"
                 )
         self._functions = [pair[0] for pair in pairs]
         self._gradients = [pair[1] for pair in pairs]

@@ -77,8 +77,8 @@ class Fourier(PotentialBasis):
         joints = len(self.variables)
         if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(
-                f"order {order} in {joints} joints is too much",
-                remedy="lower it or choose variables",
+                f"order {order} in {joints} joints makes too many potentials",
+                remedy="lower the order or choose variables",
             )
         alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
         every = product(multiples, repeat=joints) if self.cross else alone

@@ -123,8 +123,8 @@ def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
 
     It is the distance from the failure of a repeatable inverse. N spans the null space of J, V are
     the gradients of its potentials, and V̂ is an orthonormal basis of the columns of V. The margin
-    is the sine of the smallest angle between span V and the row space of J. It is the same for V
-    and V T, with T invertible.
+    is the sine of the smallest angle between span V and the row space of J. The margin is the same
+    for V and V T, with T invertible.
 
     Parameters
     ----------

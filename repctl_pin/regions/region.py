@@ -82,7 +82,7 @@ class Region(ABC):
     def clip(self, Q: ArrayLike) -> Array:
         """Move configurations (K, n) that lie outside to the boundary, or close to it.
 
-        A search of the region for singularities keeps its points inside with it.
+        A search of the region for singularities uses it to keep its points inside.
         """
 
     @abstractmethod

@@ -109,7 +109,8 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     -----
     UserWarning
         If an older file lacks part of the fingerprint, if its certificate is dropped because it
-        proves something else, or if a cell's body distance is, because the bodies have changed.
+        proves something else, or if a cell's body distance is dropped, because the bodies have
+        changed.
 
     Examples
     --------
@@ -213,8 +214,8 @@ def made_of(content: Sealed, task: Task, where: str) -> Any:
         unchecked = kind.check(content, task)
         if unchecked:
             warnings.warn(
-                f"{where} was written by repctl-pin {content.written_by}: it does not hold, so a "
-                f"change is not detected, of {' and '.join(unchecked)}",
+                f"{where} was written by repctl-pin {content.written_by}: the file lacks "
+                f"{' and '.join(unchecked)}, so a change of these is not detected; design again",
                 UserWarning,
                 stacklevel=3,
             )

@@ -470,7 +470,7 @@ def region_file(region: Region) -> RegionFile:
     if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
         raise InputError(
             "a region with a user-defined density cannot be saved, for a file holds no functions; "
-            "save dataclasses.replace(design, region=…) with the same one without it"
+            "save dataclasses.replace(design, region=…) with the same region without a density"
         )
     if isinstance(region, Box):
         return described(BoxFile, region)
@@ -573,7 +573,7 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
     parts: list[CycleFile | PathFile] = [data, *others]
     paths = [_path_of(part) for part in parts]
     if len(paths) != len(task.frames):
-        raise InputError(f"{len(paths)} paths are not one for each frame")
+        raise InputError(f"the file must have one path per frame, not {len(paths)} paths")
     if not (0 < data.period < np.inf):
         raise InputError("the period must be above 0 s")
     path = paths[0] if len(paths) == 1 else joined(task, paths)

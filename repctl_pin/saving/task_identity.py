@@ -80,8 +80,7 @@ def _frames(task: Task) -> list[FrameFile] | msgspec.UnsetType:
 def task_of(made_for: TaskFile, robot: Robot) -> Task:
     """Create the task (frame, kind, joints, tool) that a design was made for, on a robot.
 
-    The robot is loaded again if its base or its locked joints are other ones than those of the
-    file.
+    The robot is loaded again if its base or its locked joints differ from those of the file.
     """
     if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
         name = robot.entry.name if robot.entry is not None else robot.description.path
@@ -116,10 +115,10 @@ def _frame_asked_for(one: FrameFile) -> tuple[str, ...]:
 
 
 def carrying_tool(made_for: TaskFile, task: Task) -> Task:
-    """Return the task of the tool of a file, if the task is that of the link that carries the tool.
+    """Add the tool of a file to a task whose frame is the link that carries the tool.
 
-    A file can be of a tool, a fixed placement in a link, which the URDF does not contain. Any other
-    task is returned as it is.
+    A file can be made for a tool: a fixed placement in a link, which the URDF does not contain. A
+    task of any other frame is returned unchanged, as is every task if the file has no tool.
     """
     if isinstance(made_for.tool, msgspec.UnsetType) or isinstance(task, ToolTask):
         return task
@@ -136,8 +135,8 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     """
     if isinstance(made_for.coordinates, list):
         raise InputError(
-            f"{where} is in joint coordinates ψ, q = T ψ, which a weight has replaced: its region "
-            "and cost are of ψ; design again with --weight absolute, if ψ are absolute angles, or "
+            f"{where} is in joint coordinates ψ, q = T ψ, which are no longer supported: a weight "
+            "replaces them; design again with --weight absolute, if ψ are absolute angles, or "
             "with rp.WeightedInverse(task, np.linalg.inv(T @ T.T))"
         )
     mine = identity(task)

@@ -136,7 +136,7 @@ class Damping:
         """Return the next μ after an accepted step, from its μ and its gain.
 
         The gain is the actual decrease of the merit divided by the predicted one. A good gain
-        lowers μ, a poor one raises it, and one between leaves it.
+        lowers μ, a poor one raises it, and one in between leaves it unchanged.
         """
         if gain > self.good:
             damping = damping / _LESS if damping > self.negligible else self.smallest

@@ -247,7 +247,8 @@ class RepeatableInverse:
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
-        Both tell that a step was not what was asked for: near a singularity, or at a speed limit.
+        Both tell that the step differs from the requested one: near a singularity, or at a speed
+        limit.
 
         Returns
         -------

@@ -44,7 +44,7 @@ def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> Ste
 
 
 def as_joints(q: ArrayLike, n: int) -> Array:
-    """Check q (n,), and return it as an array of doubles; those pass without a test of values."""
+    """Convert q (n,) to an array of doubles; one that is given as such passes unchecked."""
     if type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,):
         return q
     return vector(q, n, "q")

@@ -101,7 +101,8 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
 def check_degree(task: Task, degree: int) -> None:
     """Check that a degree does not make too many potentials, before the work on a design begins.
 
-    The potentials are polynomials in all joints of the task, so their number grows fast with both.
+    The potentials are polynomials in all joints of the task, so their number grows fast with the
+    degree and the number of joints.
 
     Raises
     ------

@@ -239,8 +239,8 @@ class Problem:
     def _with(self, **changes: Any) -> Problem:
         """Copy the problem with some attributes changed, given by name.
 
-        The problem itself cannot be changed. If the start is among them, the copy computes its own
-        region Ω around it.
+        The problem itself cannot be changed. If the start is one of these attributes, the copy
+        computes its own region Ω around it.
         """
         other = copy.copy(self)
         if "start" in changes:
@@ -304,9 +304,9 @@ def _task_of(robot: Robot | Task, frame: Any, kind: str | None) -> Task:
 def _checked_path(path: Any, plane: str | None) -> PathOf | None:
     """Create the function (task, q0) → path from the argument ``path`` of a problem.
 
-    ``path`` is a name (``circle:0.1``, ``loop.csv``), a path, such a function, a list of one of
-    these per frame, None for a circle that fits, or False. False gives None: a problem without a
-    path. Only a name or None takes a plane; else InputError is raised.
+    ``path`` is a name (``circle:0.1``, ``loop.csv``), a path, a function (task, q0) → path, a list
+    with one of these per frame, None for a circle that fits, or False. False gives None: a problem
+    without a path. Only a name or None takes a plane; else InputError is raised.
     """
     if plane is not None:
         require_choice(plane, PLANES, "plane")

@@ -268,7 +268,7 @@ def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, An
 def edge_warning(
     row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> list[str]:
-    """Write a warning if a start that differs by 1e-6 along the self-motion moves differently.
+    """Write a warning if the motion changes when its start moves by 1e-6 along the self-motion.
 
     In a self-motion the joints move and the frame does not. Results from such a start, on an edge
     between two motions, depend on rounding errors. ``row`` is the result of ``strategy`` from q0

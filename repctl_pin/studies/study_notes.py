@@ -168,8 +168,8 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
     """Write a note on a repeatable motion that is more than 5 % faster than that of J⁺.
 
     It explains what the speed is spent on: a part relative to J⁺ at the same configurations, and a
-    part due to J⁺'s drift to other configurations, where the path takes less. ``plain`` is the
-    motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is missing.
+    part due to J⁺'s drift to other configurations, where the path needs less joint speed. ``plain``
+    is the motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is missing.
     """
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []

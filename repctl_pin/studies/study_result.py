@@ -68,7 +68,7 @@ class Row:
 
     @property
     def failure(self) -> str:
-        """Predicate that says why there is no motion, to follow the name of the controller.
+        """Text that says why there is no motion, to follow the name of the controller.
 
         It is ``stopped: …``, or says that the drift depends on the number of steps; empty with a
         motion.

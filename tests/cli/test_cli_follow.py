@@ -148,13 +148,13 @@ def test_a_proved_radius_is_of_one_leaf(tmp_path: Path, monkeypatch, capsys) -> 
     assert main(follow) == 0
     own = json.loads(capsys.readouterr().out)
     assert own["beyond_closing_radius"] == 0
-    assert not any("another one" in note for note in own["notes"])
+    assert not any("another leaf" in note for note in own["notes"])
     beside = q + 0.02 * rp.redundancy.nullspace(task.jacobian(q))[:, 0]
     start = ",".join(map(str, beside))
     assert main([*follow, f"--start={start}"]) == 0
     other = json.loads(capsys.readouterr().out)
     assert other["beyond_closing_radius"] is None
-    assert any("another one" in note for note in other["notes"])
+    assert any("another leaf" in note for note in other["notes"])
 
 
 def test_a_design_for_an_arm_of_ones_own(tmp_path, monkeypatch, capsys) -> None:

@@ -100,7 +100,7 @@ def test_an_angle_that_is_given_is_taken(panda_pose, q_panda) -> None:
         for p in (turned, lying)
     ]
     np.testing.assert_allclose(drifts, [0.146, 0.431], atol=2e-3)
-    with pytest.raises(rp.InputError, match="'up' is no angle in degrees"):
+    with pytest.raises(rp.InputError, match="'up' is not an angle in degrees"):
         named_path(panda_pose, q_panda, "circle:0.1:up")
 
 

@@ -901,7 +901,7 @@ def test_a_region_around_a_singularity_has_no_part_that_is_free(shrink: bool) ->
     named = r"theta1 = \S+, theta2 = -?0\.000, theta3 = -?0\.000"
     assert re.fullmatch(
         f"the Jacobian loses rank in Ω near .*{named}.*; the centre of the region is "
-        "singular, or nearly so; choose another, or a smaller region",
+        "singular, or nearly so; choose another region, or a smaller one",
         str(error.value),
     )
 

@@ -67,7 +67,7 @@ def test_quaternions_that_are_none_are_refused(
     text = refused(panda_pose, joints=joints, poses=rolled)
     assert "the quaternions begin with qw; give qx, qy, qz, qw" in text
     mirrored = np.tile(np.diag([1.0, 1, -1, 1]), (K, 1, 1))
-    assert "a rotation is none" in refused(panda_pose, poses=mirrored)
+    assert "a matrix is not a rotation" in refused(panda_pose, poses=mirrored)
 
 
 @pytest.mark.parametrize(

@@ -234,7 +234,7 @@ def test_an_observer_that_cannot_be_used(panda_design: rp.Design) -> None:
         with pytest.raises(rp.InputError, match=said):
             control.observer(dt)
     target, leaf, observer = (control.task.placement(q), np.zeros(1), control.observer(1e-3))
-    with pytest.raises(rp.InputError, match=r"observer must be what observer\(dt\) of this"):
+    with pytest.raises(rp.InputError, match=r"observer must be a result of observer\(dt\)"):
         control.torque(q, np.zeros(7), target, leaf=leaf, observer=np.zeros(1))  # type: ignore[arg-type]
     control.torque(q, 0.1 * np.ones(7), target, leaf=leaf, observer=observer)
     before = observer.state.copy()

@@ -48,7 +48,9 @@ def test_a_limit_of_minus_1_is_not_given_and_one_note_says_so(tmp_path: Path) ->
     robot = load(tmp_path, *arm('<limit lower="-1" upper="2" effort="-1.0" velocity="-1.0"/>'))
     assert np.isinf(robot.velocity_limit).all() and (robot.lower == -1).all()
     (note,) = robot.description.notes
-    assert note.startswith("effort and velocity of −1 read as not given: joints 'j1', 'j2', 'j3'")
+    assert note.startswith(
+        "limits of −1 were read as not given: effort and velocity of joints 'j1', 'j2', 'j3'"
+    )
     assert note.endswith("and 4 more")
     with pytest.raises(rp.UrdfError, match="velocity = '-1.5' is negative"):
         load(tmp_path, *arm('<limit lower="-1" upper="2" velocity="-1.5"/>'))
@@ -131,7 +133,7 @@ def test_notes_on_the_file_are_warnings_of_the_robot(tmp_path: Path, capsys) -> 
     turned[3] = turned[3].replace('xyz="0.3 0 0"', 'xyz="0.3 0 0" quat_xyzw="0 0 0 1"')
     robot = load(tmp_path, *turned)
     notes = robot.description.notes
-    assert any("of −1 read as not given" in note for note in notes)
+    assert any("limits of −1 were read as not given" in note for note in notes)
     assert any("quat_xyzw" in note for note in notes)
     assert robot.warnings[: len(notes)] == notes
     path = str(tmp_path / "made.urdf")

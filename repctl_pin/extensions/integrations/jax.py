@@ -325,7 +325,8 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
     """Compute the coordinates (m,) of a pose in a sector, m and rad, not scaled.
 
     A sector is a cell around the base. They are radius, angle and height about the sector's axis,
-    from its middle, and the tilts and the spin of the tool: the turn of its axis, and about it.
+    from its middle, then the tilts of the tool, which rotate its axis, and its spin about that
+    axis.
     """
     (rho, z), B = sector.middle, jnp.asarray(sector.directions, x.dtype)
     a, b, height = B @ (x[:3, 3] - jnp.asarray(sector.axis[0], x.dtype))

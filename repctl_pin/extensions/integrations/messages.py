@@ -45,7 +45,7 @@ class SteadyTime:
         self._clock = self._time = self._last_tick = 0.0
 
     def at(self, now: float) -> float:
-        """Compute the time, s, at which the clock reads ``now``, s: its steps forward, added up."""
+        """Convert a clock reading ``now``, s, to steady time, s: the sum of all forward steps."""
         step = now - self._clock
         if np.isfinite(step):
             self._clock = now
@@ -101,7 +101,7 @@ class JointReadings:
         return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
-        """Describe why measurements cannot be used: joints without one, or their age."""
+        """Describe why measurements cannot be used: some joints lack one, or one is too old."""
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"
@@ -169,12 +169,12 @@ def target_of(
 
 
 def placement_of(numbers: Any, name: str) -> pin.SE3:
-    """Convert the parameter ``name``, x y z and optionally qx qy qz qw, m, to a placement.
+    """Convert the numbers x y z (m) and optionally qx qy qz qw of a parameter to a placement.
 
     Raises
     ------
     InputError
-        If it is not 7 finite numbers, or the quaternion is not of norm 1.
+        If they are not 3 or 7 finite numbers, or the quaternion is not of norm 1.
     """
     found = as_numbers(numbers)
     if found is None or found.shape not in ((3,), (7,)):
@@ -188,8 +188,8 @@ def placement_of(numbers: Any, name: str) -> pin.SE3:
 def _placed(position: ArrayLike, quaternion: ArrayLike) -> pin.SE3:
     """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement.
 
-    Raises InputError if a number is not finite, or the quaternion's norm is off 1 by more than
-    0.001.
+    Raises InputError if a number is not finite, or the quaternion's norm differs from 1 by more
+    than 0.001.
     """
     p, x = np.array(position, float), np.array(quaternion, float)
     if not np.isfinite([*p, *x]).all():

@@ -207,8 +207,8 @@ class _ArmNode(Node):
     def _set_leaf(self, value: Any) -> str:
         """Pass a level c, which moves the elbow along the self-motion, to the servo.
 
-        ``value`` is a number, a list of r numbers, or None to leave it. Returns why it is refused,
-        or an empty text.
+        ``value`` is a number, a list of r numbers, or None for no change. Returns why it is
+        refused, or an empty text.
         """
         if value is None:
             return ""

@@ -213,7 +213,7 @@ class Servo:
     ) -> None:
         """Set the pose of the operator's hand, in its tracker's frame; it is valid for ``timeout``.
 
-        It moves the target while the arm is coupled. A pose that cannot be used ends that.
+        It moves the target while the arm is coupled. A pose that cannot be used ends the coupling.
         """
         if not self._coupled or not self._usable("hand pose", "", age):
             return
@@ -262,8 +262,8 @@ class Servo:
     def tick(self, now: float) -> Array | None:
         """Compute the next command (n,); None if no command may be sent.
 
-        None is returned while the arm waits: for joints that are measured, recent and at rest, or
-        because it does not follow and has stopped. :attr:`reason` says why.
+        None is returned until recent measurements show the joints at rest, and after a stop because
+        the arm did not follow its commands. :attr:`reason` says why.
         """
         now = self._time.tick(now)
         q, age = self._readings.measured(now)
@@ -295,7 +295,7 @@ class Servo:
     def brake(self) -> Array | None:
         """Compute the next command (n,) of a stop; None if the arm is at rest, or waits.
 
-        It is called in a row when the program ends, with no measured joints.
+        It is called repeatedly when the program ends, and needs no measured joints.
         """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
@@ -388,8 +388,8 @@ class Servo:
     def _moving_asked(self) -> bool:
         """Test whether the arm is running and has a target or a twist to follow.
 
-        Only then is the level c changed that the user has set: an arm at rest does not move by
-        itself.
+        Only then does the arm move to the level c that the user has set: an arm at rest does not
+        start to move by itself.
         """
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
@@ -417,8 +417,8 @@ class Servo:
     def _start(self, q: Array) -> bool:
         """Start at rest at the measured joints q (n,); False if that is not possible.
 
-        A start at the last command goes on from it, so that the level c does not change by the
-        error of the measurement.
+        If the joints are at the last command, the servo continues from that command, so that the
+        error of the measurement does not change the level c.
         """
         command = self.command
         if self._fault or command is None or np.abs(q - command).max() > SAME:

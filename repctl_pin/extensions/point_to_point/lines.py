@@ -177,8 +177,9 @@ def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
     The blend begins and ends where an arc of the radius, m, would, on at most half of each line. If
-    the two lines are one, its length is 0. The arm must rest at a rotation in place, at a reversal,
-    where half of a line is too short, or with the radius 0.
+    the second line continues the first without a bend, the length of the blend is 0. The arm must
+    rest at a rotation in place, at a reversal, where half of a line is too short, or with the
+    radius 0.
     """
     if into.turns or out.turns or not radius:
         return None

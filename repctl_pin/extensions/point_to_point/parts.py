@@ -165,7 +165,8 @@ def _line_between(
 def _blend(F: Function, into: Line, out: Line, radius: float) -> tuple[Blend, PPoly | None] | None:
     """Blend two lines, and fit the joints along the blend; None where the arm must rest.
 
-    The curve of the joints is None for two lines that are one, whose blend has the length 0.
+    The curve of the joints is None if the second line continues the first without a bend: the
+    length of such a blend is 0.
     """
     blend = blend_of(F, into, out, radius)
     if blend is None or not blend.length:

@@ -1,8 +1,8 @@
 """Branch and bound on the leaf margin: boxes are halved until the bounds on them suffice.
 
-The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At one, the matrix
-J_V is singular, that is, the task Jacobian J stacked on the gradients V of the potentials. A box of
-joint space is decided once the lower bound of the leaf margin on it suffices.
+The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At such a singularity
+the matrix J_V is singular: the task Jacobian J stacked on the gradients V of the potentials. A box
+of joint space is decided once the lower bound of the leaf margin on it suffices.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ class _Search:
         self.settled_sigma = min(self.settled_sigma, float(found.sigma_min[rows].min()))
 
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
-        """Stop the search at box number ``at`` of the boxes Q ± half, (K, n) each, which it names.
+        """Stop the search, and name box number ``at`` of the boxes Q ± half, (K, n) each.
 
         ``why`` is the reason for the user, unless an arm angle is not defined at the centre of the
         box.

@@ -266,9 +266,10 @@ def _tips(chain: Chain, farthest: Array) -> Array:
 def farthest(chart: Chart) -> Array:
     """Search for the largest distance of F from q_ref over the cell, joint by joint: (n,).
 
-    F is the function of the chart, q_ref the polynomial that approximates it. The distance around
-    q_ref within which F is proved to be unique is made from this result, which itself is not
-    proved. Random poses and corners are evaluated, then poses around the worst ones.
+    F is the function of the chart, q_ref the polynomial that approximates it. The result is
+    sampled, not proved. It only sets the size of the box around q_ref within which the proof then
+    shows that F is unique. Random poses and corners are evaluated, then poses around the worst
+    ones.
     """
     cell, rng = chart.cell, np.random.default_rng(1)
 

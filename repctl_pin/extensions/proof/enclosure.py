@@ -69,7 +69,8 @@ class Enclosure:
     proved : bool
         True if the motion is proved to close, and to be in the boxes.
     reason : str
-        Why the motion is of no use: it ends in a singularity, or does not close. Empty if it is.
+        Reason why the motion cannot be used: it ends in a singularity, or does not close. Empty if
+        it can be used.
     """
 
     Q: Array

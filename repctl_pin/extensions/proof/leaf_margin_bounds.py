@@ -1,7 +1,7 @@
 """Lower bounds of the leaf margin over boxes of joint space, computed by leaf_margin_bounds.c.
 
-The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At one, the matrix
-J_V is singular, that is, the task Jacobian J stacked on the gradients V of the potentials.
+The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At such a singularity
+the matrix J_V is singular: the task Jacobian J stacked on the gradients V of the potentials.
 docs/theory.md, "Proved, not sampled", derives the bounds.
 """
 
@@ -157,7 +157,7 @@ class LeafMarginProblem:
         """Evaluate the arm angles' gradients on boxes Q ± half, (K, n) each, for C; None without.
 
         The result (K, r, n² + 2 n + 1) has for each of the r potentials the gradient V at the
-        centre, its n² derivatives, n bounds of the rest, and a bound of the rounding.
+        centre, its n² derivatives, n bounds of the remainder, and a bound of the rounding error.
         """
         if not self.features.arms:
             return None

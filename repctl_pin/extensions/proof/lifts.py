@@ -237,17 +237,18 @@ class _Search:
     def _halved(
         self, take: NDArray[np.intp]
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Return the halves of the undecided boxes ``take``, with their places and sets.
+        """Halve the undecided boxes ``take``; return the halves, with their places and sets.
 
-        These are lower and upper corners, (L, n) each, and (L,) each the index of the place, and
-        that of the smallest set S that contains the box; see :func:`halved`.
+        The halves are their lower and upper corners, (L, n) each. With them come two indices per
+        half, (L,) each: of its place, and of the smallest set S that contains it. See
+        :func:`halved`.
         """
         low, high, parents = halved(self.low[take], self.high[take], self.split[take])
         order = take[parents]
         return low, high, self.place[order], self.within[order]
 
     def _raise(self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array) -> None:
-        """Raise the rates to prove where a box has a larger one at its centre, which no sample had.
+        """Raise the rates to prove where the rate at a box's centre exceeds all sampled rates.
 
         A rate is the motion of a joint per metre of a line. ``value`` (L, n) are the rates at the
         centres of boxes, ``place`` and ``within`` (L,) the indices of their place and of the
@@ -302,7 +303,8 @@ def _largest_slack(
 
     A rate is the motion of a joint per metre of a line. The more is allowed, the fewer boxes prove
     it; but wider boxes have larger rates. The two numbers, for the first and the last box around a
-    place, are added to a factor of 1. If there is little to spare, they are the usual ones.
+    place, are added to a factor of 1. If the goal allows no more than the default numbers, these
+    are returned.
     """
     best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
     slack = 0.95 * best / goal - 1

@@ -60,7 +60,8 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
     r"""Fit configurations as a polynomial of the pose, and measure the misfit on held-out frames.
 
     A labelling is a choice of configurations for the frames, such as the recorded ones; the
-    comparison of its misfit before and after relabelling shows whether equal poses had several.
+    comparison of its misfit before and after relabelling shows whether equal poses had several
+    configurations.
 
     .. math:: \hat q(u) = \sum_{|α| ≤ 3} a_α u^α, \qquad
               \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2

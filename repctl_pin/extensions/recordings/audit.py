@@ -57,7 +57,7 @@ class Audit:
     found : Verdict or None
         Verdict on the configurations at the visits; None with fewer than two returns.
     part : int
-        Index of the link that is off most, see :mod:`.displacement`.
+        Index of the link that is displaced most, see :mod:`.displacement`.
     rate : float
         Speed at which its point creeps, m/s; 0 with fewer than two returns.
     error : float
@@ -308,7 +308,9 @@ def audit(
     notes = [given.read] if given.read else []
     notes += _units(task, given)
     if given.dropped:
-        notes.append(f"{given.dropped} rows without new numbers were left out")
+        notes.append(
+            f"{given.dropped} rows were left out: a number is missing, or the time is that before"
+        )
     endless = np.isinf(task.upper)
     given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
     every = -(-len(given.t) // _MOST_ROWS)
@@ -323,8 +325,8 @@ def audit(
 def _task(robot: Any, frame: Any, kind: str | None) -> Task:
     """Make the task of an audit from a robot, its frame and a kind; return a given task as it is.
 
-    ``robot`` is a name, a URDF, a Robot or a Task. InputError is raised if a task is given with a
-    frame or kind of another.
+    ``robot`` is a name, a URDF, a Robot or a Task. InputError is raised if a task is given together
+    with a frame or kind that is not its own.
     """
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
@@ -392,7 +394,7 @@ def _beyond(task: Task, q: Array) -> Array:
 
 
 def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:
-    """Judge the configurations at the visits, and measure the links; return the audit.
+    """Compare the configurations at the visits, and measure the links; return the audit.
 
     The verdict is on the joints. To say it in metres, the point of each link that is displaced most
     is found, and its speed and its largest distance between two visits are measured.
@@ -425,9 +427,9 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
 def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
     """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
 
-    ``part`` is the index of the link. The scatter of the point counts as at least what ``floor``, a
-    scatter of each joint (n,), rad or m, causes, so that a few equal visits do not pretend
-    certainty.
+    ``part`` is the index of the link. ``floor`` (n,), rad or m, is a smallest scatter of each
+    joint. The scatter of the point is taken as at least the one that ``floor`` causes, so that the
+    interval is not too narrow after a few equal visits.
     """
     q, step = visits.q[0], 1e-6
     around = np.vstack([q, q + step * np.eye(len(q))])

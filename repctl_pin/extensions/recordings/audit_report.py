@@ -174,7 +174,7 @@ def _distance(audit: Audit) -> str:
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
-    """Name the creep of the part that is off most or, if it does not creep, of the fastest joint.
+    """Write the creep of the most displaced part or, if it does not creep, of the fastest joint.
 
     Returns three texts: the name, the rate per hour, minute or second, and the 95 % interval.
     """
@@ -194,7 +194,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def _part_of(audit: Audit) -> str:
-    """Name the part of the arm that is off most between two visits of one pose, such as "elbow"."""
+    """Name the part that differs most between two visits of one pose, such as "elbow"."""
     return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
 
@@ -212,12 +212,12 @@ def _time_span(seconds: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Format a change of a joint; 0 below 1e-9 rad or m, as lengths are."""
+    """Format a change of a joint as a number; 0 below 1e-9 rad or m, as for lengths."""
     return "0" if abs(value) < 1e-9 else number(value)
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of creep: the part that is off most, then the joints, the largest first.
+    """Format the table of creep: the most displaced part, then the joints, the largest first.
 
     Its columns are the largest difference, the creep per return and per unit of time, and the
     half-width of the 95 % interval.
@@ -341,7 +341,7 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def _audit_figure(audit: Audit) -> Figure:
-    """Draw ``audit.png``: creep over time, of the link that is off most, and of the joints.
+    """Draw ``audit.png``: creep over time, of the most displaced link, and of the joints.
 
     Dots are the visits of the hand pose, lines the measured rates.
     """

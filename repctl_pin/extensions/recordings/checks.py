@@ -197,7 +197,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 
 
 def _size(miss: tuple[float, float]) -> float:
-    """Add the misses in m and in rad to one number, to compare two explanations.
+    """Combine differences in m and in rad into one number, by which explanations are compared.
 
     Each is counted in units of what the calibration of an arm usually corrects, 3 mm and 0.01 rad.
     """
@@ -264,7 +264,7 @@ def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
 
 
 def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[float, float]:
-    """Compute the median distances, m and rad, between two series of poses, as the task counts.
+    """Compute the median distances, m and rad, of two series of poses, in the task's coordinates.
 
     The series are p, R and p_own, R_own, (K, 3) and (K, 3, 3). For a position task the angle is 0,
     for an axis task it is that between the tool axes.

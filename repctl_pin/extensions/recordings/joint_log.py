@@ -160,9 +160,9 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
 def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     """Find the unit of the times in the column ``clock``: "s", "ms", "us" or "ns".
 
-    Also returns whether they count from 1970. ``fastest`` are the speed limits of the joints, rad/s
-    or m/s, by which units that make the arm too fast are excluded. InputError is raised if several
-    units remain.
+    Also returns whether the times count from 1970. ``fastest`` are the speed limits of the joints,
+    rad/s or m/s: a unit with which the log exceeds them is excluded. InputError is raised if
+    several units remain.
     """
     steps = np.diff(log.t)
     step = float(np.median(steps))

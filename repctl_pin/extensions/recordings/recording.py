@@ -241,7 +241,7 @@ class Recording:
 def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order.
 
-    For steps of which the time, but not the result, grows with the number of frames.
+    It serves steps that take longer with more frames, but give nearly the same result.
     """
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)
@@ -304,7 +304,8 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
 def _rotations(R: Array) -> Array:
     """Project matrices (K, 3, 3) onto the nearest rotations, to remove rounding of a file.
 
-    Raises InputError if a singular value is off 1 by more than 0.01, or a matrix is a reflection.
+    Raises InputError if a singular value differs from 1 by more than 0.01, or a matrix is a
+    reflection.
     """
     U, s, Vt = np.linalg.svd(R)
     made = U @ Vt
@@ -312,7 +313,8 @@ def _rotations(R: Array) -> Array:
     if wrong.any():
         at = int(np.argmax(wrong))
         raise InputError(
-            f"a rotation is none: R Rᵀ differs from I, or det R = {np.linalg.det(R[at]):.2g}",
+            "a matrix is not a rotation: R Rᵀ differs from I, "
+            f"or det R = {np.linalg.det(R[at]):.2g}",
             remedy="give homogeneous matrices",
             at=at,
         )
@@ -351,12 +353,13 @@ def _times(given: ArrayLike, size: int) -> Array:
 def _find(
     table: Table, task: Task, given: Sequence[str] | None
 ) -> tuple[dict[str, list[str]], tuple[int, ...] | None]:
-    """Find the columns of the arguments of :class:`Recording` in a table, by their names.
+    """Find by name the columns of a table that become arguments of :class:`Recording`.
 
-    Returns the names of the columns of joints, poses, times and sessions, as far as there are any,
-    and the places of the joints in a row of their array; None if each joint has a column.
-    ``given`` names the numbers of the array. InputError is raised if there are neither joints nor
-    poses, or only some of the joints.
+    The first result is a dict from argument (joints, poses, times, sessions) to the names of its
+    columns, without the arguments that the table lacks. The second one is used if a single column
+    holds an array of all joints: the index of each joint in that array. It is None if each joint
+    has a column. ``given`` are the names of the numbers in the array. InputError is raised if there
+    are neither joints nor poses, or only some of the joints.
     """
     widths = table.widths
     found = {
@@ -396,8 +399,8 @@ def _find(
 def _lerobot_names(file: Path, task: Task) -> list[str] | None:
     """Read the names of the joints' array from LeRobot's ``meta/info.json`` near a Parquet file.
 
-    It lies in the data set's folder, up to two above that of the file. None if there is no such
-    file, or it names none of the task's joints.
+    It is looked for in the folder of the Parquet file, and in the two folders above. None if there
+    is no such file, or it names none of the task's joints.
     """
     for folder in file.resolve().parents[:3]:
         info = folder / "meta" / "info.json"
@@ -423,7 +426,7 @@ def _stem(name: str, own: Sequence[str]) -> str:
 
 
 def _places(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
-    """Find the places of the task's joints in a row of an array, which has ``width`` numbers.
+    """Find the indices of the task's joints in the rows of an array, each of ``width`` numbers.
 
     ``given`` are the names of the numbers. Without names, the array must have one per joint.
     """

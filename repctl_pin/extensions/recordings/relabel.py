@@ -125,7 +125,8 @@ class Relabeled:
     def residual_before(self) -> float:
         """Ambiguity of the recorded configurations, rad or m; NaN if none were recorded.
 
-        It is the rms misfit of a smooth function of the pose, large if equal poses have several.
+        It is the rms misfit of a smooth function of the pose, large if equal poses have several
+        configurations.
         """
         residuals = self.ambiguity.residuals
         return residuals[0] if len(residuals) > 1 else float("nan")
@@ -181,10 +182,10 @@ class Relabeled:
     def save(self, file: str | Path) -> Path:
         """Write the recording with the new configurations, as .csv, .npz or .parquet.
 
-        Other columns of a file that was read are kept, except ``removed`` and ``recomputed``; in a
-        file of the same format every cell, type and metadata as it was. New joints are rounded to
-        the type of their column. Frames that could not be relabelled have NaN as their
-        configuration.
+        Other columns of a file that was read are kept, except ``removed`` and ``recomputed``; a
+        file of the same format keeps their values and types, and its metadata, unchanged. New
+        joints are rounded to the type of their column. Frames that could not be relabelled have NaN
+        as their configuration.
 
         Raises
         ------
@@ -198,7 +199,7 @@ class Relabeled:
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of the file's columns that have the new joints; of an array also the places."""
+        """Names of the columns that hold the new joints; for an array, also their indices."""
         return self._columns.written
 
     @property

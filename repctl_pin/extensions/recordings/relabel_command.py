@@ -107,10 +107,10 @@ def run(options: Options) -> int:
 
 
 def _sentence(relabeled: rp.Relabeled) -> str:
-    """Write in one sentence whether the recorded joints were ambiguous, and that they are not now.
+    """Write in one sentence whether the recorded joints were ambiguous, unlike the new ones.
 
-    They were, if the ambiguity of the new joints, the misfit of a smooth function of the pose, is
-    less than half of theirs.
+    Ambiguity is the misfit of a smooth function of the pose. The recorded joints count as ambiguous
+    if the new joints have less than half of their misfit.
     """
     import numpy as np
 

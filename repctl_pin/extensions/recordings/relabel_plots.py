@@ -18,8 +18,8 @@ _COLUMNS = 2
 def joints_figure(relabeled: Relabeled) -> Figure:
     """Draw each joint over the frames, recorded and relabelled, and the level c of the leaf.
 
-    The level says where along the self-motion the elbow is; it becomes one number. Dashed lines are
-    joint limits that lie within a panel, and thin lines separate the sessions.
+    The level says where along the self-motion the elbow is; after relabelling, it is constant.
+    Dashed lines are joint limits that lie within a panel, and thin lines separate the sessions.
     """
     recording, task = relabeled.recording, relabeled.recording.task
     order = np.argsort(recording.session, kind="stable")

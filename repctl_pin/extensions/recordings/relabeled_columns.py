@@ -53,7 +53,7 @@ class Columns(NamedTuple):
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of the columns with new joints; of an array also the places, counted from 0."""
+        """Names of the columns that hold the new joints; for an array, also indices, from 0."""
         return tuple(
             name if len(cells.at) == 1 else f"{name} [{_ranges(cells.at)}]"
             for name, cells in self.new.items()
@@ -122,7 +122,7 @@ def _ranges(at: Sequence[int]) -> str:
 
 
 def _copy(source: Table, name: str, recording: Recording) -> Sequence[int] | None:
-    """Find the recorded joints in an array of a file: their places in a row, None without them.
+    """Find the indices of the recorded joints in the rows of a file's array; None without them.
 
     The array may have further numbers, such as a gripper's, which are then kept.
     """

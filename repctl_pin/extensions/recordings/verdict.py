@@ -157,8 +157,9 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
     """Number the configurations (N,): a visit joins the first whose intervals all overlap its own.
 
-    Each visit has the interval q ± r (N, n) of every joint, with r its noise; visits of one number
-    are the same within it. Intervals have a common point if and only if each two overlap.
+    Each visit has the interval q ± r (N, n) of every joint, with r its noise; visits with one
+    number have the same configuration within the noise. Intervals have a common point if and only
+    if each two overlap.
     """
     low, high = np.empty_like(q), np.empty_like(q)  # of each group
     groups, count = np.zeros(len(q), np.intp), 0
@@ -197,7 +198,7 @@ def _significant(found: Trend) -> NDArray[np.bool_]:
 def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
     """Test which joints (n,) creep: a significant slope, and a line that explains their values.
 
-    It explains them if what is left beside the line is at most half of their range, or within the
+    The line explains them if their distances from it are at most half of their range, or within the
     noise r (N, n). A jump has a slope as well, but no such line.
     """
     rest = np.ptp(q - t[:, None] * found.rate, axis=0)

@@ -101,11 +101,12 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
-    The pose with the most visits within a quarter of the tolerance is taken, and of equal ones the
-    one where the hand stayed longest. A path that passes a pose farther away is thus not preferred.
-    If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
-    poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
-    ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; the length ℓ counts as much as 1 rad.
+    The pose with the most visits within a quarter of the tolerance is taken, and among equals the
+    pose at which the hand stayed longest. A path that passes a pose farther away is thus not
+    preferred. If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand
+    passes the poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its
+    points are ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; the length ℓ counts as much
+    as 1 rad.
 
     Parameters
     ----------
@@ -261,7 +262,7 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     """Split sorted row numbers of a log, those near a pose, into runs of consecutive ones.
 
-    Between two runs the hand was away, so each run is one visit or one way past the pose.
+    Between two runs the hand was away, so each run is a visit of the pose, or a passage near it.
     """
     return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
@@ -271,9 +272,9 @@ def _closest(
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
-    ``X`` (T, d) are the poses of the log and ``pose`` (d,) the one, as points of :func:`_features`.
-    Between two rows the motion is taken as straight; across a gap of the log, where ``whole`` is
-    False, it is unknown.
+    ``X`` (T, d) are the poses of the log, and ``pose`` (d,) is the pose to come near to, all as
+    points of :func:`_features`. Between two rows the motion is taken as straight; across a gap of
+    the log, where ``whole`` is False, it is unknown.
     """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)
@@ -311,7 +312,7 @@ def _at(values: Array, at: float) -> Array:
 
 
 class _Estimate(NamedTuple):
-    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, and what its errors need.
+    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, and data for its errors.
 
     ``off`` (m,) is the error of the hand before the correction. ``A`` (n, n) is the derivative of
     q, before the correction, by an error of the log's rows, and ``bend`` (n,) a bound on the error
@@ -363,9 +364,9 @@ def _average(task: Task, Q: Array, target: pin.SE3, noise: Array) -> tuple[Array
 
     Its rows need not lie evenly around the pose ``target``. A linear regression of q on the error e
     of the hand gives the configuration at ``e = 0``, along the directions in which the hand moves
-    most. If the arm moves otherwise during the visit, by more than the noise, only the first half
-    of the rows counts: the mean of a motion between two configurations would be the same there and
-    back.
+    most. If the arm also moves in other ways during the visit, by more than the noise, only the
+    first half of the rows counts: the mean of a motion between two configurations would be the same
+    there and back.
 
     Returns
     -------

@@ -141,13 +141,13 @@ class Clutch:
 
 
 def _usable(place: pin.SE3) -> bool:
-    """Test whether a placement has finite numbers and a rotation, as a lost tracker's has not."""
+    """Test whether a placement has finite numbers and a rotation; a lost tracker sends others."""
     finite = bool(np.isfinite(place.translation).all())
     return finite and is_rotation(place.rotation.ravel().tolist())
 
 
 def _axes(value: ArrayLike) -> Array:
-    """Convert the user's axes to a rotation (3, 3); InputError if they are none."""
+    """Convert the user's axes to a rotation (3, 3); InputError if they do not form one."""
     axes = as_numbers(value)
     if axes is None or axes.shape != (3, 3):
         raise InputError(f"must be a 3 × 3 rotation matrix; got {shown(value)}", argument="axes")

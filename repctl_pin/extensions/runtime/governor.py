@@ -68,7 +68,7 @@ class Status(IntEnum):
         A joint is on its way back from beyond its limit; the target is followed after that.
     BODIES
         Two bodies are near each other ahead, :attr:`Governor.nearest_bodies`: the arm slows down
-        and stops before their distance is below the one to keep.
+        and stops before their distance falls below ``body_distance``.
 
     Examples
     --------
@@ -137,8 +137,8 @@ class Governor:
     Raises
     ------
     InputError
-        If a limit is missing or not above 0, or dt is not, or the bodies are of another task, or
-        a link has no body.
+        If a limit is missing, a limit or dt is not above 0, the bodies are of another task, or a
+        link has no body.
 
     Examples
     --------
@@ -297,10 +297,10 @@ class Governor:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
 
         The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
-        joint can be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad (m).
-        The first target or twist then moves it straight inside, never farther out, at most at a
-        tenth of the speed limits, with the status ``RECOVERING``; once begun, this motion ends
-        inside. The leaf is that of the configuration inside.
+        joint can be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad (m). The
+        first target or twist then moves it straight inside, never farther out, at most at a tenth
+        of the speed limits, with the status ``RECOVERING``; once begun, this motion ends inside.
+        The leaf is then that of the configuration at which this motion ends.
 
         Parameters
         ----------
@@ -337,7 +337,7 @@ class Governor:
         status = Status(self._native.call_governor_start(self._address))
         if status is Status.BAD_NUMBER:
             raise InputError(
-                "the frame is 10⁶ m from the base or farther, where no target is taken",
+                "the frame is 10⁶ m or more from the base, where no target is accepted",
                 remedy="place the base nearer to the origin of the URDF",
             )
         assert status is Status.OK, status  # all else was refused above

@@ -187,7 +187,7 @@ class LeafImpedance:
             twist = _checked(twist, size, "the twist (v, ω)", "m/s and rad/s")
         if observer is not None and not (type(observer) is Observer and len(observer.state) == r):
             raise InputError(
-                f"must be what observer(dt) of this control made; got {shown(observer)}",
+                f"must be a result of observer(dt) of this controller; got {shown(observer)}",
                 argument="observer",
             )
         with np.errstate(over="ignore", invalid="ignore"):
@@ -196,7 +196,7 @@ class LeafImpedance:
 
 
 def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
-    """Check n numbers and return them as an array; one of finite doubles is returned as it is.
+    """Check n numbers and return them as an array; an array of finite doubles is not copied.
 
     It is called at every tick of a control loop, so the usual case is decided by one product. An
     array whose squares overflow goes through :func:`vector`, which looks at each number. ``name``
@@ -222,7 +222,8 @@ def _stiffness(given: ArrayLike, kind: Kind) -> Array:
         values = np.where(kind.linear, values[0], values[1])
     if values is None or values.shape != (m,) or not (np.isfinite(values) & (values > 0)).all():
         raise InputError(
-            f"stiffness must be two numbers above 0, N/m and Nm/rad, or {m}; got {shown(given)}"
+            f"stiffness must be two numbers above 0 (N/m and Nm/rad), or {m} numbers, one per "
+            f"task coordinate; got {shown(given)}"
         )
     return values
 
@@ -241,8 +242,8 @@ def _torque_law(inverse: RepeatableInverse, gains: Gains) -> NumPyTorques | Nati
 def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
     """Create the function (q, q̇) → inertia M (n, n) and bias b (n,), for one thread.
 
-    b contains gravity and velocity terms. Mimic joints count for the joints that drive them. Each
-    thread has its own, because Pinocchio computes in a buffer.
+    b contains gravity and velocity terms. Inertia and bias of a mimic joint are added to those of
+    the joint that drives it. Each thread has its own, because Pinocchio computes in a buffer.
     """
     model, drive = task.bodies_model()
     data = model.createData()

@@ -1,7 +1,7 @@
 """Self-motion to another leaf: the frame rests, and the joints keep their limits.
 
-A leaf is the set h(q) = c on which a repeatable inverse keeps the arm; another level c has the
-elbow elsewhere.
+A leaf is the set h(q) = c on which a repeatable inverse keeps the arm; at another level c the elbow
+is in another place.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ def leaf_change(
     The frame rests at f(q) while the potentials h move to the level c, so that the elbow goes to
     another place. The motion goes from rest to rest, and the differences of its samples divided by
     dt, dt² and dt³ keep the limits. No joint moves by more than 0.1 rad (m): call it again until
-    the leaf is reached. The last sample stands three times, so that the next motion may follow.
+    the leaf is reached. The last sample is repeated, three in all, so that the arm is at rest for
+    the next motion.
 
     Parameters
     ----------

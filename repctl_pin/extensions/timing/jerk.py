@@ -136,7 +136,7 @@ class _JerkSegment(Segment):
 def _exponentials(z: Array) -> tuple[Array, Array]:
     """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z``, analytic in z, whatever its sign.
 
-    They are the parts of a motion whose acceleration is linear in its way; z is an array.
+    A motion whose acceleration is linear in the distance consists of them; z is an array.
     """
     root = np.sqrt(np.abs(z))
     small = root < 1e-2
@@ -247,7 +247,7 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
-    """Adapt the stages ``grid`` (K,) next to rest; up to the first the jerk is constant.
+    """Adapt the stages ``grid`` (K,) next to rest, where the jerk is constant up to the first.
 
     Next to rest, x″ is not bounded, so the stages there must be denser or left out. The first stage
     is half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches the
@@ -388,8 +388,9 @@ def _solved(
 class _Rows(NamedTuple):
     """R rows ``A z ≤ b`` of a linear program, each with four coefficients.
 
-    ``coefficients`` and ``columns`` are (R, 4), ``bounds`` b (R,). Each row is about an interval
-    between two stages, so it concerns x and x′ at these two only.
+    Each row constrains the interval between two neighbouring stages, so only x and x′ at these two
+    stages have a coefficient. ``coefficients`` and ``columns``, the indices of these unknowns in z,
+    are (R, 4); ``bounds`` b is (R,).
     """
 
     coefficients: Array

@@ -79,8 +79,8 @@ def with_own_times(
     limits
         Limits to keep.
     added
-        Number of ends, 0 to 2, at which time may be added; without it the path is run a little
-        faster instead.
+        Number of ends, 0 to 2, at which time may be added; with 0 the path is run a little faster
+        instead.
     most
         Longest smoothing time, s.
     joints
@@ -156,10 +156,10 @@ def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequ
 def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTimes:
     """Convolve the law s(t), at rest before and after, with a triangle of width r, s.
 
-    The law passes s (T,) at the times ``own`` (T,), s; ``added`` of its ends may take r/2 more
-    time, and the rest of the smoothing is made up for by a higher speed. ``s̈ = (s(t + h) − 2 s(t)
-    + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear between the shifted points of
-    the law.
+    The law passes s (T,) at the times ``own`` (T,), s; Smoothing takes r more time. At ``added`` (0
+    to 2) of both ends, r/2 is added to the duration; a higher speed makes up for the rest. ``s̈ =
+    (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear between the
+    shifted points of the law.
     """
     h, D = r / 2, own[-1]
     T = D + added * h

@@ -159,7 +159,7 @@ class Course:
     durations: Array
 
     def stretched(self, factor: float) -> Course:
-        """Return the course with all times multiplied by a factor, so that it is slower above 1."""
+        """Return the course with all times multiplied by a factor; above 1, it becomes slower."""
         return Course(self.segments, self.begins * factor, self.durations * factor)
 
     def derivatives(self, t: Array) -> Array:
@@ -190,8 +190,8 @@ class Course:
     def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
         """Generate the segments at times (T,), s.
 
-        With each come the rows of t that are in it, its own times there, which may be beyond its
-        ends, and the factor by which it is stretched.
+        Each item is a segment, the indices of the times t in it, these times on the segment's clock
+        (they may lie beyond its ends), and the factor by which it is stretched.
         """
         which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
         for k in np.unique(which):
@@ -218,7 +218,7 @@ def require_samples(count: float, seconds: float, rate: float, least: str = "") 
     """Raise InputError if a motion of ``count`` samples is too long for memory.
 
     ``seconds`` and ``rate`` are its duration, s, and samples per second, for the message; ``least``
-    stands before the duration.
+    is a text before the duration, such as "at least ".
     """
     if not count < MOST_SAMPLES:
         raise InputError(
@@ -316,8 +316,8 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
     """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
 
     The arm has to stop there. Cusps are found everywhere, other corners only among the indices
-    ``candidates``, the corners of the frame's path; ``bend`` is the angle, rad, from which one
-    counts.
+    ``candidates``, the corners of the frame's path; a corner is a change of direction by ``bend``,
+    rad, or more.
     """
     steps = np.diff(Q, axis=0)
     sizes = np.linalg.norm(steps, axis=1)

@@ -362,8 +362,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now is outside the joint limits by more than 0.1 rad (m), or the goal is, the arm is at
-        the goal already or would collide, or the limits do not fit the robot.
+        If q_now is outside the joint limits by more than 0.1 rad (m), the goal is outside them, the
+        arm is at the goal already or would collide, or the limits do not fit the robot.
 
     Examples
     --------

@@ -62,7 +62,7 @@ def _outermost(body: Array, directions: int) -> NDArray[np.intp]:
     """Find the corners of a body (P, 3), by index, that lie farthest in some directions.
 
     The page measures the displacement of other motions at these few points. The directions are the
-    eight diagonals; if more are asked for, as many points of a spiral on the sphere are added.
+    eight diagonals; if more are requested, as many points of a spiral on the sphere are added.
     """
     ways = np.array(list(product((-1.0, 1.0), repeat=3)))
     if directions > 8:

@@ -310,7 +310,7 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
 def _is_of(chain: Task, task: Task) -> bool:
     """Test whether two tasks have the same robot, frame, kind and joints.
 
-    They need not be one object, so that the motion of the one is also that of the other.
+    Two objects can describe the same task: a motion of one is then also a motion of the other.
     """
     same = ("robot", "frame", "kind", "joint_names")
     return all(getattr(chain, name) == getattr(task, name) for name in same)
@@ -352,10 +352,10 @@ def _summary(
 ) -> MotionSummary:
     """Summarise a motion for the headline of the page.
 
-    ``played`` holds the motion of each chain; ``moved`` is the link that is off most, and how far,
-    m. If several chains were played, each quantity is the worst one, except the joint speed, which
-    is that of all joints together. Body distances and other end effectors are then left out,
-    because the chains move each other's bodies.
+    ``played`` holds the motion of each chain; ``moved`` is the most displaced link, and its
+    displacement, m. If several chains were played, each quantity is the worst one, except the joint
+    speed, which is that of all joints together. Body distances and other end effectors are then
+    left out, because the chains move each other's bodies.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]

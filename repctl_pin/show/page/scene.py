@@ -149,7 +149,10 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
-        raise InputError(f"{samples} samples are not {cycles} cycles of equal steps and a start")
+        raise InputError(
+            f"{samples} samples do not fit {cycles} cycles of equal steps: "
+            f"the number must be 1 plus a multiple of {cycles}"
+        )
     stride = -(-(cycles - 1) // (_SHOWN - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
     most = min(per_cycle - 1, steps)

@@ -104,7 +104,7 @@ class Viewer:
         )
         if not listed:
             raise InputError(
-                "a viewer needs the controls' names, one per pane, such as ['J⁺', 'ours']"
+                "a viewer requires the controllers' names, one per pane, such as ['J⁺', 'ours']"
             )
         self.task = task
         self.names = listed

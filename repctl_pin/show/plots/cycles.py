@@ -179,8 +179,8 @@ def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 def phase_figure(timed: TimedMotion) -> Figure:
     """Draw the figure of joint speed ‖q̇‖ against the length of the joint path, from rest to rest.
 
-    It shows where along the path the joints are slow or stop. :func:`repctl_pin.timed` keeps three
-    cycles of a longer motion.
+    It shows where along the path the joints are slow or stop. If the motion has more than three
+    cycles, only the first three are shown.
     """
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     ax = figure.add_subplot()

@@ -165,8 +165,8 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
     """Leave out motions that would hide the drift of the others on a linear scale.
 
     These motions move far away in cycle 1, to more than four times the others' drift, and stay
-    there, as a controller does that is drawn to another posture. ``motions`` lists the label,
-    motion and colour of each.
+    there, such as under a controller that is attracted to another posture. ``motions`` lists the
+    label, motion and colour of each.
     """
     rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [
@@ -281,11 +281,11 @@ def _joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joi
 
 
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Draw the figure ``drift.png``: how far the arm is off after each cycle.
+    """Draw the figure ``drift.png``: displacement of the arm after each cycle, cm.
 
-    What counts is the part of the arm that is farthest from where it began, in cm. The joint drift,
-    a norm over the joints, is an inset on a log scale. ``motions`` lists the label, motion and
-    colour of each controller.
+    The displacement is that of the part of the arm that is farthest from where it began. The joint
+    drift, a norm over the joints, is an inset on a log scale. ``motions`` lists the label, motion
+    and colour of each controller.
     """
     figure = Figure(figsize=(8.6, 4.4))
     ax, curves = figure.add_subplot(), _displacements(motions)

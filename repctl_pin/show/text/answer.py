@@ -2,8 +2,8 @@
 
 A span is a piece of text with a tone (``bad``, ``good``, ``near``), which a terminal shows as
 colour. A row is the result of one strategy, such as J⁺, in the study; a summary holds the numbers
-of its motion. A part is off by the distance between where it is after all cycles and where it
-began.
+of its motion. The displacement of a part is the distance between its places at the start and after
+all cycles.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Format how far the hand and the farthest part are off, for every controller.
+    """Format the displacements of the hand and of the farthest part, for every controller.
 
     The report puts these two rows above its table: the maximum distance of the hand from its path,
     and the displacement at the end of the part that drifted most. Each is a name, and a text per
@@ -260,7 +260,7 @@ def _meanings(study: Study) -> list[str]:
     """Explain the letters and units of the short table, in texts that follow the other notes."""
     said = ["the usual control is the pseudoinverse J⁺, r the number of spare joints"]
     if study.task.unit == "rad and m":
-        said.append("joints off: root of the sum of squares; rad if they turn, m if they slide")
+        said.append("joints off: root of the sum of squares; rad if revolute, m if prismatic")
     return said
 
 

@@ -52,7 +52,7 @@ def _amount(motion: Motion, cycle: int) -> str:
 
 
 def drift_words(study: Study) -> str:
-    """Describe the figure of the drift: how far the farthest part is off under each controller.
+    """Describe the figure of the drift: displacement of the farthest part under each controller.
 
     The text is its alternative text, for readers who cannot see the figure.
     """
@@ -148,7 +148,7 @@ def maps_words(study: Study, maps: ReportMaps) -> str:
 
 
 def still_words(study: Study) -> str:
-    """Describe the still picture of the animation: how far the arm is off under both controllers.
+    """Describe the animation's still picture: displacement of the arm under both controllers.
 
     The text is its alternative text, for readers who cannot see the picture.
     """

@@ -1,9 +1,9 @@
 """Headline of a page and of a terminal: which part of the arm has drifted, and how far.
 
-Its notes give the extra joint speed of the repeatable controller, the limits and the bodies. A part
-is off by the distance between where it is after all cycles and where it began; it is back if that
-is less than 0.1 mm. A summary holds the numbers of one motion. A span is a piece of text with a
-tone (``bad``, ``good``), which is shown as colour.
+Its notes give the extra joint speed of the repeatable controller, the limits and the bodies. The
+displacement of a part is the distance between its places at the start and after all cycles; the
+part is back if that is less than 0.1 mm. A summary holds the numbers of one motion. A span is a
+piece of text with a tone (``bad``, ``good``), which is shown as colour.
 """
 
 from __future__ import annotations
@@ -205,11 +205,11 @@ def _is_open(one: MotionSummary) -> bool:
 
 
 def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
-    """Write which part or joint is off, and by how much under each controller.
+    """Write which part or joint is displaced, and by how much under each controller.
 
-    The part is the one that is off most under any of them. If no part is off by 1 cm or more, a
-    joint is named that is off by 0.1 rad or more. ``after`` says after how many cycles, if the
-    sentence before does not say it; else it is empty.
+    The part is the one that is displaced most under any of them. If no part is displaced by 1 cm or
+    more, a joint is named that is displaced by 0.1 rad or more. ``after`` says after how many
+    cycles, if the sentence before does not say it; else it is empty.
     """
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
@@ -273,10 +273,10 @@ def end_name(link: str) -> str:
 
 
 def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
-    """List the other end effectors, by link, that are off by 1 cm or more under some controller.
+    """List the other end effectors that end 1 cm or more from their start under some controller.
 
-    The task does not control them, but the arm moves them. Hands come first, then those that are
-    off most.
+    The task does not control them, but the arm moves them. The list has the names of their links:
+    hands first, then by distance, the largest first.
     """
     most: dict[str, float] = {}
     for one in summaries:
@@ -287,10 +287,10 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
 
 
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write which other end effectors, moved by the arm but not its task, are off, and how far.
+    """Write which end effectors that the task does not control are displaced, and how far.
 
-    They are off by the distance from where they began, m. The list of texts is empty if all are
-    back.
+    The displacement is the distance from the start, m. The list of texts is empty if all of them
+    return.
     """
     ends = ends_off(summaries)
     if not ends:
@@ -336,7 +336,7 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
 
 
 def off_of(one: MotionSummary) -> Span:
-    """Format by how much the part is off that is displaced most at the end of all cycles.
+    """Format the displacement of the most displaced part at the end of all cycles.
 
     The tone is ``good`` for 0, and ``bad`` from 1 cm up.
     """
@@ -353,12 +353,12 @@ def _exact(one: MotionSummary) -> str:
 
 
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
-    """Format by how much the farthest part is off, m, under each controller, one text per summary.
+    """Format the displacement of the farthest part, m, under each controller: a text per summary.
 
-    It is off by the distance from where it began.
+
 
     ``unit`` is the text after each value (" off"), except a 0 that is not the first. Where the
-    controllers differ in the part that is off most, the smaller values name theirs.
+    controllers differ in the most displaced part, the smaller values name theirs.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -417,8 +417,8 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
     Each is one text, with a tone.
 
-    Without a violation it says that the joint limits are kept, and in how many ``cycles`` if one
-    will be violated later.
+    Without a violation, the text says that the joint limits are kept. If the drift will violate one
+    later, it says that they are kept in these ``cycles``.
     """
     said = []
     for one in summaries:

@@ -1,7 +1,7 @@
 """Summaries of motions, for headlines and tables: displacement, speed, limits, bodies.
 
-A part of the arm is off by its displacement: the distance between where it is at the end of all
-cycles and where it began. The outlook is where the drift leads if it goes on at this rate.
+The displacement of a part of the arm is the distance between its places at the start and at the end
+of all cycles. The outlook is where the drift leads if it goes on at this rate.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ TURNED = 0.1
 class MotionSummary:
     """The quantities of one motion that headlines and short tables report.
 
-    Each is evaluated once, for a page and for a terminal. A part is off by the distance between
-    where it is at the end of all cycles and where it began.
+    Each is evaluated once, for a page and for a terminal. The displacement of a part is the
+    distance between its places at the start and at the end of all cycles.
 
     Attributes
     ----------
     label : str
         Name of the controller.
     off : float
-        Displacement at the end of the part that is off most, m, see :mod:`.displacement`.
+        Displacement of the most displaced part at the end, m, see :mod:`.displacement`.
     speed : float
         Joint speed ‖q̇‖ over the first cycle, rms.
     limit_violation : (int, str) or None
@@ -132,7 +132,7 @@ def motion_summary(
     motion
         The motion.
     moved : (str, float)
-        The part that is off most at the end, as its link, and how far it is off, m.
+        The most displaced part at the end, as its link, and its displacement, m.
     bodies
         True to evaluate body distances. They are wrong if joints outside the task move.
     """

@@ -37,7 +37,7 @@ def metres(value: float) -> str:
 
 
 def displacement(value: float) -> str:
-    """Format how far a part is off, m: like :func:`metres`, but 0 below a tenth of a millimetre.
+    """Format the displacement of a part, m, as :func:`metres` does, but as 0 below 0.1 mm.
 
     So errors of the integrator do not read as drift.
     """

@@ -96,10 +96,10 @@ def study_table(study: Study) -> str:
 
 
 def _two_norms(study: Study) -> dict[str, str]:
-    """Write the design's cost in the Frobenius and the spectral norm: a text by its label.
+    """Write the design's cost in the Frobenius and the spectral norm, as a dict from label to text.
 
     The cost is the mean squared distance of the design from the desired inverse over its region Ω.
-    For r = 1 the two norms agree, and nothing is returned; for r > 1 publications may use either.
+    For r = 1 the two norms agree, and the dict is empty; for r > 1 publications may use either.
     """
     if study.task.r == 1:
         return {}
@@ -155,7 +155,7 @@ def _cell(quantity: Quantity, row: Row) -> str:
     """Format the value of a quantity for one controller, with a mark if it is bad.
 
     ``!`` marks a bad value, and ``≠`` the time of a cycle that does not close. A missing value is
-    the word that the quantity says, such as ``not checked``.
+    shown as the word that the quantity has for it, such as ``not checked``.
     """
     motion = row.motion
     if quantity.of is None:

@@ -160,7 +160,8 @@ def _checksum(text: bytes) -> str:
 def _refuse_foreign(path: Path) -> None:
     """Raise InputError for a file that repctl_pin did not write, or that was edited since.
 
-    The export would overwrite it. The first line of its own files has a checksum of the others.
+    The export would overwrite it. The first line of each exported file has a checksum of its other
+    lines.
     """
     if not path.is_file():
         return

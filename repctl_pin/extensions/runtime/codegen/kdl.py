@@ -15,7 +15,7 @@ def kdl_header(
     """Write the C++ header with a velocity solver and a position solver for Orocos KDL.
 
     The position solver evaluates F if ``control`` is a cell function; otherwise it iterates. For a
-    task of several frames, the header says that there are none: a chain of KDL has one tip.
+    task of several frames, the header states that it has no solvers: a chain of KDL has one tip.
 
     Parameters
     ----------

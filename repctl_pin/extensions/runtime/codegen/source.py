@@ -139,7 +139,7 @@ def write_source(
 
 
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
-    """Write the sizes of one frame for C: rows of the task, its joints, and most joints of any.
+    """Write a frame's sizes for C: task rows, joints, and the largest number of joints per frame.
 
     They are numbers if the task has one frame, so that the compiler can unroll loops, and otherwise
     members of each frame's struct ``arm``.
@@ -207,7 +207,7 @@ def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | N
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
-    """Test whether an inverse is that of the function over this cell of poses.
+    """Test whether an inverse belongs to the function over this cell of poses.
 
     Only then can the cell be its region in C, because the chart of the function tests the poses.
     """

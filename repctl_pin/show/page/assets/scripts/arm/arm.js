@@ -202,7 +202,7 @@ export class ArmView {
     return point.clone().applyMatrix4(this.moving[k].matrix);
   }
 
-  // The place on that part which is off most in the end, now; the elbow where there is no part.
+  // Present position of the place on that part which is displaced most; the elbow without a part.
   partSpot() {
     return this.spot
       ? this.placed(this.spot.k, this.spot.point)
@@ -469,7 +469,7 @@ export function pointAt(arms, isPart) {
   for (const arm of arms) arm.spot = all ? { k, point: place } : null;
 }
 
-// The arm that is off most after all cycles, and where the corners of its part are before and after
+// The most displaced arm after all cycles, and where the corners of its part are before and after
 // them.
 export function displaced(arms) {
   const arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a));

@@ -156,7 +156,7 @@ export function towards(tip, whole) {
 }
 
 // Look at the arm from where its drift is seen best: at the largest gap on the screen, in parts of
-// the picture, between where the place that is off most stands at the end and where it stood at the
+// the picture, between where the most displaced place stands at the end and where it stood at the
 // start, as far as nothing hides either, nor the hand. `usual`: the direction that counts where
 // views are alike, or nothing is off
 export function clearest(arms, usual) {

@@ -144,7 +144,7 @@ function drawLine(line, from, at, width, height) {
   line.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${angle}rad)`;
 }
 
-// From where the place that is off most was, to where it is.
+// From where the most displaced place was, to where it is.
 function gapLine(pane) {
   const line = element("i", { class: "leader gap", hidden: "" });
   pane.append(line);

@@ -144,7 +144,7 @@ function othersOf({ ends }, arms, runs, k) {
 const toneOf = (off) => (off < BACK ? "good" : off >= SMALL ? "bad" : "");
 const capital = (words) => words[0].toUpperCase() + words.slice(1);
 
-// The part of an arm that is off most, and how far.
+// The most displaced part of an arm, and its displacement.
 function mostOff(chain, arm, off) {
   const k = off.reduce((best, v, i) => (v > off[best] ? i : best), 0);
   const named = arm.moving.find(({ shape }) => chain.links[shape] && chain.links[shape][1]);
