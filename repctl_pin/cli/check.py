@@ -17,7 +17,7 @@ import repctl_pin as rp
 from ..base.defaults import REGION
 from ..base.errors import InputError
 from ..show.text.lines import fitted
-from ..show.text.numbers import number, row
+from ..show.text.numbers import row
 from .given import Options, box_within_limits, cut_note, integer, natural, positive, proof_code
 from .options import Parser
 from .terminal import in_percent, progress, report
@@ -287,7 +287,7 @@ def _drift_table(drift: _Drift, unit: str) -> str:
     rows = []
     for plane, value in drift.items():
         clean = value if value > 1e-9 else 0.0  # rounding errors
-        rows.append(["–".join(plane), *(number(clean * scale) for scale in (1, 1e-4, 1e-2))])
+        rows.append(["–".join(plane), *(f"{clean * scale:.3g}" for scale in (1, 1e-4, 1e-2))])
     header = ["plane", f"{unit} per m²", f"{unit} per cm²", "around a 10 cm square"]
     title = "joint drift of a small loop at the start, to first order in its area"
     return f"{title}:\n{table(header, rows)}"

@@ -431,6 +431,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     from ..base.arguments import percentage
     from ..model.bodies import bodies_of
     from ..motion.joint_motion import checked_words
+    from ..show.text.table import margin_words
 
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
@@ -443,8 +444,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
         more = f", {last} after {motion.cycles}" if motion.cycles > 1 else ""
         yield f"joint drift     {first} {motion.task.unit} after 1 cycle{more}"
     yield f"tracking error  maximum {number(result['tracking_error'])} m"
-    margin = result["limit_margin"]
-    yield f"limit margin    {'no limits' if margin is None else number(margin)}"
+    yield f"limit margin    {margin_words(motion)}"
     distance = result["body_distance"]
     if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])

@@ -237,4 +237,9 @@ class Design:
             f"  optimiser          {state} in {self.steps} steps, "
             f"gradient {self.gradient_norm:.1g}",
         ]
-        return "\n".join(lines + [f"  dropped            {text}" for text in self.dropped])
+        reasons: dict[str, list[str]] = {}
+        for text in self.dropped:
+            name, _, why = text.rpartition(": ")
+            reasons.setdefault(why, []).append(name)
+        lines += [f"  dropped            {', '.join(n)}: {why}" for why, n in reasons.items()]
+        return "\n".join(lines)

@@ -52,6 +52,8 @@ class _Body:
         Number of moving joints from the body to the farthest tip.
     narrow : bool
         True if every joint beyond the body has the range of a finger.
+    loose : bool
+        True if all joints beyond the body are of ball joints, which no motor drives.
     named : bool
         True if the joint before the body, or its first link, is named as a finger.
     shells : set of str
@@ -63,8 +65,14 @@ class _Body:
     branches: list[tuple[Joint, _Body]]
     after: int = 0
     narrow: bool = True
+    loose: bool = True
     named: bool = False
     shells: frozenset[str] = frozenset()
+
+    @property
+    def is_tool(self) -> bool:
+        """True if a link of the body is named as a tool."""
+        return any(set.union(*_TOOLS) & set(words(link)) for link in self.links)
 
     @property
     def is_hand(self) -> bool:
@@ -93,7 +101,7 @@ class _Body:
             or (last and "gripper" in words(joint.name))
             or tip.named
             # a tool link precedes it
-            or any(set.union(*_TOOLS) & set(words(link)) for link in self.links)
+            or self.is_tool
         )
 
 
@@ -104,7 +112,8 @@ def arm_ends(description: Description) -> list[_Body]:
     small range (half a turn, 0.1 m, or it mimics another joint) and at most as many joints as the
     arm. In addition, it has other branches beside it, is a mimic joint, is prismatic, is named a
     finger, or follows a link named as a tool. If every joint is named a finger, the robot is a
-    finger, and ends at its tip.
+    finger, and ends at its tip. An arm also ends at a link named as a tool beyond which there are
+    only ball joints: a load that hangs from it.
     """
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
@@ -129,11 +138,15 @@ def arm_ends(description: Description) -> list[_Body]:
     for body in reversed(bodies):
         body.after = max((1 + tip.after for _, tip in body.branches), default=0)
         body.narrow = all(_moves_little(joint, tip) and tip.narrow for joint, tip in body.branches)
+        body.loose = all(
+            joint.name in description.balls and tip.loose for joint, tip in body.branches
+        )
     whole = all(body.named for body in bodies[1:])
     ends, todo = [], [root]
     while todo:
         body = todo.pop()
-        if not body.branches or (body.is_hand and not whole):
+        hangs = body.loose and body.is_tool
+        if not body.branches or hangs or (body.is_hand and not whole):
             ends.append(body)
         else:
             todo.extend(tip for _, tip in reversed(body.branches))

@@ -194,8 +194,8 @@ class Range:
 def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
-    If no position of the joint satisfies the limits of a mimic joint (``followers``), these are
-    ignored, and a sentence about it is appended to ``notes``. Otherwise a gripper, for instance,
+    If no position of the joint, or a single one, satisfies the limits of a mimic joint
+    (``followers``), these are ignored, and a sentence about it is appended to ``notes``. Otherwise a gripper, for instance,
     could exceed its range while its leader keeps its own.
     """
     lower, upper = joint.lower, joint.upper
@@ -209,10 +209,12 @@ def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
         ]
         low = max(lower, min(ends))
         high = min(upper, max(ends))
-        if low >= high:
+        if high - low <= _EQUAL:
+            unit = "m" if joint.kind == "prismatic" else "rad"
+            meets = "no position" if low > high + _EQUAL else f"only the position {low:g} {unit}"
             notes.append(
                 f"limits [{follower.lower:g}, {follower.upper:g}] of joint {follower.name!r} "
-                f"ignored: no position of {joint.name!r}, which it mimics, satisfies them"
+                f"ignored: {meets} of {joint.name!r}, which it mimics, satisfies them"
             )
         elif low > lower + _EQUAL or high < upper - _EQUAL:
             by.append(follower.name)
@@ -303,8 +305,10 @@ def pose(
             continue
         q[i] = _inside(named[name], lower[i], upper[i], bool(turns[i]))
         if abs(q[i] - named[name]) > 1e-3:
+            unit = "rad" if turns[i] else "m"
             notes.append(
-                f"reference pose: {name} = {named[name]:g} is outside its limits; using {q[i]:g}"
+                f"reference pose: {name} = {named[name]:g} {unit} is outside its limits; "
+                f"using {q[i]:g} {unit}"
             )
     return q
 

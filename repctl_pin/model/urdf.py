@@ -94,6 +94,8 @@ class Description:
         URDF for Pinocchio: continuous joints are revolute ones with limits of ±``NO_LIMIT``; planar
         and floating joints are split, so that every joint has one coordinate; only joints, links
         and their inertias remain.
+    balls : frozenset of str
+        Names of the joints that stand for the ball joints of the file, three for each.
     """
 
     name: str
@@ -106,6 +108,7 @@ class Description:
     meshes: tuple[str, ...]
     notes: tuple[str, ...]
     xml: str
+    balls: frozenset[str] = frozenset()
 
 
 def read_urdf(
@@ -143,7 +146,7 @@ def read_urdf(
         _read_quaternions(robot, notes)
         root = check(robot)
         _fix_still_followers(robot, notes)
-        _split_joints(robot, notes)
+        balls = _split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
         joints = tuple(_joint(element, elements, notes) for element in elements.values())
         still = [repr(name) for name, element in elements.items() if _no_speed(element)]
@@ -165,6 +168,7 @@ def read_urdf(
         meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
         notes=tuple(_one_line(n) for n in [*notes, *_degrees(joints), *_millimetres(robot, root)]),
         xml=_for_pinocchio(robot, joints),
+        balls=balls,
     )
 
 
@@ -381,7 +385,7 @@ def _millimetres(robot: etree._Element, root: str) -> list[str]:
     name, length = max(long.items(), key=lambda item: item[1])
     return [
         f"joint {name!r} is {length:g} m from the joint before it (and {len(long) - 1} more such "
-        "lengths), possibly in millimetres; URDF lengths are in m"
+        "lengths), possibly in millimetres: URDF lengths are in m; scale all lengths by 0.001"
     ]
 
 
@@ -510,14 +514,16 @@ _FLOATING: tuple[_Step, ...] = (
 )
 
 
-def _split_joints(robot: etree._Element, notes: list[str]) -> None:
+def _split_joints(robot: etree._Element, notes: list[str]) -> frozenset[str]:
     """Replace planar and ball joints by 3 joints, floating joints by 6, with one coordinate each.
 
     The joints of a planar joint translate in the plane normal to its axis, and rotate about the
     axis. The rotations of a floating joint and of a ball joint are yaw, pitch and roll, singular
     where the pitch is ±π/2. ``notes`` receives a note for each joint that is replaced, with the
-    limits that are dropped. Every joint then has one coordinate, as all formulas assume.
+    limits that are dropped. Every joint then has one coordinate, as all formulas assume. Returns
+    the names of the joints that stand for ball joints.
     """
+    balls: list[str] = []
     names = {element.get("name") for element in robot}
     for joint in robot.findall("joint"):
         kind = joint.get("type")
@@ -541,9 +547,11 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> None:
         without = f"; its {' and '.join(dropped)} limits are dropped" if dropped else ""
         notes.append(
             f"joint {joint.get('name')!r} is {kind}: read as {', '.join(named)}{without}; "
-            "to hold them still, lock them, or choose a base link beyond them"
+            "to hold them still, lock them, or choose a frame before or a base link beyond them"
         )
+        balls += named if steps is _BALL else []
         _replace(robot, joint, steps, named)
+    return frozenset(balls)
 
 
 def _planar(axis: tuple[float, float, float]) -> tuple[_Step, ...]:

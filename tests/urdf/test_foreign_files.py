@@ -368,3 +368,42 @@ def test_a_cell_says_which_bodies_are_not_checked_as_a_study_does(tmp_path: Path
     assert words in said and "No collision bodies" not in said
     page = next(tmp_path.rglob("cell.html")).read_text(encoding="utf-8")
     assert words.removeprefix("not checked: ") in page.replace("&nbsp;", " ")
+
+
+def test_a_load_on_a_ball_joint_beyond_the_tool_is_no_end_effector(tmp_path: Path, capsys) -> None:
+    """26.13: no motor drives the ball; without a link named as a tool, the ball ends the arm."""
+    flange = joint("f", "l7", "flange", "fixed", '<origin xyz="0.1 0 0"/>')
+    hook = joint("b", "flange", "hook", "ball", '<origin xyz="0.02 0 0"/>')
+    robot = load(tmp_path, *arm(), flange, hook)
+    assert robot.task().frame == "flange" and robot.task().n == 7
+    assert "choose a frame before or a base link beyond them" in robot.warnings[0]
+    wrist = joint("b", "l7", "palm", "ball", '<origin xyz="0.02 0 0"/>')
+    assert load(tmp_path / "other", *arm(), wrist).task().frame == "palm"
+
+
+def test_a_range_of_one_position_is_not_called_none(tmp_path: Path) -> None:
+    """A follower of multiplier −1 with its leader's range: PR2's gripper."""
+    closing = '<limit lower="0" upper="0.5" velocity="1"/>'
+    finger = joint("k", "l7", "one", "revolute", closing)
+    other = joint("m", "l7", "two", "revolute", f'{closing}<mimic joint="k" multiplier="-1"/>')
+    (note,) = load(tmp_path, *arm(), finger, other).description.notes or load(
+        tmp_path, *arm(), finger, other
+    ).warnings
+    assert "only the position 0 rad of 'k', which it mimics, satisfies them" in note
+
+
+def test_the_report_of_a_motion_names_the_joint_of_the_smallest_margin(
+    tmp_path: Path, capsys
+) -> None:
+    """Against the margins of the motion's file; with the unit of that joint."""
+    load(tmp_path, *arm('<limit lower="-2.1" upper="2.2" effort="10" velocity="1"/>'))
+    words = ["follow", str(tmp_path / "made.urdf"), "--strategy", "pseudoinverse"]
+    assert main([*words, "--steps", "100", "--csv", str(tmp_path / "m.csv")]) == 0
+    said = capsys.readouterr().out
+    rows = np.genfromtxt(tmp_path / "m.csv", delimiter=",", names=True)
+    margins = {
+        f"j{i}": float(np.minimum(rows[f"j{i}"] + 2.1, 2.2 - rows[f"j{i}"]).min())
+        for i in range(1, 8)
+    }
+    least = min(margins, key=margins.__getitem__)
+    assert f"limit margin    minimum {margins[least]:.3g} rad, of {least}\n" in said

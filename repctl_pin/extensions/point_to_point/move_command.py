@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
@@ -15,6 +14,7 @@ from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted, noted
 from ...show.text.numbers import counted, number
+from ...show.text.table import margin_words
 
 if TYPE_CHECKING:
     from ...motion.joint_motion import JointMotion
@@ -157,8 +157,7 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
     tool = moved.lines.count("tool")
     cell = len(moved.lines) - tool
     yield f"lines           {tool} of the tool, {cell} in the coordinates of the cell"
-    margin = result["limit_margin"]
-    yield f"limit margin    {number(margin) if isfinite(margin) else 'no limits'}"
+    yield f"limit margin    {margin_words(motion)}"
     if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
         least = f"overlap up to {number(-distance)} m" if hits else f"minimum {number(distance)} m"

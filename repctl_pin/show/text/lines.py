@@ -95,7 +95,7 @@ def on_terminal(stream: TextIO | None) -> bool:
 def fitted(text: str, width: int | None = None) -> str:
     """Wrap lines that are wider than the terminal, or than a given width in characters.
 
-    After a label such as ``note: ``, continuation lines are indented to the start of the text.
+    After a label such as ``note: `` or ``! ``, continuation lines are indented to the start of the text.
     """
     columns = width or terminal_width()
     return "\n".join(part for line in text.split("\n") for part in _wrapped(line, columns))
@@ -108,6 +108,6 @@ def _wrapped(line: str, width: int) -> list[str]:
     """
     if len(line) <= width or max(map(len, line.split())) > width:  # a path, to be copied
         return [line]
-    label = re.match(r"\s*\S+(?: \S+){0,4} {2,}|note: |\s*", line)
+    label = re.match(r"\s*\S+(?: \S+){0,4} {2,}|note: |! |\s*", line)
     hang = label.end() if label and label.end() <= width // 2 else 2
     return textwrap.wrap(line, width, subsequent_indent=" " * hang, break_on_hyphens=False)

@@ -10,6 +10,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...base.arguments import percentage, ratio_in_percent
 from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
@@ -19,6 +21,7 @@ from .lines import Span, fitted, noted, terminal_width
 from .numbers import number
 
 if TYPE_CHECKING:
+    from ...motion.joint_motion import JointMotion
     from ...studies.study_result import Row, Study
 
 NARROW = 10
@@ -123,6 +126,16 @@ def outside_words(share: float) -> list[str]:
         "use `repctl design ROBOT --path PATH` to design for this path",
         "",
     ]
+
+
+def margin_words(motion: JointMotion) -> str:
+    """Write the minimum joint-limit margin of a motion, with its unit and its joint."""
+    joint = int(np.argmin(motion.limit_margin.min(axis=0)))
+    margin = float(motion.limit_margin[:, joint].min())
+    if not np.isfinite(margin):
+        return "no limits"
+    unit = "rad" if motion.task.revolute[joint] else "m"
+    return f"minimum {number(margin)} {unit}, of {motion.task.joint_names[joint]}"
 
 
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
