@@ -211,5 +211,26 @@ def test_lerobot_names_the_numbers_of_a_parquet_file(
         found = rp.Recording.read(data / "file-000.parquet", design.task)
         assert np.array_equal(found.joints, Q)
         return
-    with pytest.raises(rp.InputError, match="'observation.state' has 7 numbers per row"):
+    what = "names the 7 numbers of 'observation.state' a0, a1, .*: none is a joint of the task"
+    unnamed = "'observation.state' has 7 numbers per row"
+    with pytest.raises(rp.InputError, match=what if form == "others" else unnamed):
         rp.Recording.read(data / "file-000.parquet", design.task)
+
+
+def test_lerobot_names_of_another_arm_are_not_read_by_position(
+    design: rp.CellDesign, tmp_path: Path
+) -> None:
+    """Issue 52, item 26.22: the width fits by chance; named by ``joints=`` the file is read."""
+    Q = joints(np.random.default_rng(1))
+    file = tmp_path / "demo.parquet"
+    pq.write_table(pa.table({"observation.state": Q.tolist()}), file)
+    (tmp_path / "meta").mkdir()
+    names = {"features": {"observation.state": {"names": ["pan.pos", "lift.pos", "wrist.pos"]}}}
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(names), encoding="utf-8")
+    with pytest.raises(rp.InputError, match=r"pan.pos, lift.pos, wrist.pos: none is.*--joints"):
+        rp.Recording.read(file, design.task)
+    found = rp.Recording.read(file, design.task, joints=NAMES)
+    assert np.array_equal(found.joints, Q)
+    names["features"]["observation.state"]["names"] = None
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(names), encoding="utf-8")
+    assert np.array_equal(rp.Recording.read(file, design.task).joints, Q)

@@ -182,7 +182,7 @@ class Recording:
 
         - joints: one column per joint of the task, or an array ``joints``, ``q``, ``qpos`` or
           ``observation.state`` with one number per joint, in the order of the task; the names in
-          LeRobot's ``meta/info.json`` count, if they include the task's joints
+          LeRobot's ``meta/info.json`` count, and must include the task's joints
         - poses: ``x, y, z, qx, qy, qz, qw``, or an array ``poses``
         - time: ``time``, ``t`` or ``timestamp``
         - session: ``session`` or ``episode``
@@ -208,10 +208,9 @@ class Recording:
         task = one_frame(require_task(task), "a recording")
         path = file_name(file)
         table = read_table(path, task.joint_names)
-        if joints is None and path.suffix.lower() == ".parquet":
-            joints = _lerobot_names(path, task)
+        lerobot = _lerobot_names(path) if path.suffix.lower() == ".parquet" else None
         try:
-            columns, places = _find(table, task, joints)
+            columns, places = _find(table, task, joints, lerobot)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         arguments = _arguments(table, columns, places)
@@ -351,15 +350,16 @@ def _times(given: ArrayLike, size: int) -> Array:
 
 
 def _find(
-    table: Table, task: Task, given: Sequence[str] | None
+    table: Table, task: Task, given: Sequence[str] | None, lerobot: Sequence[str] | None
 ) -> tuple[dict[str, list[str]], tuple[int, ...] | None]:
     """Find by name the columns of a table that become arguments of :class:`Recording`.
 
     The first result is a dict from argument (joints, poses, times, sessions) to the names of its
     columns, without the arguments that the table lacks. The second one is used if a single column
     holds an array of all joints: the index of each joint in that array. It is None if each joint
-    has a column. ``given`` are the names of the numbers in the array. InputError is raised if there
-    are neither joints nor poses, or only some of the joints.
+    has a column. ``given`` are the names of the numbers in the array, ``lerobot`` those of its
+    ``meta/info.json``. InputError is raised if there are neither joints nor poses, or only some of
+    the joints.
     """
     widths = table.widths
     found = {
@@ -377,6 +377,9 @@ def _find(
         raise InputError(f"there is no column {missing[0]!r}", remedy="add it")
     elif "joints" in found:
         name = found["joints"][0]
+        if given is None and lerobot is not None and len(lerobot) == widths[name]:
+            _require_known(name, lerobot, task)
+            given = lerobot
         places = _places(name, widths[name], task, given)
     elif given is not None:
         arrays = ", ".join(JOINTS)
@@ -396,11 +399,11 @@ def _find(
     return found, places
 
 
-def _lerobot_names(file: Path, task: Task) -> list[str] | None:
+def _lerobot_names(file: Path) -> list[str] | None:
     """Read the names of the joints' array from LeRobot's ``meta/info.json`` near a Parquet file.
 
     It is looked for in the folder of the Parquet file, and in the two folders above. None if there
-    is no such file, or it names none of the task's joints.
+    is no such file, or it has no names.
     """
     for folder in file.resolve().parents[:3]:
         info = folder / "meta" / "info.json"
@@ -415,9 +418,22 @@ def _lerobot_names(file: Path, task: Task) -> list[str] | None:
             names = next(iter(names.values()))
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             return None
-        stems = {_stem(name, task.joint_names) for name in names}
-        return names if stems & set(task.joint_names) else None
+        return names
     return None
+
+
+def _require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
+    """Raise InputError if LeRobot's names of the numbers of an array are none of the task's joints.
+
+    The numbers could be those of another arm, although their count fits.
+    """
+    own = task.joint_names
+    if not set(own) & {_stem(text, own) for text in lerobot}:
+        raise InputError(
+            f"meta/info.json names the {len(lerobot)} numbers of {name!r} {', '.join(lerobot)}: "
+            f"none is a joint of the task, {', '.join(own)}",
+            remedy="name all in order by joints= (--joints), with the task's names for its joints",
+        )
 
 
 def _stem(name: str, own: Sequence[str]) -> str:
