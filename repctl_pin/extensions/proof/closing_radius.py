@@ -21,7 +21,7 @@ from .leaf_margin_bounds import LeafMarginProblem
 from .lifts import Places, Reach, bound_reach
 
 _POSES = 100
-"""Maximum number of poses of a path to which a distance is compared."""
+"""Number of poses of a path to which a distance is compared; more where the radius is small."""
 
 _MOST = {"start": 250_000, "path": 20_000}
 """Number of boxes after which the largest radius found so far is taken."""
@@ -62,8 +62,6 @@ def closing_radius(
         motion = enclosed(design.inverse, problem, closed_path(path), start)
     Q, why = motion.Q, motion.reason
     around = "start" if path is None else "path"
-    shown = np.unique(np.linspace(0, len(Q) - 1, _POSES + 1).astype(int))
-    poses = [task.placements(q) for q in Q[shown]]
     radius, boxes, complete = 0.0, 0, True
     if not why:
         clearance = _clearance(region, Q)
@@ -92,19 +90,42 @@ def closing_radius(
                     undecided = f"not all of Ω was decided in {boxes} boxes; "
                     where = _edge(task, places, found)
                     why = where if complete else undecided + where
+    angle = ratio * radius if turns else None
+    positions, rotations = _poses(task, Q, radius, angle)
     return ClosingRadius(
         radius,
-        ratio * radius if turns else None,
+        angle,
         around,
         str(task.kind),
         Q[0],
-        np.array([[x.translation for x in pose] for pose in poses]).reshape(len(poses), -1),
-        np.array([[x.rotation for x in pose] for pose in poses]).reshape(len(poses), -1, 3),
+        positions,
+        rotations,
         boxes,
         complete,
         why,
         0 if motion.proved else len(Q) - 1,
     )
+
+
+def _poses(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:
+    """Choose poses of a path through Q (K, n), to which a distance is compared.
+
+    They are a closing radius apart at most, in m and rad, as far as Q has rows: the whole path is
+    then within the radius. Returns positions (P, 3 F) and rotations (P, 3 F, 3) of F frames.
+    """
+    poses = [task.placements(q) for q in Q]
+    p = np.array([[x.translation for x in pose] for pose in poses])
+    R = np.array([[x.rotation for x in pose] for pose in poses])
+    shown = np.linspace(0, len(Q) - 1, _POSES + 1).astype(int)
+    if radius > 0:
+        moved = np.linalg.norm(np.diff(p, axis=0), axis=2).max(axis=1) / radius
+        if angle:
+            turned = np.linalg.norm(np.diff(R, axis=0), axis=(2, 3)).max(axis=1) / np.sqrt(2)
+            moved = np.maximum(moved, turned / angle)
+        way = np.insert(np.cumsum(np.minimum(moved, 1.0)), 0, 0.0)
+        shown = np.append(shown, np.searchsorted(way, np.arange(way[-1])))
+    shown = np.unique(shown)
+    return p[shown].reshape(len(shown), -1), R[shown].reshape(len(shown), -1, 3)
 
 
 def _edge(task: Task, places: Places, found: Reach) -> str:

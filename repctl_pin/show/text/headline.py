@@ -183,12 +183,15 @@ def headline_of(
 
 
 def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that bodies collide in every motion that is compared, so that none can be run."""
-    if len(summaries) < 2 or not all(one.collision_cycle and one.near for one in summaries):
+    """Write that bodies collide in the last motion, the one to be run, or in all of them."""
+    hit = [one for one in summaries if one.collision_cycle and one.near]
+    if len(summaries) < 2 or summaries[-1] not in hit:
         return []
-    pairs = dict.fromkeys(" and ".join(one.near) for one in summaries)
+    pairs = dict.fromkeys(" and ".join(one.near) for one in hit)
     words = f"{', '.join(pairs)} collide; give another start or path. "
-    return [Span(f"No motion without a collision was found: {words}", "bad")]
+    if len(hit) == len(summaries):
+        return [Span(f"No motion without a collision was found: {words}", "bad")]
+    return [Span(f"Under {under(summaries[-1].label)}, {words}", "bad")]
 
 
 def _whole(text: str) -> str:
