@@ -90,10 +90,9 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 
     A timed motion is a smooth curve through the points of the original motion, which is straight
     between them. So the timed motion can collide where the original one does not. ``remedy`` ends
-    the message. A motion through poses has no original motion, so only its own curve is checked.
+    the message. A motion through poses is its own original, which was checked.
     """
-    followed = motion.motion
-    if followed is not None and followed.q.shape == motion.q.shape:
+    if motion._is_its_motion:
         return
     found = violations_of(JointMotion(task, motion.t, motion.q, motion.qdot, 1, len(motion.q) - 1))
     if found:

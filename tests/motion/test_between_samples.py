@@ -140,8 +140,11 @@ def test_a_study_whose_motions_all_collide_says_so_first(
     assert "and thin collide" in " ".join(text.split())
 
 
-def test_a_timed_motion_is_checked_where_it_leaves_the_points(tmp_path: Path) -> None:
-    """Item 26.2: a smooth curve through few points hits a wire that the straight lines pass."""
+@pytest.mark.parametrize("count", [0, 13])
+def test_a_timed_motion_is_checked_where_it_leaves_the_points(tmp_path: Path, count: int) -> None:
+    """Item 26.2: a smooth curve through few points hits a wire that the straight lines pass.
+
+    A timed motion with as many samples as the original one, ``count``, is checked as well."""
     arm = tmp_path / "arm.urdf"
     arm.write_text(
         f'<robot name="arm"><link name="l0"/>{"".join(map(_link, (1, 2, 3)))}{_TOOL}</robot>'
@@ -150,7 +153,11 @@ def test_a_timed_motion_is_checked_where_it_leaves_the_points(tmp_path: Path) ->
     path = rp.circle(task, q0, radius=0.25)
     inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
     motion = rp.follow(inverse, path, q0, cycles=1, steps=12, integrator=rp.LeafLock(4))
-    timed = rp.timed(motion, rp.Limits(acceleration=4.0), rate=200)
+    rate = 200.0
+    if count:
+        # two samples before and after the motion
+        rate = (count - 3.5) / rp.timed(motion, rp.Limits(acceleration=4.0)).duration
+    timed = rp.timed(motion, rp.Limits(acceleration=4.0), rate=rate)
     shares = np.arange(50)[:, None, None] / 50
     straight = (motion.q[:-1] + shares * np.diff(motion.q, axis=0)).reshape(-1, 3)
     beside = None
@@ -168,8 +175,8 @@ def test_a_timed_motion_is_checked_where_it_leaves_the_points(tmp_path: Path) ->
     bodies = rp.Bodies(walled)
     assert bodies.distances(straight).min() > 0 > bodies.distances(timed.q).min()
     motion = replace(motion, task=walled)
-    timed = rp.timed(motion, rp.Limits(acceleration=4.0), rate=200)
-    assert motion.first_touch is None
+    timed = rp.timed(motion, rp.Limits(acceleration=4.0), rate=rate)
+    assert motion.first_touch is None and (not count or timed.q.shape == motion.q.shape)
     with pytest.raises(rp.InputError, match=r"ball and wire collide at .* s of the timed motion"):
         rp.write_motion(timed, tmp_path / "timed.csv")
     assert not (tmp_path / "timed.csv").exists()

@@ -725,6 +725,19 @@ def test_limits_that_no_motion_ends_within_are_one_line(
         assert np.isclose(least, law, rtol=0.01)
 
 
+def test_tiny_jerk_at_a_low_rate_is_refused_before_any_program(
+    ring: rp.Motion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Item 26.18: memory would suffice; the bound is ``(6 q / J)^⅓``, and the remedy is enough."""
+    monkeypatch.setattr("scipy.optimize.milp", None)
+    away = np.abs(ring.q - ring.q[0]).max()
+    for jerk in (1e-12, 1e-14):
+        with pytest.raises(rp.InputError, match="more than an hour; raise them") as caught:
+            rp.timed(ring, rp.Limits(velocity=9.0, acceleration=5.0, jerk=jerk), rate=0.1)
+        least = float(re.search(r"shorter than (\S+) s", str(caught.value))[1])
+        assert np.isclose(least, (6 * away / jerk) ** (1 / 3), rtol=0.01)
+
+
 def test_the_command_refuses_a_coarse_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

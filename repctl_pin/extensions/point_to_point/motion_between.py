@@ -84,6 +84,10 @@ class MotionBetween(TimedMotion):
         )
 
     @property
+    def _is_its_motion(self) -> bool:
+        return True
+
+    @property
     def _shortest_part(self) -> tuple[float, str]:
         # before its rounding to whole samples
         part = min(segment.t[-1] for segment in self.trajectory.segments)

@@ -34,6 +34,10 @@ _LEAST_STAGES = 50
 MOST_SAMPLES = MOST_STEPS // 5
 """Maximum number of samples of a timed motion; each takes the memory of several steps."""
 
+_LONGEST = 3600.0
+"""Time, s, from which a motion is refused if its jerk limits make it so long. Its linear programs
+have coefficients of many magnitudes, and take long to solve."""
+
 _BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
 """Points at which limits are checked between two stages, as fractions of the time."""
 
@@ -201,7 +205,9 @@ class Course:
 
 
 def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
-    """Raise InputError if limits alone make a motion through Q (T, n) too long for memory.
+    """Raise InputError if limits alone make a motion through Q (T, n) too long.
+
+    That is too long for memory, or an hour by the limits of jerk.
 
     A joint at rest is after T seconds at most ``v T``, ``a T²/2`` and ``J T³/6`` from its start. A
     profile of a motion that takes millions of seconds would be computed for nothing.
@@ -212,6 +218,11 @@ def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
         times.append(np.cbrt(6 * away) / np.cbrt(limits.jerk))
     least = float(np.max(times))
     require_samples(least * rate, least, rate, "at least ")
+    if limits.jerk is not None and (slowest := float(np.max(times[-1]))) > _LONGEST:
+        raise InputError(
+            f"the jerk limits allow no motion shorter than {slowest:.3g} s, more than an hour",
+            remedy="raise them",
+        )
 
 
 def require_samples(count: float, seconds: float, rate: float, least: str = "") -> None:
