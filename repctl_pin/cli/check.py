@@ -276,6 +276,11 @@ def _lines(
     return lines
 
 
+def _three(value: float) -> str:
+    """Format a number with three digits, and a short exponent: 0.108, 5.28e-5."""
+    return f"{value:.3g}".replace("e-0", "e-")
+
+
 def _drift_table(drift: _Drift, unit: str) -> str:
     """Format the joint drift of a small loop at the start as a table, one row per plane.
 
@@ -287,7 +292,7 @@ def _drift_table(drift: _Drift, unit: str) -> str:
     rows = []
     for plane, value in drift.items():
         clean = value if value > 1e-9 else 0.0  # rounding errors
-        rows.append(["–".join(plane), *(f"{clean * scale:.3g}" for scale in (1, 1e-4, 1e-2))])
+        rows.append(["–".join(plane), *(_three(clean * scale) for scale in (1, 1e-4, 1e-2))])
     header = ["plane", f"{unit} per m²", f"{unit} per cm²", "around a 10 cm square"]
     title = "joint drift of a small loop at the start, to first order in its area"
     return f"{title}:\n{table(header, rows)}"

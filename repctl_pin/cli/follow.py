@@ -17,7 +17,7 @@ from ..base.defaults import REGION, STEPS
 from ..base.errors import InputError, needed
 from ..base.files import write_whole
 from ..show.text.lines import fitted, noted
-from ..show.text.numbers import number, row
+from ..show.text.numbers import metres, number, row
 from .given import Options, integer, positive, with_options
 from .options import Parser
 from .terminal import progress, report, say_line
@@ -448,9 +448,9 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     distance = result["body_distance"]
     if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
-        least = f"minimum {number(distance)} m{checked_words(motion)}"
+        least = f"minimum {metres(distance)}{checked_words(motion)}"
         if distance < 0:
-            least = f"collision, overlap up to {number(-distance)} m"
+            least = f"collision, overlap up to {metres(-distance)}"
         yield f"body distance   {least}, between {links}"
     if unchecked := bodies_of(motion.task).not_checked:
         yield f"not checked     {unchecked}"

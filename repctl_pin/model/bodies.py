@@ -174,8 +174,10 @@ class Bodies:
             if pairs
         ]
         if self.disabled:
-            pairs = "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
-            notes.append(f"{pairs} of links overlap and are not checked: the SRDF disables them")
+            count = len(self.disabled)
+            pairs = "1 pair of links overlaps and is" if count == 1 else ""
+            pairs = pairs or f"{count} pairs of links overlap and are"
+            notes.append(f"{pairs} not checked: the SRDF disables {'it' if count == 1 else 'them'}")
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:

@@ -161,6 +161,11 @@ class Task:
         """Unit of a norm over the joints: rad, m, or both."""
         return unit_of(self.revolute)
 
+    @property
+    def _joint_unit(self) -> str:
+        """Unit of the smallest value over the joints, such as a margin: rad, m, or either."""
+        return self.unit.replace(" and ", " or ")
+
     # ---- frames ----
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..base.arguments import Array
+from ..base.errors import InputError
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import augmented_inverse, is_regular
@@ -34,7 +35,10 @@ class NumPyLaw:
 
     def leaf(self, q: Array) -> Array:
         """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q."""
-        return self.potentials.value(q)
+        c = self.potentials.value(q)
+        if not np.isfinite(c).all():
+            raise InputError("h(q) is not finite: q is too large", argument="q")
+        return c
 
     def inverse(self, q: Array) -> Array:
         """Evaluate G_r (n, m), the repeatable inverse, at q (n,)."""

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..base.arguments import Array
+from ..base.errors import InputError
 from ..model.task import Task
 from ..native import CALL, filled_struct, library
 from ..potentials.basis import Potentials
@@ -111,12 +112,11 @@ class NativeLaw:
     def leaf(self, q: Array) -> Array:
         """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q.
 
-        An InputError is raised if q is not finite.
+        An InputError is raised if q or h(q) is not finite.
         """
         self._q[...] = q
-        status = self._run_leaf(self._call)
-        if status:
-            raise self._refused(status, q)
+        if self._run_leaf(self._call):
+            raise InputError("h(q) is not finite: q is too large", argument="q")
         return self._result[: self._task.r].copy()
 
     def step(

@@ -172,6 +172,25 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:
     assert (done.returncode, done.stderr) == (2, b"repctl: No space left on device: the output\n")
 
 
+def test_a_reader_of_a_file_that_is_stdout_may_leave_early(tmp_path: Path) -> None:
+    """Item 26.18: ``repctl follow … --csv /dev/stdout | head -1`` ends without a message."""
+    words = "follow planar3r --strategy pseudoinverse --steps 4000 --csv /dev/stdout".split()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "repctl_pin", *words],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None and process.stderr is not None
+    # the first line of the file, or of the report
+    assert process.stdout.readline()
+    process.stdout.close()
+    errors = process.stderr.read().decode()
+    process.stderr.close()
+    assert process.wait(60) in (0, 128 + 13) and "repctl: " not in errors
+    assert "Traceback" not in errors and not list(tmp_path.iterdir())
+
+
 def test_an_endless_design_is_refused_at_once(
     tmp_path: Path, node, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -109,6 +109,18 @@ def test_c_computes_what_python_computes(name: str, tmp_path: Path) -> None:
 
 
 @NEEDS_C
+def test_a_leaf_that_overflows_is_refused() -> None:
+    """Item 26.18: q is finite, and a cubic h of it is not; OK with an infinite c was returned."""
+    q0 = np.array([0.3, 0.8, 0.8])
+    task, cubic = rp.Robot.load("planar3r").task("tool", "xy"), rp.Polynomial(q0, 3)
+    inverse = rp.RepeatableInverse(task, cubic.weighted(np.ones((cubic.size, 1))))
+    assert np.isclose(inverse.leaf(q0 + 1e100) / 1e300, in_numpy(inverse).leaf(q0 + 1e100) / 1e300)
+    for huge in (1e110, 1e300):
+        with pytest.raises(rp.InputError, match=r"h\(q\) is not finite: q is too large"):
+            inverse.leaf(q0 + huge)
+
+
+@NEEDS_C
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CONTROLS)
 def test_c_computes_what_python_computes_at_10000(name: str, tmp_path: Path) -> None:

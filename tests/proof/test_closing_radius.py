@@ -275,6 +275,25 @@ def planar() -> rp.Design:
     return replace(design, proof=rp.prove(design, seconds=5))
 
 
+def test_the_whole_path_is_within_its_own_radius(planar: rp.Design) -> None:
+    """Poses are compared at most a radius apart: a design's own cycle was 40 % "beyond" it."""
+    task, q = planar.task, planar.region.center
+    path = rp.circle(task, q, 0.58)
+    closes = rp.prove(planar, closes=path, seconds=20).closes
+    # a hundred poses are more than two radii apart
+    assert closes.around == "path" and np.pi * 0.58 / 100 > closes.metres > 1e-3
+    motion = rp.follow(planar.inverse, path, q, cycles=1, steps=997)
+    assert replace(motion, closing_radius=closes).beyond_closing_radius == 0
+    # the circle begins at q, and its centre is 0.58 m away
+    centre = (closes.positions.max(axis=0) + closes.positions.min(axis=0)) / 2
+    for share, inside in ((0.8, True), (1.01, False)):
+        pose = task.placement(q)
+        out = pose.translation - centre
+        out /= np.linalg.norm(out)
+        pose.translation = pose.translation + share * closes.metres * out
+        assert closes.contains(pose) == inside
+
+
 def test_a_motion_knows_its_share_beyond_the_radius(planar: rp.Design) -> None:
     task, q, closes = planar.task, planar.region.center, planar.proof.closes
     assert closes.around == "start"

@@ -38,6 +38,10 @@ _WAVES, _POINTS, _REACH = 3, 721, 0.9
 """Number of waves of a random path, of its points that are compared, and the largest coordinate."""
 
 
+_NO_BODIES = "no collision bodies"
+"""Text for the body distance of a robot without bodies to compare."""
+
+
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellDesign:
@@ -209,7 +213,7 @@ class CellDesign:
 
         The table of ``repctl cell`` and the page of the design show them.
         """
-        j, unit = self.evaluation, self.task.unit
+        j, unit = self.evaluation, self.task._joint_unit
         most = (
             "best possible there by self-motion:"
             if self.task.r == 1
@@ -225,7 +229,7 @@ class CellDesign:
         )
         if left_out := self.function.chart.cell.excepted:
             margin += f"\nwithout {', '.join(left_out)}, whose limits end the range"
-        bodies = "no collision bodies"
+        bodies = _NO_BODIES
         if np.isnan(j.body_distance):
             bodies = "not known: the bodies have changed since it was evaluated"
         elif np.isfinite(j.body_distance):
@@ -233,7 +237,8 @@ class CellDesign:
             bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
-        speed = f"{ratio_in_percent(j.extra_speed)} ± {100 * j.extra_speed_error:.1g} on average, "
+        error = f" ± {100 * j.extra_speed_error:.1g}" if j.extra_speed > 1e-5 else ""
+        speed = f"{ratio_in_percent(j.extra_speed)}{error} on average, "
         speed += f"{ratio_in_percent(j.extra_speed_worst)} at the worst pose"
         if np.isfinite(j.extra_speed_direction):
             worst = ratio_in_percent(j.extra_speed_direction)
@@ -266,6 +271,8 @@ class CellDesign:
     def _with_unchecked(self, bodies: str) -> str:
         """Add to a text on body distances the bodies that are not checked for collisions."""
         unchecked = bodies_of(self.task).not_checked
+        if unchecked and bodies == _NO_BODIES:
+            return f"not checked: {unchecked}"
         return f"{bodies}\nnot checked: {unchecked}" if unchecked else bodies
 
     def _symmetry(self) -> dict[str, str]:

@@ -13,7 +13,7 @@ from ...cli.given import Options, positive
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted, noted
-from ...show.text.numbers import counted, number
+from ...show.text.numbers import counted, metres
 from ...show.text.table import margin_words
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
     yield f"limit margin    {margin_words(motion)}"
     if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
-        least = f"overlap up to {number(-distance)} m" if hits else f"minimum {number(distance)} m"
+        least = f"overlap up to {metres(-distance)}" if hits else f"minimum {metres(distance)}"
         yield f"body distance   {least}, between {links}"
     if unchecked := bodies_of(motion.task).not_checked:
         yield f"not checked     {unchecked}"

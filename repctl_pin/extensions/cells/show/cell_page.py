@@ -204,7 +204,7 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     ``path`` is empty, or has the motion along the sample path, which counts, too. A joint is left
     out if it ends the range of a sector's angle or spin.
     """
-    found, unit = design.evaluation, design.task.unit
+    found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]
     if min(margins, default=0.0) < 0:
         by = f"by {-min(margins):.2g} {unit} on the sample path"

@@ -81,7 +81,7 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
         for ax, cut, share in zip(row, cuts, shares, strict=True):
             _slice_of_cell(ax, design, cut, what, ends)
             ax.locator_params("x", nbins=round(2 + 2 * share))
-        label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
+        label = f"{label}, {design.task._joint_unit}" if what == "limit_margin" else label
         figure.colorbar(row[0].collections[0], ax=list(row), shrink=0.9, aspect=30).set_label(
             label, color=INK
         )
