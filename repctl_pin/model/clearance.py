@@ -66,6 +66,8 @@ class Clearance:
         True if the minimum holds between the samples too: no bodies collide, and the minimum lies
         at most 10 % or 5 mm below ``distance``. False after a collision, and where distances at
         ``points`` configurations did not decide it.
+    undecided : (str, str) or None
+        Links of the first pair that they did not decide: two bodies that stay close for long.
     """
 
     distance: float
@@ -76,6 +78,7 @@ class Clearance:
     distances: Array = field(repr=False)
     points: int
     between: bool
+    undecided: Pair | None = None
 
 
 def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clearance:
@@ -115,7 +118,7 @@ class _Search:
         self._touch = np.inf
         self._points = 0
         self._left = _MOST
-        self._between = True
+        self._undecided: int | None = None
 
     def found(self) -> Clearance:
         """Return the result, with the names of the links."""
@@ -134,7 +137,8 @@ class _Search:
             overlap,
             distances,
             self._points,
-            touch is None and self._between,
+            touch is None and self._undecided is None,
+            None if self._undecided is None else self._model.names(self._undecided),
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -188,12 +192,12 @@ class _Search:
             floor = _FLOOR if self._touch == np.inf else _FLOOR_OF_TOUCH
             tiny = large & ~((pieces.size > floor) & np.isfinite(pieces.size))
             if tiny.any():
-                self._between = False
+                self._leave(pair)
                 pieces, large = pieces.of(~tiny), large[~tiny]
             if not len(large):
                 return
             if self._left <= 0:
-                self._between = False
+                self._leave(pair)
                 return
             if large.any():
                 pieces = pieces.of(~large).and_those(self._halves(pair, pieces.of(large)))
@@ -201,6 +205,10 @@ class _Search:
             k = int(np.argmin(pieces.lower))
             distance = self._measure(pair, float(pieces.middle[k]))
             pieces = pieces.after(distance, pieces.center[k])
+
+    def _leave(self, pair: int) -> None:
+        """Note a pair that is left undecided; the first one is named."""
+        self._undecided = pair if self._undecided is None else self._undecided
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
         """Make pieces from the positions of their ends (M,), without bounds on the distance."""

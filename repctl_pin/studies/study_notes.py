@@ -71,7 +71,8 @@ def unlimited_speeds(task: Task) -> list[str]:
 def _looked_at(rows: Sequence[Row]) -> list[str]:
     """Write a note per controller whose collisions between the samples are not ruled out."""
     return [
-        f"{row.label}: collisions checked{words}, not between them"
+        f"{row.label}: collisions checked{words}, not between them, because "
+        f"{' and '.join(row.motion.clearance.undecided or ())} stay close together"
         for row in rows
         if row.motion is not None and (words := checked_words(row.motion))
     ]

@@ -175,19 +175,15 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:
 def test_a_reader_of_a_file_that_is_stdout_may_leave_early(tmp_path: Path) -> None:
     """Item 26.18: ``repctl follow … --csv /dev/stdout | head -1`` ends without a message."""
     words = "follow planar3r --strategy pseudoinverse --steps 4000 --csv /dev/stdout".split()
-    process = subprocess.Popen(
-        [sys.executable, "-m", "repctl_pin", *words],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    assert process.stdout is not None and process.stderr is not None
-    # the first line of the file, or of the report
-    assert process.stdout.readline()
-    process.stdout.close()
-    errors = process.stderr.read().decode()
-    process.stderr.close()
-    assert process.wait(60) in (0, 128 + 13) and "repctl: " not in errors
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    command = [sys.executable, "-m", "repctl_pin", *words]
+    with subprocess.Popen(command, cwd=tmp_path, **pipes) as process:
+        assert process.stdout is not None and process.stderr is not None
+        # the first line of the file, or of the report
+        assert process.stdout.readline()
+        process.stdout.close()
+        errors = process.stderr.read().decode()
+        assert process.wait(60) in (0, 128 + 13) and "repctl: " not in errors
     assert "Traceback" not in errors and not list(tmp_path.iterdir())
 
 

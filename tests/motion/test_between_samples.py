@@ -118,6 +118,7 @@ def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
     Q = np.linspace([-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], 21)
     found = motion_of(task, Q).clearance
     assert found.touch is None and not found.between and found.points > 21
+    assert found.undecided == ("l2", "thin")
 
 
 @pytest.mark.parametrize("chosen", [True, False])
@@ -138,6 +139,13 @@ def test_a_study_whose_motions_all_collide_says_so_first(
     text = "".join(span.text for span in study_answer(study)).replace("\u00a0", " ")
     assert text.startswith("No motion without a collision was found: ")
     assert "and thin collide" in " ".join(text.split())
+    # with J⁺ free of collisions, the motion that would be run still collides
+    usual = study.row("pseudoinverse")
+    free = rp.Robot.load(arm(tmp_path)).task("l2", "xy")
+    clean = replace(usual, motion=replace(usual.motion, task=free))
+    rows = tuple(clean if row is usual else row for row in study.rows)
+    text = "".join(span.text for span in study_answer(replace(study, rows=rows)))
+    assert text.startswith("Under the repeatable one, ")
 
 
 @pytest.mark.parametrize("count", [0, 13])
