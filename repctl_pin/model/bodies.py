@@ -332,7 +332,8 @@ def _listed(pairs: list[Pair]) -> str:
     The text reads ``a and b, c and d, e and f and 4 more pairs``.
     """
     few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
-    return few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
+    more = len(pairs) - _NAMED
+    return few if more <= 0 else f"{few} and {more} more pair{'s' * (more > 1)}"
 
 
 def bodies_of(task: Task) -> Bodies:

@@ -195,8 +195,8 @@ def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
     If no position of the joint, or a single one, satisfies the limits of a mimic joint
-    (``followers``), these are ignored, and a sentence about it is appended to ``notes``. Otherwise a gripper, for instance,
-    could exceed its range while its leader keeps its own.
+    (``followers``), these are ignored, and a sentence about it is appended to ``notes``. Otherwise
+    a gripper, for instance, could exceed its range while its leader keeps its own.
     """
     lower, upper = joint.lower, joint.upper
     rates = np.array([joint.velocity, joint.acceleration, joint.jerk])

@@ -90,7 +90,7 @@ class TimedMotion:
 
     @property
     def _is_its_motion(self) -> bool:
-        """Whether ``motion`` has these samples, so that what is checked of it is checked of them."""
+        """Whether ``motion`` has these samples: a check of it is then a check of them."""
         return False
 
     @property

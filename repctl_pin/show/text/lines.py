@@ -95,7 +95,8 @@ def on_terminal(stream: TextIO | None) -> bool:
 def fitted(text: str, width: int | None = None) -> str:
     """Wrap lines that are wider than the terminal, or than a given width in characters.
 
-    After a label such as ``note: `` or ``! ``, continuation lines are indented to the start of the text.
+    After a label such as ``note: `` or ``! ``, continuation lines are indented to the start of the
+    text.
     """
     columns = width or terminal_width()
     return "\n".join(part for line in text.split("\n") for part in _wrapped(line, columns))
