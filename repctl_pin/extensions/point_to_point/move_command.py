@@ -14,7 +14,6 @@ from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted, noted
 from ...show.text.numbers import counted, metres
-from ...show.text.table import margin_words
 
 if TYPE_CHECKING:
     from ...motion.joint_motion import JointMotion
@@ -142,6 +141,7 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
     """Yield the lines of text that report the motion."""
     from ...model.bodies import bodies_of
     from ...motion.joint_motion import checked_words
+    from ...show.text.table import margin_words
 
     motion = moved.motion
     assert motion is not None
