@@ -157,7 +157,7 @@ def test_leaving_the_limits_is_a_warning(capsys) -> None:
     assert re.fullmatch(
         rf"repctl: warning: {where}; try another --start or a smaller --path\n", error
     )
-    assert "limit margin    -" in out and "LIMITS" not in out
+    assert "limit margin    minimum -" in out and "LIMITS" not in out
     out, error = printed(capsys, *OUT, "--json")
     assert error == "" and 0 < json.loads(out)["first_violation"]["cycle"] < 1
     assert printed(capsys, *OUT[:4], "--start", "1,-1.5,1.2")[1] == ""
