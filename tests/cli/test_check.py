@@ -17,7 +17,15 @@ START = "0,-0.78539816,0,-2.35619449,0,1.57079633,0.78539816"
 def test_check_says_what_the_functions_say(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "panda", "--start", START]) == 0
     text = capsys.readouterr().out
-    for word in ("panda_hand_tcp, pose", "J⁺", "not repeatable", "x–y", "6.99", "7e-4", "0.0699"):
+    for word in (
+        "panda_hand_tcp, pose",
+        "J⁺",
+        "not repeatable",
+        "x–y",
+        "6.99",
+        "0.000699",
+        "0.0699",
+    ):
         assert word in text
     assert "stable surface" not in text  # seven joints
 

@@ -110,7 +110,7 @@ def closing_radius(
 def _poses(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:
     """Choose poses of a path through Q (K, n), to which a distance is compared.
 
-    They are a closing radius apart at most, in m and rad, as far as Q has rows: the whole path is
+    They are about half a radius apart, in m and rad, as far as Q has rows: the whole path is
     then within the radius. Returns positions (P, 3 F) and rotations (P, 3 F, 3) of F frames.
     """
     poses = [task.placements(q) for q in Q]
@@ -123,7 +123,7 @@ def _poses(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
             turned = np.linalg.norm(np.diff(R, axis=0), axis=(2, 3)).max(axis=1) / np.sqrt(2)
             moved = np.maximum(moved, turned / angle)
         way = np.insert(np.cumsum(np.minimum(moved, 1.0)), 0, 0.0)
-        shown = np.append(shown, np.searchsorted(way, np.arange(way[-1])))
+        shown = np.append(shown, np.searchsorted(way, np.arange(0.0, way[-1], 0.5)))
     shown = np.unique(shown)
     return p[shown].reshape(len(shown), -1), R[shown].reshape(len(shown), -1, 3)
 
