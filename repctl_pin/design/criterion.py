@@ -287,12 +287,12 @@ class Differential:
         return matrix
 
 
-def sampled(model: list[Differential], basis: Array, count: int) -> Differential:
+def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
     """Draw ``count`` nodes at random, such that the mean of their matrix is that of all nodes.
 
     A node is drawn with a probability that is half constant, half in proportion to the trace of its
-    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The terms
-    are divided by the probabilities.
+    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The
+    terms are divided by the probabilities. Return also the trace of the matrix of all nodes.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)
@@ -304,7 +304,7 @@ def sampled(model: list[Differential], basis: Array, count: int) -> Differential
     scale = np.split(drawn / (count * chance), np.cumsum([len(one) for one in traces])[:-1])
     L = [one.L[:, each > 0] for one, each in zip(model, scale, strict=True)]
     S = [one.S[..., each > 0] * each[each > 0] for one, each in zip(model, scale, strict=True)]
-    return Differential(np.concatenate(L, axis=1), np.concatenate(S, axis=-1))
+    return Differential(np.concatenate(L, axis=1), np.concatenate(S, axis=-1)), total
 
 
 def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], SignCount]:

@@ -43,11 +43,6 @@ _RESIDUAL, _MOST_PRODUCTS, _SAMPLE = 1e-4, 200, 32
 """Relative residual and number of products of conjugate gradients, and equations sampled per
 potential for their preconditioner."""
 
-_STALE, _FAR = 20, 0.1
-"""Number of products, and relative change of x, above which the next step gets a new one."""
-
-_LEAST_LEVEL = 1e-300
-
 _EMPHASIS = (1.0, 0.1, 0.01)
 
 
@@ -286,17 +281,22 @@ class _MatrixFree(_PenalisedCost):
 
     The Gauss–Newton matrix of all nodes costs K m N² r (r + 1) operations, and a product with it 4
     K m N r. So it is built from a random sample of the nodes only, as the preconditioner of the
-    products with that of all nodes. With 32 N / m nodes, a step needs some ten products. The matrix
-    changes little from step to step, so its factor serves several of them.
+    products with that of all nodes. With 32 N / m nodes, a step needs some ten products.
     """
 
     terms: Sum = staticmethod(criterion.linearised)
-    _kept: Any = None
-    """Factor of the preconditioner, for the next steps."""
 
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
-        """Evaluate half the gradient in x; the Gauss–Newton matrix stays that of the point."""
-        return self.gradient(at), at
+        """Evaluate half the gradient, and three parts of the Gauss–Newton matrix H in x.
+
+        They are the differentials of all nodes, H of a sample of the nodes, and mean(diag H).
+        """
+        gradient, differentials, sides = at.data
+        count = _SAMPLE * len(self.basis) // len(differentials[0].L)
+        few, trace = criterion.sampled(differentials, self.basis, count)
+        g, H = super().model(replace(at, data=(gradient, few.matrix(), sides)))
+        level = (trace + self.tau * self.r * float(np.trace(self.EE))) / at.x.size
+        return g, (differentials, H, level)
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` by conjugate gradients, with μ D that of the dense step.
@@ -304,14 +304,9 @@ class _MatrixFree(_PenalisedCost):
         The residual is at most 1e-4 of ``‖g‖``. The gradient is exact, so that the residual changes
         the way to the optimum, but not the optimum.
         """
-        g, at = model
-        differentials: list[criterion.Differential] = at.data[1]
+        g, (differentials, approximate, level) = model
         r, flat = self.r, -g.T.ravel()
-        trace = sum(float(np.sum(one.traces(self.basis))) for one in differentials)
-        level = (trace + self.tau * r * float(np.trace(self.EE))) / at.x.size
-        if self._kept is None:
-            self._kept, damping = self._factor(at, damping, level)
-        mu, products = damping * max(level, _LEAST_LEVEL), 0
+        factor, mu, damping = _factor(approximate, damping, level)
 
         def product(x: Array) -> Array:
             dx = x.reshape(r, -1).T
@@ -320,28 +315,15 @@ class _MatrixFree(_PenalisedCost):
             return (change + self.tau * self.EE @ dx + mu * dx).T.ravel()
 
         def solved(x: Array) -> Array:
-            nonlocal products
-            products += 1
-            return scipy.linalg.cho_solve(self._kept, x)
+            return scipy.linalg.cho_solve(factor, x)
 
         H, preconditioner = (
             LinearOperator((flat.size, flat.size), matvec=function, dtype=float)
             for function in (product, solved)
         )
         x, _ = cg(H, flat, rtol=_RESIDUAL, maxiter=_MOST_PRODUCTS, M=preconditioner)
-        if products > _STALE or np.linalg.norm(x) > _FAR * np.linalg.norm(at.x):
-            self._kept = None
         predicted = 2 * float(flat @ x) - float(x @ product(x))
         return Step(x.reshape(r, -1).T, predicted, damping)
-
-    def _factor(self, at: Point[_Evaluated], damping: float, level: float) -> tuple[Any, float]:
-        """Factor ``H + μ D`` of a sample of the nodes; return the factor and the damping used."""
-        gradient, differentials, sides = at.data
-        count = _SAMPLE * len(self.basis) // len(differentials[0].L)
-        few = criterion.sampled(differentials, self.basis, count).matrix()
-        _, H = super().model(replace(at, data=(gradient, few, sides)))
-        factor, _, damping = _factor(H, damping, level)
-        return factor, damping
 
 
 def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, float]:
@@ -365,7 +347,7 @@ def _factor(H: Array, damping: float, level: float) -> tuple[Any, float, float]:
 
     The damping is multiplied by 10 until the matrix is positive definite.
     """
-    level = max(level, _LEAST_LEVEL)
+    level = max(level, 1e-300)
     while True:
         mu = damping * level
         try:

@@ -28,9 +28,7 @@ from .independence import Independent, independent
 from .singularity_search import Dexterity, SingularRegionError, refuse_singular, search
 
 _LEAST_NODES = 4096
-_NODES_PER_UNKNOWN, _FEW_PER_UNKNOWN = 32, 8
-"""Equations per unknown of the last descents, and of the first ones."""
-
+_NODES_PER_UNKNOWN = 32
 _PENALTY = 1e-3
 _ROUNDS = 4
 
@@ -102,9 +100,8 @@ def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
     """
     task, size, samples = problem.desired.task, problem.potentials.size, problem.options.samples
     unknowns = (size - task.r) * task.r
-    few = max(_LEAST_NODES, _FEW_PER_UNKNOWN * unknowns // task.m)
-    many = max(NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
-    count = many if samples is None else samples
+    few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
+    count = max(few, NODES) if samples is None else samples
     if undetermined(problem.potentials, task, count):
         raise InputError(
             f"{count} nodes are too few for {size} potentials; give at least {-(-size // task.m)}"
