@@ -309,16 +309,7 @@ def _integrated(
     stages = [(i, places.index(c), c) for i, c in enumerate(nodes)]
     b_T = np.array(weights)
     slopes = np.empty((len(nodes), task.n))
-
-    follow_twist = strategy.velocity
-
-    def velocity(q: Array, twist: Array, s: float) -> Array:
-        if not (turning or feedback):
-            return follow_twist(q, twist)
-        xdot = task.task_velocity(q, twist) if turning else twist
-        if feedback:
-            xdot = xdot + feedback * task.error(q, path.placement(s))
-        return strategy.velocity(q, xdot)
+    velocity = _velocity(strategy, path, feedback)
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         (s, s_end), here = ends[k], twists[k]
@@ -343,6 +334,27 @@ def _integrated(
         )
 
     return _Method(advance, at_end, compiled)
+
+
+def _velocity(
+    strategy: Strategy, path: TaskPath, feedback: float
+) -> Callable[[Array, Array, float], Array]:
+    """Make the function of q, the path's velocity and s that gives q̇, with feedback of a gain, 1/s.
+
+    The velocity is ẋ; for an axis task it is the twist, because ẋ depends on q.
+    """
+    task, own = strategy.task, strategy.velocity
+    turning = task.kind.tool_axes
+    if not (turning or feedback):
+        return lambda q, xdot, s: own(q, xdot)
+
+    def velocity(q: Array, twist: Array, s: float) -> Array:
+        xdot = task.task_velocity(q, twist) if turning else twist
+        if feedback:
+            xdot = xdot + feedback * task.error(q, path.placement(s))
+        return own(q, xdot)
+
+    return velocity
 
 
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:

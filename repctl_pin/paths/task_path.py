@@ -234,11 +234,7 @@ def _check(path: TaskPath) -> None:
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
         raise InputError(f"{path.name}: breaks must increase between 0 and 1")
-    samples = []
-    for j in range(16):  # inside the pieces, where everything is smooth
-        i = j * (len(knots) - 1) // 16
-        width = knots[i + 1] - knots[i]
-        samples.append((knots[i] + width * (0.1 + 0.8 * (0.618 * j % 1)), 1e-5 * width))
+    samples = _inner_points(knots)
     for s in (0.0, *(s + x for s, e in samples for x in (-e, 0.0, e)), 1.0):
         _require_values(path, s)
     twists = np.array([path.twist(s) for s, _ in samples])
@@ -266,6 +262,16 @@ def _check(path: TaskPath) -> None:
                 f"{row(twists[worst, part])} {unit} per cycle, but the derivative of the curve "
                 f"is {row(differences[worst, part])}; correct the slope"
             )
+
+
+def _inner_points(knots: Array) -> list[tuple[float, float]]:
+    """Choose 16 points s inside the pieces between knots, where all is smooth, and steps there."""
+    samples = []
+    for j in range(16):
+        i = j * (len(knots) - 1) // 16
+        width = knots[i + 1] - knots[i]
+        samples.append((knots[i] + width * (0.1 + 0.8 * (0.618 * j % 1)), 1e-5 * width))
+    return samples
 
 
 def _require_values(path: TaskPath, s: float) -> None:

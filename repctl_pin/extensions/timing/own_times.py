@@ -97,11 +97,8 @@ def with_own_times(
     curve = CubicSpline(s, Q, bc_type="not-a-knot")
     own = clock - clock[0]
     D = float(own[-1])
-    fastest = curve(s, 1) * np.gradient(s, own)[:, None]
-    r = float((np.abs(fastest[[0, -1]]) / limits.acceleration).max())
-    if limits.jerk is not None:
-        r = max(r, 2 * float(np.sqrt((np.abs(fastest[[0, -1]]) / limits.jerk).max())))
     most = min(most, D * (0.5 if added < 2 else 1.0))
+    r = _least_smoothing(curve(s, 1) * np.gradient(s, own)[:, None], limits)
     short, r, nearest, why = 0.0, min(max(r, _SHORTEST), most), np.inf, ""
 
     def tried(r: float) -> _OwnTimes | None:
@@ -130,6 +127,15 @@ def with_own_times(
         else:
             r, found = between, shorter
     return found
+
+
+def _least_smoothing(rates: Array, limits: JointLimits) -> float:
+    """Bound from below the smoothing time, s, in which the arm reaches its rates at the ends."""
+    ends = np.abs(rates[[0, -1]])
+    r = float((ends / limits.acceleration).max())
+    if limits.jerk is not None:
+        r = max(r, 2 * float(np.sqrt((ends / limits.jerk).max())))
+    return r
 
 
 def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
@@ -161,9 +167,9 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear between the
     shifted points of the law.
     """
-    h, D = r / 2, own[-1]
-    T = D + added * h
-    own = own * ((T - r) / D)  # begins at h and ends at T − h
+    h = r / 2
+    T = own[-1] + added * h
+    own = own * ((T - r) / own[-1])  # begins at h and ends at T − h
     breaks = np.unique(np.concatenate([own, own + h, own + r]))
     breaks = breaks[np.concatenate([[True], np.diff(breaks) > 1e-12 * T])]
     breaks[[0, -1]] = 0.0, T
