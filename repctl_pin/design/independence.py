@@ -105,14 +105,7 @@ def independent(
     in_rows = ~constant & (part <= _ROW_SPACE * size)
     left = np.flatnonzero(~(constant | in_rows))
     R, kept = _sequential(triangle[:, left])
-    reasons = {
-        "constant over the region": np.flatnonzero(constant),
-        "in the row space of J, a function of the task alone": np.flatnonzero(in_rows),
-        "depends linearly on the potentials before it": np.setdiff1d(left, left[kept]),
-    }
-    dropped = [
-        f"{potentials.names[int(j)]}: {why}" for why, numbers in reasons.items() for j in numbers
-    ]
+    dropped = _dropped(potentials, constant, in_rows, np.setdiff1d(left, left[kept]))
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
@@ -125,6 +118,23 @@ def independent(
         scipy.linalg.solve_triangular(R, np.eye(len(R))),
         potentials.size,
     )
+
+
+def _dropped(
+    potentials: PotentialBasis,
+    constant: NDArray[np.bool_],
+    in_rows: NDArray[np.bool_],
+    dependent: NDArray[np.intp],
+) -> list[str]:
+    """Name the potentials that are left out, each with its reason."""
+    reasons = {
+        "constant over the region": np.flatnonzero(constant),
+        "in the row space of J, a function of the task alone": np.flatnonzero(in_rows),
+        "depends linearly on the potentials before it": dependent,
+    }
+    return [
+        f"{potentials.names[int(j)]}: {why}" for why, numbers in reasons.items() for j in numbers
+    ]
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:

@@ -241,10 +241,9 @@ def _check(path: TaskPath) -> None:
     differences = np.array(
         [_difference(path.placement(s - e), path.placement(s + e)) / (2 * e) for s, e in samples]
     )
-    first = path.placement(0.0)
-    last = path.placement(1.0)
-    size = max(float(np.abs([path.point(s) - first.translation for s, _ in samples]).max()), 1e-3)
-    gap = _difference(first, last)
+    start = path.point(0.0)
+    size = max(float(np.abs([path.point(s) - start for s, _ in samples]).max()), 1e-3)
+    gap = _difference(path.placement(0.0), path.placement(1.0))
     for part, unit, curve, most in (
         (slice(3), "m", "p", 1e-6 * size),
         (slice(3, 6), "rad", "R", 1e-6),

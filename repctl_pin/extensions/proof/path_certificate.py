@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import require_type, vector
+from ...base.arguments import Array, require_type, vector
 from ...base.errors import InputError, SingularityError
 from ...motion import LeafLock, follow
 from ...motion.follow import path_grid
 from ...paths import ClosedPath
-from ...paths.task_path import closed_path
+from ...paths.task_path import TaskPath, closed_path
 from ...strategies.repeatable import RepeatableInverse
 
 _RAYS, _STEPS = 120, 4
@@ -128,7 +128,6 @@ def path_certificate(
     # Rays end at the very values of s at which the motion is known, the corners among them.
     grid = path_grid(path, _RAYS * _STEPS)
     ends = np.union1d(np.arange(0, len(grid), _STEPS), np.searchsorted(grid, [*path.breaks, 1.0]))
-    shares = grid[ends]
     count = len(ends)
     try:
         motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS, integrator=_LOCK)
@@ -137,18 +136,29 @@ def path_certificate(
         return PathCertificate(False, np.nan, np.nan, why, count)
     along = motion.q[ends]
     gap = float(np.abs(along[-1] - along[0]).max())
-    reached = np.empty_like(along)
-    for k, s in enumerate(shares):
-        try:
-            reached[k] = inverse.solve(path.placement(s % 1.0), along[0])
-        except InputError as error:
-            why = f"the straight line to {s:.0%} of it stops ({error})"
-            return PathCertificate(False, gap, np.nan, why, count)
+    try:
+        reached = _ray_ends(inverse, path, grid[ends], along[0])
+    except InputError as error:
+        return PathCertificate(False, gap, np.nan, str(error), count)
     away = np.abs(reached - along).max(axis=1)
     worst = int(away.argmax())
-    mismatch, at = float(away[worst]), float(shares[worst])
+    mismatch, at = float(away[worst]), float(grid[ends[worst]])
     if mismatch <= _SAME:
         return PathCertificate(True, gap, mismatch, "", count)
     where = f"the straight line to {at:.0%} of it ends {mismatch:.2g} {inverse.task.unit} away"
     why = f"{where} from the motion, so something singular is inside the path, such as the base"
     return PathCertificate(False, gap, mismatch, why, count)
+
+
+def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Array) -> Array:
+    """Reach the poses at s = ``shares`` (P,) along straight lines from q0 (n,): (P, n).
+
+    InputError names the pose before which the line stops.
+    """
+    reached = []
+    for s in shares:
+        try:
+            reached.append(inverse.solve(path.placement(s % 1.0), q0))
+        except InputError as error:
+            raise InputError(f"the straight line to {s:.0%} of it stops ({error})") from None
+    return np.array(reached)
