@@ -33,7 +33,7 @@ from ..redundancy import leaf_margin, nullspace
 from ..solvers import newton_rows
 from ..strategies import Bounded, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Inverse
-from .follow import follow
+from .follow import followed
 from .joint_motion import violations_of
 from .leaf_lock import LeafLock
 from .motion import Motion
@@ -376,7 +376,7 @@ class _Search:
         task = self.inverse.task
         length = arm_length(task, q0) or 1.0
         try:
-            motion = follow(
+            motion = followed(
                 self.inverse, self.path, q0, cycles=1, steps=self.steps, integrator=LeafLock(2)
             )
             motion = replace(motion, region=self.region)

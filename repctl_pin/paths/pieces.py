@@ -81,8 +81,9 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
         Name, spec and other attributes of :class:`TaskPath`.
     """
     ends = np.array([piece.end for piece in pieces])
-    slopes: list[Array] = [
-        chebyshev.chebder(piece.coefficients) * (2 / (piece.end - piece.begin)) for piece in pieces
+    slopes = [
+        np.asarray(chebyshev.chebder(piece.coefficients) * (2 / (piece.end - piece.begin)), float)
+        for piece in pieces
     ]
 
     def at(s: float, *, slope: bool = False) -> Array:

@@ -24,7 +24,7 @@ from ..design import Design, nearest_repeatable
 from ..model.bodies import bodies_of
 from ..model.robot import Robot
 from ..model.task import Task
-from ..motion import Motion, check_length, follow, unresolved
+from ..motion import Motion, check_length, followed, unresolved
 from ..paths import Cycle, TaskPath
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
@@ -144,9 +144,7 @@ def study(
     for addition in parts("study_design"):
         design = addition(design, thread_time() - begun, say)
     say(f"following the path for {cycles} cycles")
-    rows, time, slower = _followed(
-        problem, design, custom, cycles=cycles, steps=steps, period=period
-    )
+    rows, time, slower = _rows(problem, design, custom, cycles=cycles, steps=steps, period=period)
     say("evaluating body distances and fastest cycles")
     rows = [_evaluated(row) for row in rows]
     design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
@@ -223,7 +221,7 @@ def _notes(
     ]
 
 
-def _followed(
+def _rows(
     problem: Problem,
     design: Design,
     custom: Mapping[str, Strategy],
@@ -374,7 +372,7 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
     """
     label = LABELS.get(key, key)
     try:
-        return Row(key, label, follow(strategy, path, q0, **options))
+        return Row(key, label, followed(strategy, path, q0, **options))
     except SingularityError as error:
         return Row(key, label, None, stopped=str(error))
 

@@ -318,6 +318,7 @@ class _Builder:
         G, C = self._first_and_second()
         kinds = np.array([one[:3] for one in self.found], np.int32).reshape(-1, 3)
         bounds = np.array([one[3:] for one in self.found]).reshape(-1, 2)
+        kind, parent, variable = kinds.T
         bound, error = bounds.T
         # of a term: its own rounding, its coefficient's, and the sum's
         wrong = error + (F + 16) * U * bound
@@ -331,7 +332,9 @@ class _Builder:
         return Features(
             np.array([one.row for one in self.arguments]).reshape(-1, self.n),
             np.array([one.z0 for one in self.arguments]),
-            *kinds.T,
+            kind,
+            parent,
+            variable,
             G,
             C,
             third,
