@@ -12,7 +12,7 @@ from arms import planar_task
 
 import repctl_pin as rp
 
-BEST_LEAF = importlib.import_module("repctl_pin.motion.best_leaf")
+BEST_LEAF = importlib.import_module(rp.best_leaf.__module__)
 
 
 @pytest.fixture(scope="module")
