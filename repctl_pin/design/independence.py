@@ -89,18 +89,7 @@ def independent(
         If fewer than r potentials are left; the message gives the reasons.
     """
     r = desired.task.r
-    triangle = np.zeros((0, potentials.size))
-    square = 0.0
-    in_null = 0.0
-    for i in range(0, len(Q), 1024):
-        N, _, D = evaluate(desired, potentials, Q[i : i + 1024])
-        D = D * np.sqrt(weights[i : i + 1024])[:, None, None]
-        square = square + np.sum(D**2, axis=(0, 1))
-        in_null = in_null + np.sum((np.swapaxes(N, -1, -2) @ D) ** 2, axis=(0, 1))
-        triangle = np.asarray(
-            np.linalg.qr(np.concatenate([triangle, D.reshape(-1, potentials.size)]), mode="r")
-        )
-    size, part = np.sqrt(square), np.sqrt(in_null)
+    triangle, size, part = _gradients(desired, potentials, Q, weights)
     constant = size <= _CONSTANT * np.max(size)
     in_rows = ~constant & (part <= _ROW_SPACE * size)
     left = np.flatnonzero(~(constant | in_rows))
@@ -118,6 +107,28 @@ def independent(
         scipy.linalg.solve_triangular(R, np.eye(len(R))),
         potentials.size,
     )
+
+
+def _gradients(
+    desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
+) -> tuple[Array, Array, Array]:
+    """Measure the gradients of the potentials over nodes Q (K, n).
+
+    Return the triangle of the QR factorisation of all gradients, and the norm of each potential's
+    (N,), of the whole and of the part in the null space of J.
+    """
+    triangle = np.zeros((0, potentials.size))
+    square = 0.0
+    in_null = 0.0
+    for i in range(0, len(Q), 1024):
+        N, _, D = evaluate(desired, potentials, Q[i : i + 1024])
+        D = D * np.sqrt(weights[i : i + 1024])[:, None, None]
+        square = square + np.sum(D**2, axis=(0, 1))
+        in_null = in_null + np.sum((np.swapaxes(N, -1, -2) @ D) ** 2, axis=(0, 1))
+        triangle = np.asarray(
+            np.linalg.qr(np.concatenate([triangle, D.reshape(-1, potentials.size)]), mode="r")
+        )
+    return triangle, np.sqrt(square), np.sqrt(in_null)
 
 
 def _dropped(

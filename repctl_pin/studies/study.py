@@ -119,14 +119,12 @@ def study(
     'circle of radius 0.2 m in xy'
     """
     begun = thread_time()
-    if progress is not None:
-        function(progress, "progress", "a function that takes the step that begins")
+    say = _reporter(progress)
     cycles = as_int(cycles, "cycles", 1)
     steps = as_int(steps, "steps", 1)
     options = fit_options(options)
     if period is not None:
         period = positive(period, "period", "s")
-    say = progress or (lambda text: None)
     say("loading the robot and finding a start and a path")
     problem = robot if isinstance(robot, Problem) else Problem(robot)
     task = problem.task
@@ -158,6 +156,14 @@ def study(
         notes=tuple(_notes(problem, design, rows, long, slower)),
         period=time,
     )
+
+
+def _reporter(progress: Callable[[str], None] | None) -> Callable[[str], None]:
+    """Check the callback that receives the description of each step; without one, do nothing."""
+    if progress is None:
+        return lambda text: None
+    function(progress, "progress", "a function that takes the step that begins")
+    return progress
 
 
 def _designed(

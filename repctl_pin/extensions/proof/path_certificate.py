@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import Array, require_type, vector
 from ...base.errors import InputError, SingularityError
+from ...model.task import Task
 from ...motion import LeafLock, follow
 from ...motion.follow import path_grid
 from ...paths import ClosedPath
@@ -119,12 +120,7 @@ def path_certificate(
     require_type(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     path = closed_path(path)
     q0 = vector(q0, inverse.task.n, "q0")
-    off = np.abs(inverse.task.error(q0, path.placement(0.0))).max()
-    if off > _SAME:
-        raise InputError(
-            f"q0 is {off:.2g} m or rad off the start of the path",
-            remedy="reach it with rp.solve_ik, or let the path begin at q0",
-        )
+    _require_start(inverse.task, path, q0)
     # Rays end at the very values of s at which the motion is known, the corners among them.
     grid = path_grid(path, _RAYS * _STEPS)
     ends = np.union1d(np.arange(0, len(grid), _STEPS), np.searchsorted(grid, [*path.breaks, 1.0]))
@@ -148,6 +144,16 @@ def path_certificate(
     where = f"the straight line to {at:.0%} of it ends {mismatch:.2g} {inverse.task.unit} away"
     why = f"{where} from the motion, so something singular is inside the path, such as the base"
     return PathCertificate(False, gap, mismatch, why, count)
+
+
+def _require_start(task: Task, path: TaskPath, q0: Array) -> None:
+    """Raise InputError unless q0 (n,) is at the beginning of the path."""
+    off = np.abs(task.error(q0, path.placement(0.0))).max()
+    if off > _SAME:
+        raise InputError(
+            f"q0 is {off:.2g} m or rad off the start of the path",
+            remedy="reach it with rp.solve_ik, or let the path begin at q0",
+        )
 
 
 def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Array) -> Array:

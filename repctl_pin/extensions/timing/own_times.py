@@ -91,7 +91,7 @@ def with_own_times(
     InputError
         If the motion's own times do not keep the limits.
     """
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
+    s = _summed(np.linalg.norm(np.diff(Q, axis=0), axis=1))
     from scipy.interpolate import CubicSpline  # slow to import
 
     curve = CubicSpline(s, Q, bc_type="not-a-knot")
@@ -180,10 +180,8 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     push = (law(breaks + h) - 2 * law(breaks) + law(breaks - h)) / h**2
     dt = np.diff(breaks)
     jerk = np.diff(push) / dt
-    speed = np.concatenate([[0.0], np.cumsum((push[1:] + push[:-1]) / 2 * dt)])
-    way = np.concatenate(
-        [[0.0], np.cumsum(speed[:-1] * dt + push[:-1] * dt**2 / 2 + jerk * dt**3 / 6)]
-    )
+    speed = _summed((push[1:] + push[:-1]) / 2 * dt)
+    way = _summed(speed[:-1] * dt + push[:-1] * dt**2 / 2 + jerk * dt**3 / 6)
     from scipy.interpolate import PPoly
 
     smooth = PPoly(np.stack([jerk / 6, push[:-1] / 2, speed[:-1], way[:-1]]), breaks)
@@ -191,3 +189,8 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     t[[0, -1]] = 0.0, T
     rate = np.maximum(smooth(t, 1), 0.0)
     return _OwnTimes(curve, smooth(t), rate, t, t, smooth)
+
+
+def _summed(steps: Array) -> Array:
+    """Sum up steps (T,) from 0: (T + 1,)."""
+    return np.concatenate([[0.0], np.cumsum(steps)])
