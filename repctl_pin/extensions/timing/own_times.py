@@ -96,8 +96,7 @@ def with_own_times(
 
     curve = CubicSpline(s, Q, bc_type="not-a-knot")
     own = clock - clock[0]
-    D = float(own[-1])
-    most = min(most, D * (0.5 if added < 2 else 1.0))
+    most = min(most, float(own[-1]) * (0.5 if added < 2 else 1.0))
     r = _least_smoothing(curve(s, 1) * np.gradient(s, own)[:, None], limits)
     short, r, nearest, why = 0.0, min(max(r, _SHORTEST), most), np.inf, ""
 
