@@ -191,7 +191,7 @@ def _written(made: _Made, folder: Path) -> list[Path]:
 
     design, task = made.design, made.problem.task
     what = f"nearest repeatable inverse of {made.name}, over a {design.region}"
-    title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
+    title = f"{task.robot.name}, {task.frame_words}, {task.kind}: {what}"
     figure = design_figure(design, design_map(design), made.degrees, made.baselines, title=title)
     with written_together(folder) as staged:
         files = [
