@@ -141,7 +141,14 @@ def arm_ends(description: Description) -> list[_Body]:
         body.loose = all(
             joint.name in description.balls and tip.loose for joint, tip in body.branches
         )
-    whole = all(body.named for body in bodies[1:])
+    return _ends(root, whole=all(body.named for body in bodies[1:]))
+
+
+def _ends(root: _Body, *, whole: bool) -> list[_Body]:
+    """List the bodies without branches, the hands and the tools with a load, in the file's order.
+
+    ``whole`` tells that the robot is a finger itself, so that a hand is no end of it.
+    """
     ends, todo = [], [root]
     while todo:
         body = todo.pop()

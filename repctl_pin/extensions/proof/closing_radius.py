@@ -60,46 +60,30 @@ def closing_radius(
         motion = Enclosure(start[None], np.zeros((1, task.n)), True, "")
     else:
         motion = enclosed(design.inverse, problem, closed_path(path), start)
-    Q, why = motion.Q, motion.reason
+    Q = motion.Q
     around = "start" if path is None else "path"
-    radius, boxes, complete = 0.0, 0, True
+    radius, boxes, complete, why = 0.0, 0, True, motion.reason
     if not why:
-        clearance = _clearance(region, Q)
-        places = _places(Q, clearance, motion.half)
-        if not (places.clearance > 0).all():
-            why = f"the {around} is not inside Ω"
+        places = _places(Q, _clearance(region, Q), motion.half)
+        most = np.inf if goal is not None else _MOST[around]
+        why = "" if (places.clearance > 0).all() else f"the {around} is not inside Ω"
+    if not why:
+        potentials = design.inverse.potentials
+        try:
+            found = bound_reach(problem, task, potentials, places, ratio, goal, seconds, most)
+        except SingularityError as error:
+            why = str(error)
         else:
-            try:
-                found = bound_reach(
-                    problem,
-                    task,
-                    design.inverse.potentials,
-                    places,
-                    ratio,
-                    goal,
-                    seconds,
-                    np.inf if goal is not None else _MOST[around],
-                )
-            except SingularityError as error:
-                why = str(error)
-            else:
-                radius, boxes, complete = found.radius, found.boxes, found.complete
-                if goal is not None and radius >= goal:
-                    why, complete = "no larger one was asked for", True
-                else:
-                    undecided = f"not all of Ω was decided in {boxes} boxes; "
-                    where = _edge(task, places, found)
-                    why = where if complete else undecided + where
+            radius, boxes = found.radius, found.boxes
+            complete, why = _end(task, places, found, goal)
     angle = ratio * radius if turns else None
-    positions, rotations = _poses(task, Q, radius, angle)
     return ClosingRadius(
         radius,
         angle,
         around,
         str(task.kind),
         Q[0],
-        positions,
-        rotations,
+        *_shown(task, Q, radius, angle),
         boxes,
         complete,
         why,
@@ -107,7 +91,7 @@ def closing_radius(
     )
 
 
-def _poses(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:
+def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:
     """Choose poses of a path through Q (K, n), to which a distance is compared.
 
     They are about half a radius apart, in m and rad, as far as Q has rows: the whole path is
@@ -126,6 +110,16 @@ def _poses(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
         shown = np.append(shown, np.searchsorted(way, np.arange(0.0, way[-1], 0.5)))
     shown = np.unique(shown)
     return p[shown].reshape(len(shown), -1), R[shown].reshape(len(shown), -1, 3)
+
+
+def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
+    """Tell whether a radius is the largest that can be proved, and why none beyond it is."""
+    if goal is not None and found.radius >= goal:
+        return True, "no larger one was asked for"
+    where = _edge(task, places, found)
+    if found.complete:
+        return True, where
+    return False, f"not all of Ω was decided in {found.boxes} boxes; {where}"
 
 
 def _edge(task: Task, places: Places, found: Reach) -> str:
