@@ -284,11 +284,12 @@ def states() -> Figure:
 
 def survey() -> Figure:
     """Draw the drift of planar3r over the radius of its circle: eight studies from one start."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
     start, radii = (0.3, 0.8, 0.8), np.linspace(0.05, 0.4, 8)  # rad, m
     rows = []
     for radius in radii:
-        problem = rp.Problem("planar3r", start=start, path=f"circle:{radius:g}")
-        study = rp.study(problem, cycles=2, steps=100)
+        path = rp.circle(task, start, radius=radius)
+        study = rp.study(rp.Problem(task, start=start, path=path), cycles=2, steps=100)
         rows.append({row.key: row.motion.drift[-1] for row in study.rows})
     figure = Figure(figsize=(9.6, 3.2), layout="constrained")
     axes = figure.subplots()

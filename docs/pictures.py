@@ -156,16 +156,16 @@ def live_viewer() -> list[Image.Image]:
 
 
 def notebook() -> list[Image.Image]:
-    """Photograph the first cells of `examples/first_study.ipynb` after they were run."""
+    """Photograph the first code cell of `examples/first_study.ipynb` after it was run."""
     import nbformat
     from nbconvert import HTMLExporter
     from nbconvert.preprocessors import ExecutePreprocessor
 
     book = nbformat.read(EXAMPLES / "first_study.ipynb", as_version=4)
-    book.cells = book.cells[:2]
+    book.cells = book.cells[1:2]
     ExecutePreprocessor(timeout=600).preprocess(book, {"metadata": {"path": str(EXAMPLES)}})
     exporter = HTMLExporter(mathjax_url="", require_js_url="", jquery_url="")
-    with opened(exporter.from_notebook_node(book)[0], (860, 960)) as driver:
+    with opened(exporter.from_notebook_node(book)[0], (860, 790)) as driver:
         (frame,) = driver.find_elements("tag name", "iframe")
         driver.switch_to.frame(frame)
         _wait(driver, "ready")

@@ -292,6 +292,17 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
         time.sleep(0.05)
     element("play").click()
     assert not driver.execute_script("return repctl.playing")
+    # an event of the slider shows the arms once, and no picture looks a program up again
+    shows, versions = driver.execute_script(
+        "let shows = 0; const { viewer } = repctl, dirty = viewer.set_dirty;"
+        "viewer.set_dirty = () => { shows += 1; dirty.call(viewer); };"
+        "const scrub = document.getElementById('scrub'); scrub.value = 1.3;"
+        "scrub.dispatchEvent(new Event('input')); viewer.set_dirty = dirty;"
+        "const sum = () => { let all = 0; viewer.scene.traverse(({ material }) => {"
+        "  for (const one of [material].flat()) if (one) all += one.version; }); return all; };"
+        "const before = sum(); repctl.picture(); return [shows, sum() - before]"
+    )
+    assert shows == 1 and versions == 0
     held = driver.execute_script("return repctl.time")
     time.sleep(0.2)
     assert driver.execute_script("return repctl.time") == held
@@ -556,6 +567,37 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
         assert size["width"] > 200 and size["height"] > 35
         sheets.add(the_sheet_for_print(driver))
     assert len(sheets) == 1, sheets  # whatever the window
+    assert errors(driver) == []
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_moved_elbow_joints_and_a_dialog_can_be_read(
+    driver: Any, tmp_path: Path, dark: bool
+) -> None:
+    """No finding of axe-core's while the slider is held, after it is let go, with the joints over
+    the cycles, and with the dialog open."""
+    axe = pytest.importorskip("axe_selenium_python").Axe(driver)
+    study = rp.study("planar4r", cycles=2, steps=60, degree=1)
+    page = tmp_path / "animation.html"
+    page.write_text(rp.animation(study).page, encoding="utf-8")
+    schemes(driver, width=1280, height=760, dark=dark)
+    open_page(driver, page)
+    slide = (
+        "const s = document.getElementById('elbow'); s.value = Number(s.max) / 2;"
+        "s.dispatchEvent(new Event(arguments[0], { bubbles: true }))"
+    )
+    for script, *arguments in (
+        (slide, "input"),
+        (slide, "change"),
+        ("document.getElementById('show-joints').click()",),
+        ("document.getElementById('help').click()",),
+    ):
+        driver.execute_script(script, *arguments)
+        driver.execute_async_script(
+            "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+        )
+        every_word_is_read(driver, axe)
+    assert driver.find_element("id", "keys").is_displayed()
     assert errors(driver) == []
 
 

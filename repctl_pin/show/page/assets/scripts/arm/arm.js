@@ -41,6 +41,8 @@ export class ArmView {
       );
       mesh.quaternion.copy(body.quaternion);
       mesh.scale.fromArray(shape.scale); // its own node: the placement above it stays rigid
+      mesh.updateMatrix();
+      mesh.matrixAutoUpdate = false;
       mesh.castShadow = mesh.receiveShadow = true;
       mesh.geometry.computeBoundingBox();
       mesh.plain = mesh.material;
@@ -288,6 +290,16 @@ export class ArmView {
             receiveShadow: false,
             renderOrder: 2 + order,
           });
+          // three draws both sides of what is transparent one after the other, and looks its
+          // program up for each; an outline is one colour
+          if (material === edge) {
+            pale.onBeforeRender = () => {
+              edge.transparent = false;
+            };
+            pale.onAfterRender = () => {
+              edge.transparent = true;
+            };
+          }
           copy.add(pale);
         });
       this.ghost.add(copy);
@@ -497,6 +509,7 @@ function outlined(options) {
   return new T.ShaderMaterial({
     ...options,
     side: T.DoubleSide,
+    blending: T.CustomBlending,
     uniforms: {
       color: { value: new T.Color() },
       pixel: PIXEL,

@@ -1,6 +1,6 @@
 // The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
 
-import { byId, element, sharp, tone } from "../dom.js";
+import { byId, element, sharp, sizeOf, tone } from "../dom.js";
 import { inMetres, inWords, stepAbove } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
@@ -62,6 +62,8 @@ export class Chart {
       value.style.minWidth = `${most[i] + 1}px`;
     });
     box.style.minWidth = `${Math.max(...widths)}px`;
+    this.size = sizeOf(this.canvas);
+    this.font = getComputedStyle(document.body).fontFamily;
   }
 
   // How far an arm is off after the cycles that are finished when time is here, m.
@@ -106,12 +108,13 @@ export class Chart {
   }
 
   draw(cycle, part) {
-    if (!this.canvas.clientWidth) return;
-    const { draw, width, height, em } = sharp(this.canvas);
+    const { width, height, em } = this.size;
+    if (!width) return;
+    const draw = sharp(this.canvas, this.size);
     const count = this.scene.cycles.length;
     const pitch = (width - 2 * INSET) / count;
     const foot = height - 1.15 * em;
-    draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
+    draw.font = `${0.78 * em}px ${this.font}`;
     draw.lineWidth = 1;
     const sheet = { draw, width, height, em, count, pitch, foot, at: (c) => INSET + c * pitch };
     if (document.body.classList.contains("joints")) this.drawJoints(sheet, cycle, part);

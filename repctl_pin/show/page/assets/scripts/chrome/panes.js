@@ -138,6 +138,9 @@ export class Panes {
     const tall = byId("panes").clientHeight;
     controls.update();
     renderer.setScissorTest(true);
+    // once for all panes
+    scene.updateMatrixWorld();
+    scene.autoUpdate = false;
     this.arms.forEach((arm, k) => {
       const { left, top, width, height } = this.place(k);
       const low = tall - top - height;
@@ -148,6 +151,7 @@ export class Panes {
       renderer.setScissor(left, low, width, height);
       renderer.render(scene, camera);
     });
+    scene.autoUpdate = true;
     if (this.drawn) this.drawn();
     this.viewer.needs_render = false;
   }

@@ -2,7 +2,7 @@
 // and at the end, and the chart.
 
 import { Chart } from "./chart.js";
-import { byId, element, sharp, summed, tone, unpack } from "../dom.js";
+import { byId, element, sharp, sizeOf, summed, tone, unpack } from "../dom.js";
 import { inMetres } from "../numbers.js";
 
 export async function drawPlain(scene) {
@@ -91,7 +91,9 @@ function drawArm(canvas, { data, before, after }, arms, paths, planar) {
   const ends = [0, 1]
     .map((i) => all.map((p) => p[i]))
     .map((v) => [v.reduce((a, b) => Math.min(a, b)), v.reduce((a, b) => Math.max(a, b))]);
-  const { draw, width, height, em } = sharp(canvas);
+  const size = sizeOf(canvas);
+  const { width, height, em } = size;
+  const draw = sharp(canvas, size);
   const [[left, right], [top, bottom]] = ends;
   const room = [width - 4 * em, height - 9 * em];
   const scale = Math.min(

@@ -44,7 +44,7 @@ export function follow(arms, panes, scene, extent, shown) {
       const drift = numbers[2 * count * stride + k];
       const past = numbers[2 * count * stride + count + k];
       const limit = past ? ", past a limit" : "";
-      const off = `${inWords(drift)} ${arm.data.unit} off cycle 1`;
+      const off = `${drift < 1e-6 ? 0 : inWords(drift)} ${arm.data.unit} off cycle 1`;
       arm.notice.textContent = `${off}${limit}${waiting}`;
     });
     const target = goals.some(({ place }) => place);
