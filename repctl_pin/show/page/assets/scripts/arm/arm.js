@@ -166,7 +166,7 @@ export class ArmView {
   }
 
   // Stand as a message says, the bodies from this number on, the ghost from that.
-  standAs(poses, at, before) {
+  setPoses(poses, at, before) {
     this.rows.forEach((row, k) => {
       if (row) setPose(row, poses, at + 7 * k);
     });
@@ -350,7 +350,7 @@ export class ArmView {
         if (this.gain > 1) this.enlarge(copies, ends[0]);
         const before = ends.at(-1);
         copies.forEach((copy, k) => {
-          if (elsewhere(copy, before[k])) this.fan.add(copy);
+          if (isDisplaced(copy, before[k])) this.fan.add(copy);
         });
         ends.push(copies);
       }
@@ -449,7 +449,7 @@ export function referenceOf(arms) {
     arm.pose(0, 0);
     found.pose(0, 0);
     return arm.rows.every(
-      (place, k) => !place === !found.rows[k] && (!place || !elsewhere(place, found.rows[k])),
+      (place, k) => !place === !found.rows[k] && (!place || !isDisplaced(place, found.rows[k])),
     );
   };
   return arms.every(alike) ? found : null;
@@ -542,7 +542,7 @@ function fanned(place, material, order) {
 }
 
 // Whether a body stands elsewhere than another: what coincides is drawn once.
-function elsewhere({ position, quaternion }, other) {
+function isDisplaced({ position, quaternion }, other) {
   return (
     position.distanceTo(other.position) > SAME ||
     1 - Math.abs(quaternion.dot(other.quaternion)) > SAME ** 2

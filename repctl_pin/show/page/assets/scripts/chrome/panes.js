@@ -4,6 +4,7 @@ import { PIXEL } from "../arm/arm.js";
 import { byId, element, tone } from "../dom.js";
 
 const LOW = 360; // px
+const NARROW = 180; // px, below which a pane cannot hold its label and what is said of the part
 
 export class Panes {
   // `ratio`: width to height of what a pane shows
@@ -41,7 +42,8 @@ export class Panes {
     const count = this.arms.length;
     const size = (columns) =>
       Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
-    let best = height > width && count < 4 ? 1 : count;
+    const stacked = height > width || width < NARROW * count;
+    let best = stacked && count < 4 ? 1 : count;
     for (let columns = best; columns >= 1; columns--)
       if (size(columns) > 1.02 * size(best)) best = columns;
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;

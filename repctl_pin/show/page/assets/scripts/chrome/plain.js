@@ -3,7 +3,7 @@
 
 import { Chart } from "./chart.js";
 import { byId, element, sharp, sizeOf, summed, tone, unpack } from "../dom.js";
-import { inMetres } from "../numbers.js";
+import { formatLength } from "../numbers.js";
 
 export async function drawPlain(scene) {
   const motion = summed(await unpack("motion"), scene.series, scene.resolution);
@@ -48,7 +48,7 @@ export async function drawPlain(scene) {
       role: "img",
       "aria-label":
         `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ` +
-        `${inMetres(data.off.at(-1)[1])} off`,
+        `${formatLength(data.off.at(-1)[1])} off`,
     });
     byId("panes").append(
       element(
@@ -62,7 +62,7 @@ export async function drawPlain(scene) {
             "span",
             { class: "name" },
             element("span", { class: "chip" }),
-            `${data.title}: ${inMetres(data.off.at(-1)[1])} off`,
+            `${data.title}: ${formatLength(data.off.at(-1)[1])} off`,
           ),
         ),
       ),
