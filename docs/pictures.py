@@ -26,7 +26,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
@@ -140,10 +139,7 @@ def live_viewer() -> list[Image.Image]:
     study = rp.study("planar3r", steps=60)
     motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
     names, path, q0 = ["J⁺", "repeatable"], motions[0].path, study.q0
-    with (
-        rp.Viewer(study.task, names, path=path, start=q0) as view,
-        opened(view.url) as driver,
-    ):
+    with rp.Viewer(study.task, names, path=path, start=q0) as view, opened(view.url) as driver:
         _wait(driver, "ready")
         view.show(q0, q0)
         _wait(driver, "received")
@@ -229,7 +225,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     known = [*GALLERY, *SCREENS]
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(known)} (default: all)")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"{', '.join(known)} (default: all)"
+    )
     parser.add_argument("--out", type=Path, default=PICTURES, metavar="FOLDER")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in known]

@@ -639,6 +639,17 @@ def test_without_webgl_the_arms_are_lines(driver: Any, tmp_path: Path) -> None:
     assert [e for e in errors(driver) if "WebGL" not in e] == []
 
 
+def test_on_the_narrowest_phone_no_label_is_cut(driver: Any, tmp_path: Path) -> None:
+    """Panes that would be narrower than their labels stand one above the other."""
+    page = write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR))
+    schemes(driver, width=320, height=560)
+    open_page(driver, page)
+    left, top = driver.execute_script("return [0, 1].map((k) => repctl.pane(k))")
+    assert left[0] == top[0] and left[1] < top[1]
+    cut = "return [...document.querySelectorAll('.name')].map((n) => n.scrollWidth - n.clientWidth)"
+    assert max(driver.execute_script(cut)) <= 0
+
+
 def test_on_a_phone_the_notes_fold(driver: Any, tmp_path: Path) -> None:
     """A button shows them; the buttons stand beside play, and each number once."""
     schemes(driver, width=390, height=844)
