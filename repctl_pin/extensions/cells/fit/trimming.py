@@ -192,9 +192,8 @@ def ended_at_bodies(
     ranges = {}
     for i, below, above in zip(coordinates, low, high, strict=True):
         if below > -1 or above < 1:
-            w, inner = sector.widths[i], fit.limit_margin
-            whole_turn = sector.widths[i] >= np.pi - 1e-9
-            least = -w if whole_turn else -w + inner
+            w = sector.widths[i]
+            least = -w if w >= np.pi - 1e-9 else -w + fit.limit_margin
             ranges[i] = max(w * below, least), min(w * above, -least)
     cut = narrowed(chart, ranges)
     evaluation = evaluate_cell(fit.desired, cut, found.held_out, fit.seed + 2, quick=False)
