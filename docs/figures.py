@@ -282,6 +282,25 @@ def states() -> Figure:
     return figure
 
 
+def survey() -> Figure:
+    """Draw the drift of planar3r over the radius of its circle: eight studies from one start."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    start, radii = (0.3, 0.8, 0.8), np.linspace(0.05, 0.4, 8)  # rad, m
+    rows = []
+    for radius in radii:
+        path = rp.circle(task, start, radius=radius)
+        study = rp.study(rp.Problem(task, start=start, path=path), cycles=2, steps=100)
+        rows.append({row.key: row.motion.drift[-1] for row in study.rows})
+    figure = Figure(figsize=(9.6, 3.2), layout="constrained")
+    axes = figure.subplots()
+    shown = [("pseudoinverse", "J⁺", VERMILLION), ("repeatable", "nearest repeatable", BLUE)]
+    for key, name, colour in shown:
+        axes.plot(100 * radii, [row[key] for row in rows], "o-", color=colour, label=name)
+    axes.set(xlabel="radius of the circle, cm", ylabel="drift after 2 cycles, rad")
+    axes.legend(loc="upper left")
+    return figure
+
+
 FIGURES = {
     "drift": drift,
     "ring": ring,
@@ -289,6 +308,7 @@ FIGURES = {
     "proofs": proofs,
     "closing": closing,
     "states": states,
+    "survey": survey,
 }
 
 

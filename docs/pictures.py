@@ -1,4 +1,4 @@
-"""Make the pictures of the README: arms after cycles of a closed path, as the animation shows them.
+"""Make the pictures of the README and of the how-to pages: arms after cycles of a closed path.
 
     python docs/pictures.py                  all pictures, into examples/pictures/
     python docs/pictures.py ppr talos        some of them
@@ -7,10 +7,12 @@
 Each picture is an animation page, opened in a headless Chromium and stopped at the end of the last
 cycle. Translucent arms show cycle 1, lines show the traces of end effector and elbow, and the
 colour of a body shows its displacement. ``panda.webp`` shows the end of every cycle: the end
-effector stays, the elbow drifts.
+effector stays, the elbow drifts. ``live_viewer.png`` and ``notebook.png`` show these as a user sees
+them.
 
 This requires a browser and its driver (Debian: ``chromium`` and ``chromium-driver``),
-``pip install selenium``, and for ``audit`` the packages of `examples/audit_pink.py`."""
+``pip install selenium``, for ``audit`` the packages of `examples/audit_pink.py`, and for
+``notebook`` ``pip install nbconvert ipykernel``."""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from PIL import Image
@@ -47,6 +50,8 @@ FLAGS = (
     "--disable-background-networking",
 )
 """Options of the browser: no screen, software rendering."""
+SECONDS = 120.0
+"""Maximum time that a page may take to become ready, s."""
 LIMIT = 150_000
 """Maximum size of a picture, bytes."""
 
@@ -89,44 +94,100 @@ GALLERY: dict[str, Callable[[], str]] = {
 }
 
 
-def photograph(
-    page: str, file: Path, *, seconds: float = 120.0, moving: bool = False
-) -> list[Path]:
-    """Photograph the heading and the scene of a page at the end of its last cycle; with ``moving``,
-    at the end of every cycle, too."""
+@contextmanager
+def opened(page: str, size: tuple[int, int] = SIZE) -> Iterator[webdriver.Chrome]:
+    """Open a page, given as its text or address, in a headless Chromium."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / "page.html"
-        source.write_text(page, encoding="utf-8")
+        address = page
+        if not page.startswith("http"):
+            source = Path(folder) / "page.html"
+            source.write_text(page, encoding="utf-8")
+            address = source.as_uri() + "#paused"
         for flag in FLAGS:
             options.add_argument(flag)
         options.add_argument(f"--user-data-dir={folder}/profile")
         driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
-        driver.set_script_timeout(seconds)
+        driver.set_script_timeout(SECONDS)
         try:
-            size = {"width": SIZE[0], "height": SIZE[1], "deviceScaleFactor": 2, "mobile": False}
-            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-            driver.get(source.as_uri() + "#paused")
-            deadline = time.monotonic() + seconds
-            while not driver.execute_script("return Boolean(window.repctl && repctl.ready)"):
-                if time.monotonic() > deadline:
-                    raise SystemExit(f"{file.name}: the page did not become ready")
-                time.sleep(0.1)
-            driver.execute_script(
-                "document.head.append(Object.assign(document.createElement('style'),"
-                "{ textContent: 'footer, #cards, .tiles { display: none !important }' }))"
-            )
-            last = driver.execute_script("return repctl.cycles")
-            shots = [_shot(driver, cycle) for cycle in (range(last + 1) if moving else [last])]
+            width, height = size
+            window = {"width": width, "height": height, "deviceScaleFactor": 2, "mobile": False}
+            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", window)
+            driver.get(address)
+            yield driver
         finally:
             driver.quit()
+
+
+def _wait(driver: webdriver.Chrome, condition: str) -> None:
+    """Wait until a condition of the page holds."""
+    deadline = time.monotonic() + SECONDS
+    while not driver.execute_script(f"return Boolean(window.repctl && repctl.{condition})"):
+        if time.monotonic() > deadline:
+            raise SystemExit(f"the page did not become {condition}")
+        time.sleep(0.1)
+
+
+def photograph(page: str, *, moving: bool = False) -> list[Image.Image]:
+    """Photograph the heading and the scene of a page at the end of its last cycle; with ``moving``,
+    at the end of every cycle, too."""
+    with opened(page) as driver:
+        _wait(driver, "ready")
+        driver.execute_script(
+            "document.head.append(Object.assign(document.createElement('style'),"
+            "{ textContent: 'footer, #cards, .tiles { display: none !important }' }))"
+        )
+        last = driver.execute_script("return repctl.cycles")
+        return [_shot(driver, cycle) for cycle in (range(last + 1) if moving else [last])]
+
+
+def live_viewer() -> list[Image.Image]:
+    """Photograph the live viewer at the end of ten cycles of two control loops."""
+    study = rp.study("planar3r", steps=60)
+    motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
+    names, path, q0 = ["J⁺", "repeatable"], motions[0].path, study.q0
+    with rp.Viewer(study.task, names, path=path, start=q0) as view, opened(view.url) as driver:
+        _wait(driver, "ready")
+        view.show(q0, q0)
+        _wait(driver, "received")
+        for k, (q, p) in enumerate(zip(*(motion.q for motion in motions), strict=True)):
+            view.show(q, p, cycles=k // 60)
+            # a picture takes long in software
+            time.sleep(0.15)
+        time.sleep(1.0)
+        return [Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")]
+
+
+def notebook() -> list[Image.Image]:
+    """Photograph the first code cell of `examples/first_study.ipynb` after it was run."""
+    import nbformat
+    from nbconvert import HTMLExporter
+    from nbconvert.preprocessors import ExecutePreprocessor
+
+    book = nbformat.read(EXAMPLES / "first_study.ipynb", as_version=4)
+    book.cells = book.cells[1:2]
+    ExecutePreprocessor(timeout=600).preprocess(book, {"metadata": {"path": str(EXAMPLES)}})
+    exporter = HTMLExporter(mathjax_url="", require_js_url="", jquery_url="")
+    with opened(exporter.from_notebook_node(book)[0], (860, 790)) as driver:
+        (frame,) = driver.find_elements("tag name", "iframe")
+        driver.switch_to.frame(frame)
+        _wait(driver, "ready")
+        return [_shot(driver, driver.execute_script("repctl.pause(); return repctl.cycles"))]
+
+
+SCREENS = {"live_viewer": live_viewer, "notebook": notebook}
+"""The screens, by name."""
+
+
+def keep(shots: list[Image.Image], file: Path) -> list[Path]:
+    """Write the last picture and, of several, an animated one of all; returns the files."""
     file.parent.mkdir(parents=True, exist_ok=True)
     for width in (shots[-1].width, 1100, 980, 840, 760, 680, 640):
         few_colours(_narrow(shots[-1], width)).save(file, optimize=True)
         if file.stat().st_size <= LIMIT:
             break
-    if not moving:
+    if len(shots) == 1:
         return [file]
     frames, strobe = [_narrow(shot, 1100) for shot in shots], file.with_suffix(".webp")
     times = [450] * (len(frames) - 1) + [2000]
@@ -171,18 +232,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    known = [*GALLERY, *SCREENS]
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"{', '.join(GALLERY)} (default: all)"
+        "names", nargs="*", metavar="NAME", help=f"{', '.join(known)} (default: all)"
     )
     parser.add_argument("--out", type=Path, default=PICTURES, metavar="FOLDER")
     options = parser.parse_args()
-    unknown = [name for name in options.names if name not in GALLERY]
+    unknown = [name for name in options.names if name not in known]
     if unknown:
-        parser.error(f"no picture {unknown[0]!r}; choose from {', '.join(GALLERY)}")
-    for name in options.names or GALLERY:
-        for file in photograph(
-            GALLERY[name](), options.out / f"{name}.png", moving=name == "panda"
-        ):
+        parser.error(f"no picture {unknown[0]!r}; choose from {', '.join(known)}")
+    for name in options.names or known:
+        if name in SCREENS:
+            shots = SCREENS[name]()
+        else:
+            shots = photograph(GALLERY[name](), moving=name == "panda")
+        for file in keep(shots, options.out / f"{name}.png"):
             print(f"wrote {file} ({file.stat().st_size / 1000:.0f} kB)", flush=True)
 
 

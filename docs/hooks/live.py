@@ -10,6 +10,7 @@ import os
 import posixpath
 import re
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -20,6 +21,7 @@ import numpy as np
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells.show.cell_page import cell_page
+from repctl_pin.extensions.recordings.audit_report import write_audit
 from repctl_pin.show.study_files import study_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -133,12 +135,24 @@ def pushed() -> str:
     return rp.animation(motions).page
 
 
+def log() -> str:
+    """Make the page of an audit: the log of an arm that J⁺ moves along a closed path."""
+    problem = rp.Problem(ARM)
+    usual = rp.Pseudoinverse(problem.task)
+    motion = rp.follow(usual, problem.path, problem.start, cycles=8, steps=100)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(motion.q.shape)  # rad
+    with tempfile.TemporaryDirectory() as folder:
+        page, _ = write_audit(rp.audit((motion.t, motion.q + noise), problem.task), Path(folder))
+        return page.read_text(encoding="utf-8")
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "panda": partial(studied, "panda"),
     "my_arm": partial(studied, ARM),
     "collision": lambda: studied(rp.Problem("panda", path="circle:0.1:0", plane="xy")),
     "seam": lambda: studied(rp.Problem(ARM, path=LOOP), cycles=5),
     "damped": damped,
+    "log": log,
     "pushed": pushed,
     "cell": cell,
     "planar3r": partial(studied, "planar3r"),

@@ -168,13 +168,14 @@ def redraw(names: list[str], folder: Path) -> None:
 def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
     """Those of the examples are held to their scripts by test_examples.py."""
     kept = sorted((ROOT / "docs" / "figures").glob("*.png"))
-    assert [file.stem for file in kept] == ["cell", "closing", "drift", "proofs", "ring", "states"]
+    names = ["cell", "closing", "drift", "proofs", "ring", "states", "survey"]
+    assert [file.stem for file in kept] == names
     assert all(file.stat().st_size < 150_000 for file in kept)
     linked = re.findall(
         r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     )
     assert len(linked) == 6 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)
-    redraw(["drift", "ring", "states"], tmp_path)
+    redraw(["drift", "ring", "states", "survey"], tmp_path)
 
 
 @pytest.mark.slow

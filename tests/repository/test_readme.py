@@ -305,6 +305,20 @@ def test_the_python_runs_and_its_arm_comes_back(monkeypatch: pytest.MonkeyPatch)
     assert np.allclose(inverse.velocity(q0, xdot), inverse(q0) @ xdot)
 
 
+def test_its_first_paragraph_and_its_numbers_speak_the_users_words() -> None:
+    """What it is for in the words that users search for; the table's two numbers are said again
+    with their robot, path and number of cycles."""
+    first = " ".join(PROSE.split("\n\n")[1].split())
+    for words in ("Same pose, same joints", "elbow drift", "configuration lock", "any URDF"):
+        assert words in first
+    (table,) = blocks("text")
+    bridge = " ".join(next(p for p in PROSE.split("\n\n") if "So a " in p).split())
+    assert "Panda" in bridge and "circle ten times" in bridge and "10 cycles" in table
+    for label, unit in (("elbow off at the end", "cm"), ("joints off at the end", "rad")):
+        value = re.search(rf"{label}[^\n\d]*([\d.]+)", table)
+        assert value is not None and f"{value[1]} {unit}" in bridge
+
+
 def test_it_is_short() -> None:
     """One screen after the other: at most 1,200 words, one picture before the two commands."""
     assert len(README.split()) <= 1200

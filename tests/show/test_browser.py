@@ -292,6 +292,17 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
         time.sleep(0.05)
     element("play").click()
     assert not driver.execute_script("return repctl.playing")
+    # an event of the slider shows the arms once, and no picture looks a program up again
+    shows, versions = driver.execute_script(
+        "let shows = 0; const { viewer } = repctl, dirty = viewer.set_dirty;"
+        "viewer.set_dirty = () => { shows += 1; dirty.call(viewer); };"
+        "const scrub = document.getElementById('scrub'); scrub.value = 1.3;"
+        "scrub.dispatchEvent(new Event('input')); viewer.set_dirty = dirty;"
+        "const sum = () => { let all = 0; viewer.scene.traverse(({ material }) => {"
+        "  for (const one of [material].flat()) if (one) all += one.version; }); return all; };"
+        "const before = sum(); repctl.picture(); return [shows, sum() - before]"
+    )
+    assert shows == 1 and versions == 0
     held = driver.execute_script("return repctl.time")
     time.sleep(0.2)
     assert driver.execute_script("return repctl.time") == held
@@ -559,6 +570,37 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_moved_elbow_joints_and_a_dialog_can_be_read(
+    driver: Any, tmp_path: Path, dark: bool
+) -> None:
+    """No finding of axe-core's while the slider is held, after it is let go, with the joints over
+    the cycles, and with the dialog open."""
+    axe = pytest.importorskip("axe_selenium_python").Axe(driver)
+    study = rp.study("planar4r", cycles=2, steps=60, degree=1)
+    page = tmp_path / "animation.html"
+    page.write_text(rp.animation(study).page, encoding="utf-8")
+    schemes(driver, width=1280, height=760, dark=dark)
+    open_page(driver, page)
+    slide = (
+        "const s = document.getElementById('elbow'); s.value = Number(s.max) / 2;"
+        "s.dispatchEvent(new Event(arguments[0], { bubbles: true }))"
+    )
+    for script, *arguments in (
+        (slide, "input"),
+        (slide, "change"),
+        ("document.getElementById('show-joints').click()",),
+        ("document.getElementById('help').click()",),
+    ):
+        driver.execute_script(script, *arguments)
+        driver.execute_async_script(
+            "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+        )
+        every_word_is_read(driver, axe)
+    assert driver.find_element("id", "keys").is_displayed()
+    assert errors(driver) == []
+
+
 _NO_WEBGL = """
 const context = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
@@ -595,6 +637,17 @@ def test_without_webgl_the_arms_are_lines(driver: Any, tmp_path: Path) -> None:
             "return document.documentElement.scrollWidth <= window.innerWidth"
         )
     assert [e for e in errors(driver) if "WebGL" not in e] == []
+
+
+def test_on_the_narrowest_phone_no_label_is_cut(driver: Any, tmp_path: Path) -> None:
+    """Panes that would be narrower than their labels stand one above the other."""
+    page = write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR))
+    schemes(driver, width=320, height=560)
+    open_page(driver, page)
+    left, top = driver.execute_script("return [0, 1].map((k) => repctl.pane(k))")
+    assert left[0] == top[0] and left[1] < top[1]
+    cut = "return [...document.querySelectorAll('.name')].map((n) => n.scrollWidth - n.clientWidth)"
+    assert max(driver.execute_script(cut)) <= 0
 
 
 def test_on_a_phone_the_notes_fold(driver: Any, tmp_path: Path) -> None:

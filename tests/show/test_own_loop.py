@@ -289,7 +289,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', again)
     told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
     driver.execute_script("repctl.own.repeat(); repctl.seek(10)")
-    driver.execute_script("repctl.own.tell(10)")
+    driver.execute_script("repctl.own.report(10)")
     assert said(driver).partition(". ")[2] == told != ""
     address = driver.execute_async_script(
         "const done = arguments[0]; repctl.pause(); setTimeout(() => done(location.href), 600)"
@@ -366,7 +366,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
         rp.Problem(name, path=str(tmp_path / "loop.csv"), start=q0), cycles=10, steps=200, degree=1
     )
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', rp.animation(again).page)
-    driver.execute_script("repctl.own.tell(10)")
+    driver.execute_script("repctl.own.report(10)")
     told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
     assert said(driver).partition(". ")[2] == told != ""
     assert errors(driver) == []
@@ -388,7 +388,7 @@ def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None
     driver.find_element("id", "back").click()
     assert said(driver) == study and driver.execute_script("return repctl.time") == 2
     ring.send_keys(Keys.ARROW_UP * 40 + Keys.ARROW_UP * 60)
-    driver.execute_script("repctl.own.catchUp(); repctl.own.draw()")
+    driver.execute_script("repctl.own.processQueue(); repctl.own.draw()")
     assert "Go another way, or let go." in said(driver)
     ring.send_keys(Keys.ESCAPE)
     assert said(driver) == study and errors(driver) == []
@@ -417,7 +417,7 @@ def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.
         assert words in driver.execute_script(notes)
         for q in np.reshape(driver.execute_script(ENDS), (2, 11, -1))[1]:
             assert np.abs(q - study.q0).max() < 1e-9
-    driver.execute_script("repctl.own.leave(); repctl.own.take(0, null)")
+    driver.execute_script("repctl.own.leave(); repctl.own.grab(0, null)")
     assert "Within the pale disc" in driver.execute_script(notes)
     driver.execute_script("repctl.own.leave()")
     assert errors(driver) == []
@@ -559,11 +559,11 @@ def test_a_loop_is_drawn_with_either_hand(
     assert callouts == ["left hand 0 off", "right hand 0 off"] * 2
     assert driver.execute_script("return repctl.own.rings.map((row) => row.length)") == [2, 2]
     driver.execute_script(
-        "const { own } = repctl; own.mirrored = arguments[0]; own.take(0, null, null, 1);"
+        "const { own } = repctl; own.mirrored = arguments[0]; own.grab(0, null, null, 1);"
         "const [right, up] = own.axes(), home = own.chain.homes[1];"
         "for (const [x, y] of [[1, 0], [1, 1], [0, 1]]) own.lead.queue.push("
         "home.map((v, i) => v + 0.05 * (x * right.getComponent(i) + y * up.getComponent(i))));"
-        "own.letGo()",
+        "own.release()",
         mirrored,
     )
     assert said(driver).startswith("After one cycle of your loop both hands are back. "), said(

@@ -49,20 +49,23 @@ export function tone(name) {
 }
 export const forgetTones = () => tones.clear();
 
-// A canvas cleared and ready to draw, in CSS pixels; em: the page's own measure of size.
-export function sharp(canvas) {
+// The size of a canvas in CSS pixels, and em, the page's own measure of size: to ask lays the page
+// out.
+export function sizeOf(canvas) {
+  return {
+    width: canvas.clientWidth,
+    height: canvas.clientHeight,
+    em: parseFloat(getComputedStyle(document.documentElement).fontSize),
+  };
+}
+
+// A canvas of this size, cleared and ready to draw, in CSS pixels.
+export function sharp(canvas, { width, height }) {
   const scale = window.devicePixelRatio || 1;
-  const width = canvas.clientWidth;
-  const height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * scale)) canvas.width = Math.round(width * scale);
   if (canvas.height !== Math.round(height * scale)) canvas.height = Math.round(height * scale);
   const draw = canvas.getContext("2d");
   draw.setTransform(scale, 0, 0, scale, 0, 0);
   draw.clearRect(0, 0, width, height);
-  return {
-    draw,
-    width,
-    height,
-    em: parseFloat(getComputedStyle(document.documentElement).fontSize),
-  };
+  return draw;
 }

@@ -1,6 +1,6 @@
 // The page: what is loaded, and what happens when.
 
-import { keep, wishes } from "./chrome/address.js";
+import { keep, readAddress } from "./chrome/address.js";
 import { fullDrift, GAIN, pointAt, referenceOf } from "./arm/arm.js";
 import { Callouts } from "./chrome/callouts.js";
 import { Chart } from "./chrome/chart.js";
@@ -9,7 +9,7 @@ import { openConsole } from "./chrome/console.js";
 import { connect, rule } from "./chrome/controls.js";
 import { byId, forgetTones } from "./dom.js";
 import { follow } from "./live/live.js";
-import { inMetres } from "./numbers.js";
+import { formatLength } from "./numbers.js";
 import { Own } from "./own/own.js";
 import { printable, still } from "./chrome/paper.js";
 import { drawPlain } from "./chrome/plain.js";
@@ -22,14 +22,14 @@ const LIVE_FULL = 0.1; // m off, where a body of a running loop is coloured in f
 
 window.repctl = { ready: false, errors: [] };
 
-function say(text, trouble) {
+function notify(text, trouble) {
   byId("notice-text").textContent = text;
   byId("notice").hidden = !text;
   byId("notice").classList.toggle("trouble", Boolean(trouble));
 }
 
 // Inside another page the wheel scrolls that page, unless the picture has the focus.
-function leaveTheWheel(viewer) {
+function releaseWheel(viewer) {
   byId("picture").addEventListener(
     "wheel",
     () => {
@@ -72,7 +72,7 @@ async function main() {
   const api = window.repctl;
   const start = performance.now();
   if (typeof DecompressionStream === "undefined") {
-    say("This page needs a browser of 2023 or newer.", true);
+    notify("This page needs a browser of 2023 or newer.", true);
     return;
   }
   let viewer;
@@ -84,16 +84,16 @@ async function main() {
     api.errors.push(String(error));
     if (!scene.live) {
       await drawPlain(scene);
-      say("");
+      notify("");
       return;
     }
-    say(
+    notify(
       "The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?",
       true,
     );
     return;
   }
-  const { arms, paths, line, leave, extent, eye, points, near, panes } = await setStage(
+  const { arms, paths, line, drawnTraces, extent, eye, points, near, panes } = await setStage(
     viewer,
     scene,
   );
@@ -118,17 +118,17 @@ async function main() {
         clock.seek(time);
       });
   const callouts = scene.live ? null : new Callouts(panes, scene);
-  const wish = wishes();
+  const address = readAddress();
   let tell = () => {};
-  let ways = scene.live ? [] : leave();
+  let traces = scene.live ? [] : drawnTraces();
   let own = null;
   function show() {
     const { cycles } = clock;
     const leading = own && own.lead;
     const full = scene.live ? LIVE_FULL : fullDrift(arms);
     byId("drift-to").textContent = scene.live
-      ? `from ${inMetres(full)} off`
-      : `${inMetres(full)} off`;
+      ? `from ${formatLength(full)} off`
+      : `${formatLength(full)} off`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1);
     const part = clock.time - cycle;
     const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
@@ -153,7 +153,7 @@ async function main() {
       viewer.set_dirty();
       return;
     }
-    for (const { arm, which, chain, trace, ball } of ways) {
+    for (const { arm, which, chain, trace, ball } of traces) {
       trace.show(cycle, part);
       ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f));
     }
@@ -162,7 +162,7 @@ async function main() {
       clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null,
     );
     tell(done, part);
-    keep(clock, eye, own ? own.wish() : []);
+    keep(clock, eye, own ? own.addressParts() : []);
     viewer.set_dirty();
   }
   // there the arm is seen, not all of its robot
@@ -198,18 +198,18 @@ async function main() {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
       document.body.classList.toggle("enlarged", on);
-      ways = leave();
+      traces = drawnTraces();
       show();
     },
   };
-  const offer = () => {
+  const offerEnlarge = () => {
     const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat()));
     byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01);
   };
-  offer();
+  offerEnlarge();
   tell = connect(clock, view);
   // another run in the player, of a visitor's loop or of the study
-  function play(cycles, perCycle, seconds, runs, ways_) {
+  function play(cycles, perCycle, seconds, runs, paths_) {
     player.plain();
     arms.forEach((arm, k) => arm.use(...runs[k]));
     Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
@@ -220,10 +220,10 @@ async function main() {
       seconds,
       time: cycles.length,
     });
-    line(ways_);
-    ways = leave();
+    line(paths_);
+    traces = drawnTraces();
     rule(clock);
-    offer();
+    offerEnlarge();
     panes.inRows();
     chart.reserve();
     show();
@@ -267,28 +267,28 @@ async function main() {
     panes.colour();
     show();
   });
-  if (window.parent !== window) leaveTheWheel(viewer);
+  if (window.parent !== window) releaseWheel(viewer);
   byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
   if (callouts)
     panes.drawn = () => {
       callouts.place();
       if (own) own.place();
     };
-  viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.wish() : []));
+  viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.addressParts() : []));
   savable(viewer, clock, scene.live);
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);
-  if (wish.time !== null) clock.time = Math.min(Math.max(wish.time, 0), clock.cycles);
+  if (address.time !== null) clock.time = Math.min(Math.max(address.time, 0), clock.cycles);
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
-  if (wish.view) eye.stand(wish.view);
-  if (own && wish.own) own.open(wish.own);
+  if (address.view) eye.stand(address.view);
+  if (own && address.own) own.open(address.own);
 
   run(clock, viewer, scene.live, resize);
   openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });
   api.took = performance.now() - start;
   const problems = [...scene.problems, ...api.errors];
-  say(
+  notify(
     problems.length
       ? `Not everything could be drawn; the motion is complete. ${problems.join(". ")}`
       : "",
@@ -305,9 +305,9 @@ async function main() {
   api.ready = true;
   if (
     !window.matchMedia("(prefers-reduced-motion: reduce)").matches &&
-    !wish.paused &&
-    wish.time === null &&
-    !wish.own &&
+    !address.paused &&
+    address.time === null &&
+    !address.own &&
     !scene.live
   )
     clock.open();
@@ -315,5 +315,5 @@ async function main() {
 
 main().catch((error) => {
   window.repctl.errors.push(String((error && error.stack) || error));
-  say("This page could not be shown: " + error.message, true);
+  notify("This page could not be shown: " + error.message, true);
 });

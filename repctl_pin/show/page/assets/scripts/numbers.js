@@ -1,7 +1,7 @@
 // Numbers as the tables and figures write them, too.
 
 // 1.75; 0.0238; 2e-11
-export function inWords(value) {
+export function formatNumber(value) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0) return "0";
   if (Math.abs(value) < 1e-3) return value.toExponential(0);
@@ -9,7 +9,7 @@ export function inWords(value) {
 }
 
 // 2 m; 45 cm; 2.6 mm
-export function inMetres(value) {
+export function formatLength(value) {
   if (value < 1e-4) return "0";
   const [scale, unit] = value >= 0.995 ? [1, "m"] : value >= 0.00995 ? [100, "cm"] : [1000, "mm"];
   return `${Number((scale * value).toPrecision(2))} ${unit}`;

@@ -3,9 +3,9 @@
 import { ArmView, cornersOf, pointAt } from "./arm/arm.js";
 import { byId, summed, unpack } from "./dom.js";
 import { clearest, Eye, towards } from "./arm/eye.js";
-import { inMetres } from "./numbers.js";
+import { formatLength } from "./numbers.js";
 import { Panes } from "./chrome/panes.js";
-import { drawPaths, drawWays } from "./arm/traces.js";
+import { drawPaths, drawTraces } from "./arm/traces.js";
 import { floor, light } from "./arm/viewer.js";
 
 export async function setStage(viewer, scene) {
@@ -62,17 +62,17 @@ export async function setStage(viewer, scene) {
   const shown = new T.Box3().setFromPoints(points);
   const center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
-  byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
-  const line = (ways) => drawPaths(arms, ways, extent);
+  byId("scale-note").textContent = `grid ${formatLength(floor(viewer, center, ground, extent))}`;
+  const line = (paths) => drawPaths(arms, paths, extent);
   line(paths);
-  const leave = () => drawWays(arms, scene, extent);
+  const drawnTraces = () => drawTraces(arms, scene, extent);
   const [left, right] = eye.span(points, "right");
   const [low, high] = eye.span(points, "up");
   return {
     arms,
     paths,
     line,
-    leave,
+    drawnTraces,
     extent,
     eye,
     points,

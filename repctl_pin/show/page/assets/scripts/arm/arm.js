@@ -41,6 +41,8 @@ export class ArmView {
       );
       mesh.quaternion.copy(body.quaternion);
       mesh.scale.fromArray(shape.scale); // its own node: the placement above it stays rigid
+      mesh.updateMatrix();
+      mesh.matrixAutoUpdate = false;
       mesh.castShadow = mesh.receiveShadow = true;
       mesh.geometry.computeBoundingBox();
       mesh.plain = mesh.material;
@@ -171,7 +173,7 @@ export class ArmView {
   }
 
   // Stand as a message says, the bodies from this number on, the ghost from that.
-  standAs(poses, at, before) {
+  setPoses(poses, at, before) {
     this.rows.forEach((row, k) => {
       if (row) setPose(row, poses, at + 7 * k);
     });
@@ -300,6 +302,16 @@ export class ArmView {
             receiveShadow: false,
             renderOrder: 2 + order,
           });
+          // three draws both sides of what is transparent one after the other, and looks its
+          // program up for each; an outline is one colour
+          if (material === edge) {
+            pale.onBeforeRender = () => {
+              edge.transparent = false;
+            };
+            pale.onAfterRender = () => {
+              edge.transparent = true;
+            };
+          }
           copy.add(pale);
         });
       this.ghost.add(copy);
@@ -350,7 +362,7 @@ export class ArmView {
         if (this.gain > 1) this.enlarge(copies, ends[0]);
         const before = ends.at(-1);
         copies.forEach((copy, k) => {
-          if (elsewhere(copy, before[k])) this.fan.add(copy);
+          if (isDisplaced(copy, before[k])) this.fan.add(copy);
         });
         ends.push(copies);
       }
@@ -454,7 +466,7 @@ export function referenceOf(arms) {
     arm.pose(0, 0);
     found.pose(0, 0);
     return arm.rows.every(
-      (place, k) => !place === !found.rows[k] && (!place || !elsewhere(place, found.rows[k])),
+      (place, k) => !place === !found.rows[k] && (!place || !isDisplaced(place, found.rows[k])),
     );
   };
   return arms.every(alike) ? found : null;
@@ -514,6 +526,7 @@ function outlined(options) {
   return new T.ShaderMaterial({
     ...options,
     side: T.DoubleSide,
+    blending: T.CustomBlending,
     uniforms: {
       color: { value: new T.Color() },
       pixel: PIXEL,
@@ -546,7 +559,7 @@ function fanned(place, material, order) {
 }
 
 // Whether a body stands elsewhere than another: what coincides is drawn once.
-function elsewhere({ position, quaternion }, other) {
+function isDisplaced({ position, quaternion }, other) {
   return (
     position.distanceTo(other.position) > SAME ||
     1 - Math.abs(quaternion.dot(other.quaternion)) > SAME ** 2

@@ -129,12 +129,12 @@ export class Eye {
   turn(across, upward, nearer = 1) {
     const T = MeshCat.THREE;
     const { camera, controls } = this.viewer;
-    const way = new T.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
-    way.theta -= across;
-    way.phi -= upward;
+    const offset = new T.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
+    offset.theta -= across;
+    offset.phi -= upward;
     if (camera.isOrthographicCamera) camera.zoom *= nearer;
-    else way.radius /= nearer;
-    camera.position.setFromSpherical(way.makeSafe()).add(controls.target);
+    else offset.radius /= nearer;
+    camera.position.setFromSpherical(offset.makeSafe()).add(controls.target);
     this.touched = true;
     this.viewer.set_dirty();
   }

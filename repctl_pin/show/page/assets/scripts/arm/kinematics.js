@@ -102,7 +102,7 @@ export class Chain {
   }
 
   // The joint whose rate is the largest share of its limit, and that share.
-  hurried(qdot) {
+  fastestJoint(qdot) {
     const shares = Array.from(qdot, (v, i) => Math.abs(v) / (this.fastest[i] ?? Infinity));
     const joint = shares.reduce((best, v, i) => (v > shares[best] ? i : best), 0);
     return { joint, share: shares[joint] };

@@ -138,8 +138,8 @@ export function drawPaths(arms, paths, extent) {
   const ink = new MeshCat.THREE.Color("#6b7784");
   for (const arm of arms) {
     arm.paths = cleared(arm.carrier || arm.group, arm.paths);
-    for (const way of paths)
-      if (way.length > 1) new Trace(arm.paths, [way], 0.75 * thick, () => ink).show(1, 0);
+    for (const path of paths)
+      if (path.length > 1) new Trace(arm.paths, [path], 0.75 * thick, () => ink).show(1, 0);
     arm.marks = cleared(arm.group, arm.marks);
     arm.past = arm.data.broken ? new Marker(arm.marks, 14 * thick, "#e00020", 0.55) : null;
   }
@@ -147,7 +147,7 @@ export function drawPaths(arms, paths, extent) {
 
 // The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the
 // arm is drawn.
-export function drawWays(arms, scene, extent) {
+export function drawTraces(arms, scene, extent) {
   const F = scene.perCycle;
   const thick = THICK * extent;
   const ways = [];

@@ -7,7 +7,7 @@ const asked = new URLSearchParams(location.hash.slice(1));
 
 // What the address asks for: `paused`, a time in cycles, a view of seven numbers, a loop of points;
 // null where it does not.
-export function wishes() {
+export function readAddress() {
   const t = asked.has("t") ? Number(asked.get("t")) : NaN;
   const view = (asked.get("view") || "").split(",").map(Number);
   const points = (asked.get("loop") || "")

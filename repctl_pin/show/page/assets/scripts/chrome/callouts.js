@@ -2,7 +2,7 @@
 
 import { tint } from "./chart.js";
 import { byId, element } from "../dom.js";
-import { inMetres } from "../numbers.js";
+import { formatLength } from "../numbers.js";
 
 const RIM = 13; // px from the hand to the rim of its ring
 
@@ -11,8 +11,8 @@ export class Callouts {
     Object.assign(this, { panes, scene });
     this.sets = panes.arms.map((arm, k) => ({
       arm,
-      part: made(panes.frames[k], ""),
-      hands: scene.hands.map(() => made(panes.frames[k], " hand")),
+      part: makeCallout(panes.frames[k], ""),
+      hands: scene.hands.map(() => makeCallout(panes.frames[k], " hand")),
       gap: gapLine(panes.frames[k]),
     }));
     for (const { part } of this.sets) {
@@ -21,7 +21,7 @@ export class Callouts {
   }
 
   words(off) {
-    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`;
+    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)} off`;
   }
 
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far
@@ -37,14 +37,14 @@ export class Callouts {
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
       const lost = Boolean(arm.lost) && !leading;
       part.box.style.visibility = lost ? "hidden" : "";
-      write(part.note, when);
-      write(part.value, this.words(off || 0));
+      setText(part.note, when);
+      setText(part.value, this.words(off || 0));
       part.value.className = tint(off || 0);
       part.box.title = `${(off || 0).toPrecision(3)} m`;
       hands.forEach((hand, f) => {
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        write(hand.value, `${names[f]} ${inMetres(away)} off`);
+        setText(hand.value, `${names[f]} ${formatLength(away)} off`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     }
@@ -77,17 +77,26 @@ export class Callouts {
       drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
       const top = beside ? 8 : label.y + label.h + 6;
       const left = beside ? label.x + label.w + 8 : 8;
-      put(part, box, at, top, width, height, left);
+      placeCallout(part, box, at, top, width, height, left);
       hands.forEach((hand, f) => {
         const tip = at && panes.seen(k, arm.point("tip", f, arm.now.frame, arm.now.f));
         const low = at && Math.min(tip.y + 0.09 * height, height - below[f].h - 34);
-        put(hand, below[f], tip && { x: tip.x, y: tip.y + rim }, low, width, height, 8, at);
+        placeCallout(
+          hand,
+          below[f],
+          tip && { x: tip.x, y: tip.y + rim },
+          low,
+          width,
+          height,
+          8,
+          at,
+        );
       });
     });
   }
 }
 
-function made(pane, kind) {
+function makeCallout(pane, kind) {
   const value = element("b");
   const note = element("small");
   const box = element("div", { class: `callout${kind}` }, value, note);
@@ -98,14 +107,14 @@ function made(pane, kind) {
 }
 
 // Text that stays is not written again: a page lays out what was written.
-function write(node, words) {
+function setText(node, words) {
   if (node.textContent !== words) node.textContent = words;
 }
 
 // `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room
 // for it begins; `free`: a point to leave free, the box stands beside it, on the side that it stood
 // on before
-function put(callout, { w, h }, at, y, width, height, left, free) {
+function placeCallout(callout, { w, h }, at, y, width, height, left, free) {
   const { box, leader } = callout;
   if (!at) {
     drawLine(leader, null, null);

@@ -1,7 +1,7 @@
 // The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
 
-import { byId, element, sharp, tone } from "../dom.js";
-import { inMetres, inWords, stepAbove } from "../numbers.js";
+import { byId, element, sharp, sizeOf, tone } from "../dom.js";
+import { formatLength, formatNumber, stepAbove } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 const LEAST = 1e-3; // m, which the axis reaches up to at least
@@ -62,6 +62,8 @@ export class Chart {
       value.style.minWidth = `${most[i] + 1}px`;
     });
     box.style.minWidth = `${Math.max(...widths)}px`;
+    this.size = sizeOf(this.canvas);
+    this.font = getComputedStyle(document.body).fontFamily;
   }
 
   // How far an arm is off after the cycles that are finished when time is here, m.
@@ -92,26 +94,27 @@ export class Chart {
       const arm = this.arms[k];
       const { data } = arm;
       const off = this.after(arm, cycle, part);
-      value.textContent = off === null ? "not known" : `${inMetres(off)} off`;
+      value.textContent = off === null ? "not known" : `${formatLength(off)} off`;
       value.className = off === null ? "" : tint(off);
       if (off === null) {
         value.title = "Close to a singularity the drift cannot be computed reliably";
         return;
       }
       const drift = done ? data.drift[done - 1] : 0;
-      const joints = `${drift < 1e-6 ? 0 : inWords(drift)} ${data.unit}`;
+      const joints = `${drift < 1e-6 ? 0 : formatNumber(drift)} ${data.unit}`;
       value.title = `${off.toPrecision(3)} m; joints ${joints}, root of the sum of squares`;
     });
     return times;
   }
 
   draw(cycle, part) {
-    if (!this.canvas.clientWidth) return;
-    const { draw, width, height, em } = sharp(this.canvas);
+    const { width, height, em } = this.size;
+    if (!width) return;
+    const draw = sharp(this.canvas, this.size);
     const count = this.scene.cycles.length;
     const pitch = (width - 2 * INSET) / count;
     const foot = height - 1.15 * em;
-    draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
+    draw.font = `${0.78 * em}px ${this.font}`;
     draw.lineWidth = 1;
     const sheet = { draw, width, height, em, count, pitch, foot, at: (c) => INSET + c * pitch };
     if (document.body.classList.contains("joints")) this.drawJoints(sheet, cycle, part);
@@ -155,7 +158,13 @@ export class Chart {
     // in the line of the axis, or under it
     const beside = room < 2 * em ? 0.3 : 0.95;
     if (room > 0.8 * em)
-      haloed(draw, inMetres(top), INSET + 2, Math.max(level(top) + beside * em, 0.75 * em), em);
+      textWithHalo(
+        draw,
+        formatLength(top),
+        INSET + 2,
+        Math.max(level(top) + beside * em, 0.75 * em),
+        em,
+      );
   }
 
   // The numbers of the cycles, each under its group of bars, this wide.
@@ -235,7 +244,7 @@ function line(draw, x0, y0, x1, y1, dash) {
 }
 
 // Text that stays legible where bars pass behind it.
-function haloed(draw, words, x, y, em) {
+function textWithHalo(draw, words, x, y, em) {
   Object.assign(draw, {
     textAlign: "left",
     lineJoin: "round",

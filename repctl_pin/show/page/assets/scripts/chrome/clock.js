@@ -45,6 +45,7 @@ export class Clock {
   }
 
   play(on) {
+    if (on === this.playing) return;
     if (!on) this.hold();
     if (this.done) Object.assign(this, { done: null, stepping: false });
     this.playing = on;

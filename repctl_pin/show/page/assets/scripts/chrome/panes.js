@@ -4,6 +4,7 @@ import { PIXEL } from "../arm/arm.js";
 import { byId, element, tone } from "../dom.js";
 
 const LOW = 360; // px
+const NARROW = 180; // px, below which a pane cannot hold its label and what is said of the part
 
 export class Panes {
   // `ratio`: width to height of what a pane shows
@@ -41,7 +42,8 @@ export class Panes {
     const count = this.arms.length;
     const size = (columns) =>
       Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
-    let best = height > width && count < 4 ? 1 : count;
+    const stacked = height > width || width < NARROW * count;
+    let best = stacked && count < 4 ? 1 : count;
     for (let columns = best; columns >= 1; columns--)
       if (size(columns) > 1.02 * size(best)) best = columns;
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
@@ -138,6 +140,9 @@ export class Panes {
     const tall = byId("panes").clientHeight;
     controls.update();
     renderer.setScissorTest(true);
+    // once for all panes
+    scene.updateMatrixWorld();
+    scene.autoUpdate = false;
     this.arms.forEach((arm, k) => {
       const { left, top, width, height } = this.place(k);
       const low = tall - top - height;
@@ -148,6 +153,7 @@ export class Panes {
       renderer.setScissor(left, low, width, height);
       renderer.render(scene, camera);
     });
+    scene.autoUpdate = true;
     if (this.drawn) this.drawn();
     this.viewer.needs_render = false;
   }

@@ -1,7 +1,7 @@
 // For print: the end of the motion on white, in the light colours, each arm under its own name.
 
 import { byId, element, forgetTones } from "../dom.js";
-import { inMetres } from "../numbers.js";
+import { formatLength } from "../numbers.js";
 
 const WIDE = 1800; // px
 // the stage, whatever the window
@@ -54,7 +54,7 @@ export function still(viewer, clock, arms, panes, resize) {
     draw.fillStyle = data.color;
     draw.font = `600 ${text}px sans-serif`;
     draw.fillText(
-      `${data.title}: ${inMetres(data.off.at(-1)[1])} off`,
+      `${data.title}: ${formatLength(data.off.at(-1)[1])} off`,
       x + 0.6 * text,
       y + 1.5 * text,
     );

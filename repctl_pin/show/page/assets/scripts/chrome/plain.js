@@ -2,8 +2,8 @@
 // and at the end, and the chart.
 
 import { Chart } from "./chart.js";
-import { byId, element, sharp, summed, tone, unpack } from "../dom.js";
-import { inMetres } from "../numbers.js";
+import { byId, element, sharp, sizeOf, summed, tone, unpack } from "../dom.js";
+import { formatLength } from "../numbers.js";
 
 export async function drawPlain(scene) {
   const motion = summed(await unpack("motion"), scene.series, scene.resolution);
@@ -49,7 +49,7 @@ export async function drawPlain(scene) {
       role: "img",
       "aria-label":
         `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ` +
-        `${inMetres(data.off.at(-1)[1])} off`,
+        `${formatLength(data.off.at(-1)[1])} off`,
     });
     byId("panes").append(
       element(
@@ -63,7 +63,7 @@ export async function drawPlain(scene) {
             "span",
             { class: "name" },
             element("span", { class: "chip" }),
-            `${data.title}: ${inMetres(data.off.at(-1)[1])} off`,
+            `${data.title}: ${formatLength(data.off.at(-1)[1])} off`,
           ),
         ),
       ),
@@ -92,7 +92,9 @@ function drawArm(canvas, { data, before, after }, arms, paths, planar) {
   const ends = [0, 1]
     .map((i) => all.map((p) => p[i]))
     .map((v) => [v.reduce((a, b) => Math.min(a, b)), v.reduce((a, b) => Math.max(a, b))]);
-  const { draw, width, height, em } = sharp(canvas);
+  const size = sizeOf(canvas);
+  const { width, height, em } = size;
+  const draw = sharp(canvas, size);
   const [[left, right], [top, bottom]] = ends;
   const room = [width - 4 * em, height - 9 * em];
   const scale = Math.min(

@@ -2,17 +2,17 @@
 
 import { tint } from "../chrome/chart.js";
 import { byId, element } from "../dom.js";
-import { inMetres, inWords } from "../numbers.js";
+import { formatLength, formatNumber } from "../numbers.js";
 import { cleared, Marker, Trail } from "../arm/traces.js";
 
-const STEP = 0.01; // m a key press
-const MOST = 0.1; // m a message
+const KEY_STEP = 0.01; // m a key press
+const MAX_MOVE = 0.1; // m a message
 
 // `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go
 // by
 export function follow(arms, panes, scene, extent, shown) {
   const { camera } = panes.viewer;
-  const goals = arms.map((arm) => new Goal(arm, extent));
+  const targetBalls = arms.map((arm) => new TargetBall(arm, extent));
   for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
   const trails = arms.map((arm) =>
     ["tip", "elbow"].map(() => new Trail(arm.traces, arm.data.color)),
@@ -33,22 +33,22 @@ export function follow(arms, panes, scene, extent, shown) {
     const rest = flag + 5;
     const at = (k) => new MeshCat.THREE.Vector3().fromArray(numbers, rest + 3 * k);
     const hands = arms.map((arm, k) => at(k).distanceTo(at(count + k)));
-    goals.forEach((goal) => goal.show(numbers, flag + 1, Boolean(waiting)));
+    targetBalls.forEach((goal) => goal.show(numbers, flag + 1, Boolean(waiting)));
     trails.forEach(([tip, elbow], k) => {
       tip.add(at(k));
       elbow.add(at(2 * count + k));
     });
     byId("clock").textContent = `cycle ${cycles + 1}`;
     arms.forEach((arm, k) => {
-      arm.standAs(numbers, k * stride, (count + k) * stride);
+      arm.setPoses(numbers, k * stride, (count + k) * stride);
       const drift = numbers[2 * count * stride + k];
       const past = numbers[2 * count * stride + count + k];
       const limit = past ? ", past a limit" : "";
-      const off = `${inWords(drift)} ${arm.data.unit} off cycle 1`;
+      const off = `${drift < 1e-6 ? 0 : formatNumber(drift)} ${arm.data.unit} off cycle 1`;
       arm.notice.textContent = `${off}${limit}${waiting}`;
     });
-    const target = goals.some(({ place }) => place);
-    if (cycles) judge(arms, scene, { hand: Math.max(...hands), cycles, target });
+    const target = targetBalls.some(({ place }) => place);
+    if (cycles) writeVerdict(arms, scene, { hand: Math.max(...hands), cycles, target });
     else byId("verdict").textContent = waitingFor(target);
     newest = null;
     api.received += 1;
@@ -66,14 +66,14 @@ export function follow(arms, panes, scene, extent, shown) {
   const send = (move) => {
     if (socket.readyState === 1) socket.send(JSON.stringify(move));
   };
-  draggable(arms, goals, panes, send);
+  draggable(arms, targetBalls, panes, send);
   document.addEventListener(
     "keydown",
     (event) => {
       const move =
         event.shiftKey || event.ctrlKey || event.metaKey || event.altKey
           ? null
-          : moved(event.key, camera);
+          : moveOfKey(event.key, camera);
       if (!move || socket.readyState !== 1) return;
       event.preventDefault();
       event.stopImmediatePropagation();
@@ -85,9 +85,9 @@ export function follow(arms, panes, scene, extent, shown) {
 
 // Which way a key moves the target, m: along the robot's axis that lies most as the key says on the
 // screen.
-function moved(key, camera) {
+function moveOfKey(key, camera) {
   if (key === "Home") return "home";
-  const way = {
+  const direction = {
     ArrowRight: [0, 1],
     ArrowLeft: [0, -1],
     ArrowUp: [1, 1],
@@ -95,7 +95,7 @@ function moved(key, camera) {
     PageUp: [2, -1],
     PageDown: [2, 1],
   }[key];
-  if (!way) return null;
+  if (!direction) return null;
   const taken = [];
   const axes = [0, 1, 2].map((column) => {
     const v = new MeshCat.THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, column);
@@ -106,9 +106,9 @@ function moved(key, camera) {
     taken.push(axis);
     return [axis, Math.sign(robot[axis])];
   });
-  const [axis, sign] = axes[way[0]];
+  const [axis, sign] = axes[direction[0]];
   const move = [0, 0, 0];
-  move[axis] = STEP * way[1] * sign;
+  move[axis] = KEY_STEP * direction[1] * sign;
   return move;
 }
 
@@ -120,16 +120,16 @@ function waitingFor(target) {
 }
 
 // The verdict so far: what is off where the hand was in cycle 1.
-function judge(arms, scene, { hand, cycles, target }) {
-  const most = arms.map((arm) =>
+function writeVerdict(arms, scene, { hand, cycles, target }) {
+  const largest = arms.map((arm) =>
     arm.off.reduce((best, off, k) => (off > best[0] ? [off, arm.moving[k].name] : best), [0, ""]),
   );
-  const [, worst] = most.reduce((a, b) => (b[0] > a[0] ? b : a));
+  const [, worst] = largest.reduce((a, b) => (b[0] > a[0] ? b : a));
   const name = scene.names[worst] || worst;
   const times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
   const off = arms.flatMap((arm, k) => [
     k ? ", " : "",
-    element("b", { class: tint(most[k][0]) }, `${inMetres(most[k][0])} off`),
+    element("b", { class: tint(largest[k][0]) }, `${formatLength(largest[k][0])} off`),
     ` under ${arm.data.under}`,
   ]);
   const article = /\d$/.test(name) ? "" : "the ";
@@ -137,7 +137,7 @@ function judge(arms, scene, { hand, cycles, target }) {
     hand < 1e-3
       ? [`After ${times} the hand is where it was in cycle 1; ${article}${name} is `, ...off, "."]
       : [
-          `The hand is ${inMetres(hand)} from where it was in cycle 1`,
+          `The hand is ${formatLength(hand)} from where it was in cycle 1`,
           target ? ": bring the target back (Home) to compare." : ".",
         ];
   if (!byId("verdict")) return;
@@ -145,7 +145,7 @@ function judge(arms, scene, { hand, cycles, target }) {
 }
 
 // The target: a ball that can be taken, red while it is out of reach.
-class Goal {
+class TargetBall {
   constructor(arm, extent) {
     this.balls = ["#3c4a59", "#e00020"].map(
       (color) => new Marker(arm.group, 0.02 * extent, color, 0.75),
@@ -156,19 +156,19 @@ class Goal {
     });
   }
 
-  show(numbers, start, away) {
+  show(numbers, start, outOfReach) {
     if (!Number.isFinite(numbers[start])) return;
     this.place = this.balls[0].node.position.fromArray(numbers, start);
     this.balls[1].node.position.copy(this.place);
     this.balls.forEach(({ node }, k) => {
-      node.visible = Boolean(k) === away;
+      node.visible = Boolean(k) === outOfReach;
     });
   }
 }
 
 // A finger or the mouse takes the target where it is seen, in any pane, and moves it across the
 // screen.
-function draggable(arms, goals, panes, send) {
+function draggable(arms, targetBalls, panes, send) {
   const stage = byId("picture");
   const { camera } = panes.viewer;
   let held = null;
@@ -189,13 +189,13 @@ function draggable(arms, goals, panes, send) {
     "pointerdown",
     (event) => {
       const at = inside(event);
-      if (!at || !goals[at.k].place) return;
-      const v = seen(goals[at.k].place);
-      const away = Math.hypot(
+      if (!at || !targetBalls[at.k].place) return;
+      const v = seen(targetBalls[at.k].place);
+      const distance = Math.hypot(
         ((v.x + 1) / 2) * at.pane.width - at.x,
         ((1 - v.y) / 2) * at.pane.height - at.y,
       );
-      if (away > (event.pointerType === "mouse" ? 22 : 36)) return;
+      if (distance > (event.pointerType === "mouse" ? 22 : 36)) return;
       event.stopPropagation();
       event.preventDefault();
       held = { ...at, id: event.pointerId, depth: v.z };
@@ -212,9 +212,9 @@ function draggable(arms, goals, panes, send) {
         1 - (2 * y) / at.pane.height,
         held.depth,
       ).unproject(camera);
-    const way = world(at).sub(world(held));
-    const move = [way.x, -way.z, way.y].map((v) =>
-      Math.max(-MOST, Math.min(MOST, Number(v.toFixed(5)))),
+    const direction = world(at).sub(world(held));
+    const move = [direction.x, -direction.z, direction.y].map((v) =>
+      Math.max(-MAX_MOVE, Math.min(MAX_MOVE, Number(v.toFixed(5)))),
     );
     Object.assign(held, { x: at.x, y: at.y });
     if (move.some(Boolean)) send(move);

@@ -6,11 +6,11 @@ const PLACES = 160; // steps to either side
 // Configurations along the self-motion that changes level k alone, from q0 to both sides as far as
 // `allowed(q)`: {qs, zero}, with q0 = qs[zero].
 export function selfMotion(law, q0, k, allowed) {
-  const [back, on] = [-1, 1].map((sign) => oneWay(law, q0, k, sign, allowed));
+  const [back, on] = [-1, 1].map((sign) => oneDirection(law, q0, k, sign, allowed));
   return { qs: [...back.reverse(), Float64Array.from(q0), ...on], zero: back.length };
 }
 
-function oneWay(law, q0, k, sign, allowed) {
+function oneDirection(law, q0, k, sign, allowed) {
   const { chain } = law;
   const rest = new Float64Array(chain.m);
   const found = [];
@@ -20,8 +20,8 @@ function oneWay(law, q0, k, sign, allowed) {
     // a step along the self-motion, the way it went before
     const size = Math.hypot(...law.x);
     const onward = before && before.reduce((sum, v, i) => sum + v * law.x[i], 0) < 0 ? -1 : 1;
-    const way = law.x.map((v) => (onward * v) / size);
-    const next = q.map((v, i) => v + sign * APART * way[i]);
+    const direction = law.x.map((v) => (onward * v) / size);
+    const next = q.map((v, i) => v + sign * APART * direction[i]);
     // the hands back to where they were
     for (let round = 0; round < 2; round++) {
       chain.place(next);
@@ -30,7 +30,7 @@ function oneWay(law, q0, k, sign, allowed) {
     }
     if (!allowed(law, next)) return found;
     found.push(next);
-    before = way;
+    before = direction;
     q = next;
   }
   return found;

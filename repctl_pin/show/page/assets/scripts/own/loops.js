@@ -60,17 +60,17 @@ function simpler(points, most) {
 export function enclosing(points) {
   const sizes = points.slice(1).map((p, i) => gap(p, points[i]));
   const step = sizes.reduce((sum, v) => sum + v, 0) / 80;
-  const way = [points[0]];
+  const outline = [points[0]];
   let left = step;
   points.slice(1).forEach((p, i) => {
     for (; left <= sizes[i] + 1e-12; left += step) {
       const at = points[i].map((v, k) => v + (left / sizes[i]) * (p[k] - v));
-      if (way.length > 1 && gap(at, way.at(-2)) < 1.5 * step) way.pop();
-      else if (gap(at, way.at(-1)) > 0.5 * step) way.push(at);
+      if (outline.length > 1 && gap(at, outline.at(-2)) < 1.5 * step) outline.pop();
+      else if (gap(at, outline.at(-1)) > 0.5 * step) outline.push(at);
     }
     left -= sizes[i];
   });
-  return way.length > 4 ? (way.length - 1) * step : 0;
+  return outline.length > 4 ? (outline.length - 1) * step : 0;
 }
 
 // How often a loop goes round the axis of the first joint.

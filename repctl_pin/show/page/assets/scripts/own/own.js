@@ -7,7 +7,7 @@ import { Law, stepped } from "../arm/law.js";
 import { dots, Trail } from "../arm/traces.js";
 import { download } from "../chrome/save.js";
 import { byId, element, tone } from "../dom.js";
-import { inMetres } from "../numbers.js";
+import { formatLength } from "../numbers.js";
 import { selfMotion } from "./elbow.js";
 import { closed, enclosing, FORMS, gap, kept, windings } from "./loops.js";
 import { computed, drawnAt } from "./run.js";
@@ -19,9 +19,9 @@ const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
 const HOW = ["The dotted line closes the loop."];
 const DOTS = 200; // of that line, at most
-const RACE = 4; // times the joint speed at the start, or the limit, at which it stops
+const MAX_SPEED_RATIO = 4; // times the joint speed at the start, or the limit, at which it stops
 // part of the smallest sine between the rows of J at the start, below which it stops
-const FLAT = 0.35;
+const MIN_SINE_RATIO = 0.35;
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
 const BUDGET = 5; // ms of steps between two pictures
 const OUT_OF_REACH = "That is out of reach.";
@@ -33,7 +33,10 @@ export class Own {
     Object.assign(this, { arms, panes, scene, clock, extent, player });
     this.chain = new Chain(data);
     this.laws = data.laws.map((parts) => new Law(this.chain, parts));
-    this.calm = this.laws.map((law) => ({ speed: quickest(law, data.start), sine: law.sine() }));
+    this.atStart = this.laws.map((law) => ({
+      speed: maxJointSpeed(law, data.start),
+      sine: law.sine(),
+    }));
     this.stride = this.chain.size / 250;
     this.studied =
       data.path && data.path.map((k) => k !== null && paths[k].map((p) => p.toArray()));
@@ -56,7 +59,7 @@ export class Own {
       window.addEventListener(end, (event) => {
         if (!this.lead || event.pointerId !== this.lead.id) return;
         document.activeElement.blur();
-        this.letGo();
+        this.release();
       });
     const pressed = (id, does) => byId(id).addEventListener("click", does);
     pressed("again", () => this.repeat());
@@ -106,11 +109,11 @@ export class Own {
     ring.addEventListener("pointerdown", (event) => {
       if (event.button) return;
       event.preventDefault();
-      this.take(k, event.pointerId, this.at(k, event), f);
+      this.grab(k, event.pointerId, this.at(k, event), f);
     });
     ring.addEventListener("keydown", (event) => this.key(k, event, f));
     ring.addEventListener("blur", () => {
-      if (this.lead && this.lead.id === null) this.letGo();
+      if (this.lead && this.lead.id === null) this.release();
     });
     frame.append(ring);
     return ring;
@@ -152,12 +155,16 @@ export class Own {
     }
     if (k !== this.level || !this.selves) {
       const free = laws.find(({ r }) => r);
-      const calm = this.calm[laws.indexOf(free)];
+      const atStart = this.atStart[laws.indexOf(free)];
       for (const law of laws) law.stand(chain.start);
       this.level = k;
       this.selves = selfMotion(free, chain.start, k, (law, q) => {
         const { margin } = chain.nearest(q);
-        return margin > NEAR_LIMIT && law.margin() > LEAST_MARGIN && law.sine() > FLAT * calm.sine;
+        return (
+          margin > NEAR_LIMIT &&
+          law.margin() > LEAST_MARGIN &&
+          law.sine() > MIN_SINE_RATIO * atStart.sine
+        );
       });
       const { qs, zero } = this.selves;
       Object.assign(byId("elbow"), { min: -zero, max: qs.length - 1 - zero });
@@ -168,7 +175,7 @@ export class Own {
     byId("elbow").value = this.elbowAt;
     byId("level").value = this.level;
     byId("elbow").setAttribute("aria-valuetext", this.elbowWords());
-    byId("elbow-off").textContent = inMetres(this.elbowOff());
+    byId("elbow-off").textContent = formatLength(this.elbowOff());
   }
 
   // How far the elbow is from where the study starts, m.
@@ -183,14 +190,14 @@ export class Own {
   }
 
   elbowWords() {
-    return `elbow ${inMetres(this.elbowOff())} from the start of the study`;
+    return `elbow ${formatLength(this.elbowOff())} from the start of the study`;
   }
 
   // Show both arms at a place of the slider, with the hands at rest; the ghost stays at the start.
   slide(i) {
     if (!this.lead || !this.lead.slides) {
-      this.put();
-      this.hold({ slides: true, hands: this.chain.homes, ghost: this.chain.start });
+      this.endGesture();
+      this.beginGesture({ slides: true, hands: this.chain.homes, ghost: this.chain.start });
     }
     this.stand(i);
     this.lead.qs = this.laws.map((law) => law.start);
@@ -206,7 +213,7 @@ export class Own {
 
   // Follow the loop, or the study's path, from where the slider stands.
   settle() {
-    this.put();
+    this.endGesture();
     if (this.points) this.follow(this.points, 1);
     else if (!this.elbowAt && !this.level) this.leave();
     else if (this.studied) this.follow(null, 1);
@@ -246,7 +253,7 @@ export class Own {
   }
 
   // Take hand f in pane k, in the plane through it that faces the camera, or in the task's own.
-  take(k, id, at, f = 0) {
+  grab(k, id, at, f = 0) {
     const T = MeshCat.THREE;
     const { chain, panes } = this;
     const home = chain.homes[f];
@@ -261,7 +268,7 @@ export class Own {
       : panes.sight(k, seen).direction;
     const plane = new T.Plane().setFromNormalAndCoplanarPoint(normal, new T.Vector3(...home));
     this.stand(this.elbowAt);
-    this.hold({
+    this.beginGesture({
       k,
       id,
       grip,
@@ -275,12 +282,12 @@ export class Own {
       refusal: "",
     });
     this.leaveMarks(plane);
-    this.write(DRAW, this.how(), "your loop");
+    this.write(DRAW, this.hint(), "your loop");
     this.draw();
   }
 
   // Stop time, and show both arms as they are led from now on.
-  hold(lead) {
+  beginGesture(lead) {
     this.clock.play(false);
     this.player.plain();
     this.lead = lead;
@@ -330,7 +337,7 @@ export class Own {
       const hit = sight.intersectPlane(lead.plane, new MeshCat.THREE.Vector3());
       if (hit && hit.distanceTo(home) < 4 * chain.size) lead.queue.push(hit.toArray());
     }
-    this.soon();
+    this.scheduleStep();
   }
 
   key(k, event, f) {
@@ -347,11 +354,12 @@ export class Own {
     event.preventDefault();
     event.stopPropagation();
     if (key === "Escape") this.leave();
-    else if (key === "Enter" && this.lead) this.letGo();
+    else if (key === "Enter" && this.lead) this.release();
     else {
-      if (!this.lead) this.take(k, null, null, f);
+      if (!this.lead) this.grab(k, null, null, f);
       if (direction) this.nudge(direction);
-      else this.write([["Draw a loop by the arrow keys; Enter lets go."]], this.how(), "your loop");
+      else
+        this.write([["Draw a loop by the arrow keys; Enter lets go."]], this.hint(), "your loop");
     }
   }
 
@@ -362,7 +370,7 @@ export class Own {
     const step = 0.015 * this.chain.size;
     this.axes().forEach((axis, i) => goal.addScaledVector(axis, direction[i] * step));
     queue.push(goal.toArray());
-    this.soon();
+    this.scheduleStep();
   }
 
   // Right and up on the screen, in the plane in which the hand is led.
@@ -378,18 +386,18 @@ export class Own {
 
   // Step towards the points that the hand was led to, as many as there is time for until the next
   // picture.
-  soon() {
+  scheduleStep() {
     if (this.waiting) return;
     this.waiting = requestAnimationFrame(() => {
       this.waiting = 0;
       if (!this.lead) return;
-      this.catchUp(performance.now() + BUDGET);
+      this.processQueue(performance.now() + BUDGET);
       this.draw();
-      if (this.lead.queue.length) this.soon();
+      if (this.lead.queue.length) this.scheduleStep();
     });
   }
 
-  catchUp(until = Infinity) {
+  processQueue(until = Infinity) {
     const { lead } = this;
     while (lead.queue.length && performance.now() < until) {
       const goal = lead.queue[0];
@@ -431,7 +439,7 @@ export class Own {
     const length = gap(next, from.hand);
     const found = [];
     for (let k = 0; k < this.laws.length; k++) {
-      const { refusal, ...state } = this.advanced(k, from, targets, length);
+      const { refusal, ...state } = this.stepArm(k, from, targets, length);
       if (refusal) return refusal;
       found.push(state);
     }
@@ -441,7 +449,7 @@ export class Own {
   }
 
   // Arm k after a step of this length to the targets: {q, limit, leaf, sine}, or {refusal}.
-  advanced(k, from, targets, length) {
+  stepArm(k, from, targets, length) {
     const { chain } = this;
     const law = this.laws[k];
     const q = stepped(law, from.qs[k], targets);
@@ -455,11 +463,11 @@ export class Own {
     const { limit = Infinity, leaf: leafBefore = 1, sine: sineBefore = 1 } = from.worst[k];
     if (margin < NEAR_LIMIT && margin < limit)
       return { refusal: `${chain.names[joint]} is at its limit.` };
-    const fast = chain.hurried(moved.map((v) => (v * chain.speed) / length));
-    if (fast.share > RACE)
+    const fast = chain.fastestJoint(moved.map((v) => (v * chain.speed) / length));
+    if (fast.share > MAX_SPEED_RATIO)
       return { refusal: `${chain.names[fast.joint]} would have to be faster than it can.` };
-    const races = Math.hypot(...moved) > RACE * this.calm[k].speed * length;
-    if (races || (sine < FLAT * this.calm[k].sine && sine < sineBefore))
+    const races = Math.hypot(...moved) > MAX_SPEED_RATIO * this.atStart[k].speed * length;
+    if (races || (sine < MIN_SINE_RATIO * this.atStart[k].sine && sine < sineBefore))
       return { refusal: "The arm comes near a singularity, where its joints would race." };
     if (leaf < LEAST_MARGIN && leaf < leafBefore)
       return { refusal: "The repeatable control is near a singularity." };
@@ -502,12 +510,12 @@ export class Own {
       position.needsUpdate = true;
     }
     const beyond = this.beyond(lead.trail);
-    if (lead.refusal !== lead.said || beyond !== lead.beyond) {
-      Object.assign(lead, { said: lead.refusal, beyond });
+    if (lead.refusal !== lead.shownRefusal || beyond !== lead.beyond) {
+      Object.assign(lead, { shownRefusal: lead.refusal, beyond });
       const sentence = lead.refusal
         ? [[lead.refusal, "bad"], [" Go another way, or let go."]]
         : DRAW;
-      this.write(sentence, this.how(beyond), "your loop");
+      this.write(sentence, this.hint(beyond), "your loop");
     }
     this.player.show();
   }
@@ -522,10 +530,10 @@ export class Own {
   }
 
   // Close the loop: straight home, or along the way it came where that is blocked.
-  letGo() {
+  release() {
     const { lead, chain } = this;
-    this.catchUp();
-    this.put();
+    this.processQueue();
+    this.endGesture();
     const home = chain.homes[this.led];
     const open = lead.trail;
     if (Math.max(...open.map((p) => gap(p, home))) < 0.01 * chain.size) {
@@ -541,7 +549,7 @@ export class Own {
   }
 
   // Put the hand down: nothing of the gesture is left.
-  put() {
+  endGesture() {
     if (!this.lead) return;
     this.scene.leading = "";
     cancelAnimationFrame(this.waiting);
@@ -555,7 +563,7 @@ export class Own {
   // Compute the cycles of a closed loop, or of the study's path without points, and show the end of
   // this one of them. An arm that comes close to a singularity goes as far as it can.
   follow(points, cycle, also = "") {
-    this.put();
+    this.endGesture();
     this.points = points;
     const paths = this.paths();
     const result = computed(this.laws, this.arms, paths, CYCLES);
@@ -572,22 +580,22 @@ export class Own {
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
     byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
     this.player.play({ ...result, paths: paths.filter(Boolean) });
-    this.tell(Math.min(cycle, result.cycles));
+    this.report(Math.min(cycle, result.cycles));
     this.clock.seek(this.shown);
   }
 
   // Say what has happened after a number of cycles.
-  tell(cycles) {
+  report(cycles) {
     const { chain, arms, result, shape, also, points } = this;
     const { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
     this.shown = cycles;
     this.scene.part = part;
     pointAt(arms, (s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
-    notes.push(...this.said());
+    notes.push(...this.loopNotes());
     const far = this.elbowOff();
-    const moved = far > 1e-4 ? `, elbow moved by ${inMetres(far)}` : "";
+    const moved = far > 1e-4 ? `, elbow moved by ${formatLength(far)}` : "";
     const title = points
-      ? `your loop, ${inMetres(this.length)} long${moved}`
+      ? `your loop, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
     this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1)] : notes, title);
     byId("again").textContent =
@@ -602,10 +610,10 @@ export class Own {
   }
 
   // What is said under the sentence while the hand is led.
-  how(beyond = false) {
+  hint(beyond = false) {
     const { proved } = this.chain;
     if (!proved || this.elbowAt) return [HOW];
-    const far = inMetres(proved);
+    const far = formatLength(proved);
     return [
       HOW,
       beyond
@@ -615,18 +623,19 @@ export class Own {
   }
 
   // What is said of a loop beside its motion: whether it was proved to close, and the best so far.
-  said() {
+  loopNotes() {
     const { best, points } = this;
     const { proved, size } = this.chain;
+    const far = formatLength(proved || 0);
     const words = [];
     if (proved && points && !this.elbowAt)
       words.push(
         this.beyond(points)
-          ? [` Closing is proved within ${inMetres(proved)} of the start; this loop was computed.`]
+          ? [` Closing is proved within ${far} of the start; this loop was computed.`]
           : [` It is proved that the repeatable arm closes this loop.`, "good"],
       );
     if (best && points) {
-      const long = inMetres(LEAST_LENGTH * size);
+      const long = formatLength(LEAST_LENGTH * size);
       words.push([` Can you draw one, ${long} or longer, under which the usual arm drifts less?`]);
       words.push([` Your best: ${this.bestWords()}.`]);
     }
@@ -634,7 +643,7 @@ export class Own {
   }
 
   bestWords() {
-    return `${inMetres(this.best.off)} off after ${CYCLES} cycles`;
+    return `${formatLength(this.best.off)} off after ${CYCLES} cycles`;
   }
 
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough
@@ -651,13 +660,13 @@ export class Own {
       this.best = { off, points, hand: led, mirrored, elbow: elbowAt, level };
     byId("best").hidden = false;
     byId("best").textContent = `Your best: ${this.bestWords()}`;
-    this.tell(this.shown);
+    this.report(this.shown);
   }
 
   // From one cycle to all of them, by their ends, when only what drifts is seen to move; and again.
   repeat() {
     this.clock.seek(this.shown < this.result.cycles ? this.shown : 0);
-    const done = () => this.tell(this.result.cycles);
+    const done = () => this.report(this.result.cycles);
     if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) {
       this.clock.seek(this.result.cycles);
       done();
@@ -666,7 +675,7 @@ export class Own {
 
   // Back to the study, with something to say or with its own sentence.
   leave(words) {
-    this.put();
+    this.endGesture();
     this.stand(0, 0);
     Object.assign(this, { state: "study", points: null });
     document.body.classList.remove("own");
@@ -679,8 +688,8 @@ export class Own {
   // A loop of this kind through the hand, in the plane that faces the camera: the largest that the
   // arms can follow.
   preset(kind) {
-    this.put();
-    this.take(0, null, null, this.led);
+    this.endGesture();
+    this.grab(0, null, null, this.led);
     const { size } = this.chain;
     const home = this.chain.homes[this.led];
     const start = { hand: this.lead.hand, qs: this.lead.qs, worst: this.lead.worst };
@@ -688,7 +697,7 @@ export class Own {
       for (let turn = 0; turn < 8; turn++) {
         const points = this.placed(FORMS[kind], wide, (turn * Math.PI) / 4);
         if (this.walk({ ...start }, [...points, home]).refusal) continue;
-        this.put();
+        this.endGesture();
         this.follow(kept([home, ...points, home], home), 1);
         return;
       }
@@ -713,7 +722,7 @@ export class Own {
   // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
   open({ points, hand = 0, mirrored = false, elbow = 0, level = 0 }) {
     const { chain, laws } = this;
-    this.put();
+    this.endGesture();
     this.led = Math.min(hand, chain.frames.length - 1);
     this.mirrored = mirrored && chain.frames.length > 1;
     chain.led = this.led;
@@ -739,7 +748,7 @@ export class Own {
   }
 
   // What the address keeps of all this.
-  wish() {
+  addressParts() {
     const { points, led, mirrored, elbowAt, level } = this;
     if (this.state !== "own") return [];
     const number = (v) => Number(v.toFixed(4));
@@ -842,7 +851,7 @@ const LONGEST_WORDS = {
 };
 
 // The largest joint speed of a control for a hand that moves by 1 m/s along an axis, at q.
-function quickest(law, q) {
+function maxJointSpeed(law, q) {
   const { n, m, frames } = law.chain;
   const rates = frames.flatMap(({ rows, row }) =>
     rows.slice(0, 3).map((_, axis) => {

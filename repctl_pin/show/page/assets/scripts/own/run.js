@@ -20,14 +20,14 @@ export function computed(laws, arms, paths, wanted) {
   const { perCycle } = motions[0];
   motions.forEach((motion, k) => {
     motion.last = criticalRow(laws[k], motion, fine);
-    if (motion.last !== null) standStill(motion, chain.n, wanted);
+    if (motion.last !== null) stopMotion(motion, chain.n, wanted);
   });
   // as many cycles as one arm completes
   const done = ({ last }) => (last === null ? wanted : Math.ceil((last + 1) / perCycle));
   const cycles = Math.max(...motions.map(done));
   // so much slower that all rates of cycle 1 are allowed
   const kept = motions.filter(({ last }) => last === null || last >= perCycle);
-  const slower = Math.max(1, ...kept.map(({ V }) => busiest(chain, V, perCycle)));
+  const slower = Math.max(1, ...kept.map(({ V }) => maxRateShare(chain, V, perCycle)));
   for (const { V } of motions) for (let i = 0; i < V.length; i++) V[i] /= slower;
   const F = Math.min(SAMPLES, perCycle + 1);
   const rows = evenly(F, perCycle);
@@ -87,17 +87,17 @@ function handOff(chain, Q, q) {
 }
 
 // Leave a motion where it is from its last row on.
-function standStill({ Q, V, perCycle, last }, n, cycles) {
+function stopMotion({ Q, V, perCycle, last }, n, cycles) {
   for (let row = last + 1; row <= cycles * perCycle; row++)
     Q.copyWithin(row * n, last * n, (last + 1) * n);
   V.fill(0, last * n);
 }
 
 // The largest share of a rate's limit in cycle 1.
-function busiest(chain, V, steps) {
+function maxRateShare(chain, V, steps) {
   let most = 0;
   for (let row = 0; row < steps; row++)
-    most = Math.max(most, chain.hurried(V.subarray(row * chain.n, (row + 1) * chain.n)).share);
+    most = Math.max(most, chain.fastestJoint(V.subarray(row * chain.n, (row + 1) * chain.n)).share);
   return most;
 }
 
@@ -111,7 +111,7 @@ function runOf(law, arm, { Q, V, perCycle, margin, last }, rows, cycles) {
   // the bodies, the hands, the elbows and the mark at each sample
   const broken =
     last === null
-      ? firstBroken(chain, Q, V, perCycle, cycles)
+      ? firstViolation(chain, Q, V, perCycle, cycles)
       : lostAt(chain, at(last), last, perCycle);
   const lost = last === null ? Infinity : last / perCycle;
   const data = { ...arm.study.run.data, broken, lost };
@@ -259,11 +259,11 @@ function offAt(arm, i, chain) {
 }
 
 // The first limit that a motion breaks, of a position or of a rate.
-function firstBroken(chain, Q, V, perCycle, cycles) {
+function firstViolation(chain, Q, V, perCycle, cycles) {
   const { n, names } = chain;
   for (let row = 0; row <= cycles * perCycle; row++) {
     const { joint, margin } = chain.nearest(Q.subarray(row * n, (row + 1) * n));
-    const fast = chain.hurried(V.subarray(row * n, (row + 1) * n));
+    const fast = chain.fastestJoint(V.subarray(row * n, (row + 1) * n));
     const at = row / perCycle;
     const cycle = Math.min(Math.floor(at) + 1, cycles);
     if (margin < -1e-9)

@@ -1,6 +1,6 @@
 // What is said of a visitor's loop: as show/text/headline.py says it of a study.
 
-import { inMetres, inWords } from "../numbers.js";
+import { formatLength, formatNumber } from "../numbers.js";
 
 const SMALL = 0.01; // m, below which a part has hardly drifted
 const BACK = 1e-4; // m, below which it is back
@@ -38,8 +38,8 @@ export function answer(chain, arms, { runs }, cycles, shape) {
 function lostWords({ data }, { cycle }, { whose }) {
   return [
     [
-      `${capital(data.under)} comes close to a singularity in cycle ${cycle} of ${whose}, at the ` +
-        "red mark: its drift cannot be computed reliably from there.",
+      `${capitalized(data.under)} comes close to a singularity in cycle ${cycle} of ${whose}, at ` +
+        "the red mark: its drift cannot be computed reliably from there.",
       "bad",
     ],
     [" "],
@@ -58,7 +58,7 @@ function comparison(context, { encloses, turns, whose }) {
   const sentence = [];
   if (turns && !back)
     sentence.push([
-      `${capital(whose)} winds around the axis of ${chain.axis.name}, ` +
+      `${capitalized(whose)} winds around the axis of ${chain.axis.name}, ` +
         "so it need not close under any control. ",
     ]);
   const hands = HANDS[chain.frames.length] || `all ${chain.frames.length} hands are`;
@@ -68,7 +68,7 @@ function comparison(context, { encloses, turns, whose }) {
     const { off, part } = worst[i];
     const zero = off < BACK;
     const also = zero || part === most.part ? "" : ` (${part})`;
-    return [unbroken(`${inMetres(off)}${zero && i ? "" : unit}${also}`), toneOf(off)];
+    return [unbroken(`${formatLength(off)}${zero && i ? "" : unit}${also}`), toneOf(off)];
   };
   if (back && !encloses)
     sentence.push(
@@ -80,13 +80,13 @@ function comparison(context, { encloses, turns, whose }) {
     sentence.push([`So is every part of the ${armWord(chain)}: `], ["0", "good"], [" off."]);
   else if (most.off >= SMALL) {
     const offs = listed((i) => value(i, " off"));
-    sentence.push([`${capital(partWords(most.part))} is not: `], ...offs, ["."]);
+    sentence.push([`${capitalized(partWords(most.part))} is not: `], ...offs, ["."]);
   } else if (Math.max(...joints) >= TURNED) {
     const angles = listed((i) => angleWords(joints[i]));
     sentence.push([`The joint ${mostTurned(chain, runs, k)} is not: `], ...angles, ["."]);
   } else {
     const offs = listed((i) => value(i, ""));
-    sentence.push([`${capital(partWords(most.part))} has hardly drifted: `], ...offs, ["."]);
+    sentence.push([`${capitalized(partWords(most.part))} has hardly drifted: `], ...offs, ["."]);
   }
   sentence.push(...othersOf(chain, arms, runs, k));
   return { sentence, part: most.part };
@@ -102,7 +102,7 @@ function partWords(part) {
 }
 
 function angleWords(angle) {
-  const words = angle < 1e-5 ? "0" : `${inWords(Number(angle.toPrecision(2)))}\u00a0rad`;
+  const words = angle < 1e-5 ? "0" : `${formatNumber(Number(angle.toPrecision(2)))}\u00a0rad`;
   return [words, angle >= TURNED ? "bad" : "good"];
 }
 
@@ -135,14 +135,14 @@ function othersOf({ ends }, arms, runs, k) {
     [one ? ` Under ${moved[0].data.under} ` : " "],
     ...away.flatMap((end, i) => [
       [named(end, i)],
-      [unbroken(`${inMetres(end.off)}${i ? "" : " off"}`), "bad"],
+      [unbroken(`${formatLength(end.off)}${i ? "" : " off"}`), "bad"],
     ]),
     ["."],
   ];
 }
 
 const toneOf = (off) => (off < BACK ? "good" : off >= SMALL ? "bad" : "");
-const capital = (words) => words[0].toUpperCase() + words.slice(1);
+const capitalized = (words) => words[0].toUpperCase() + words.slice(1);
 
 // The most displaced part of an arm, and its displacement.
 function mostOff(chain, arm, off) {
