@@ -155,9 +155,9 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
     for module, name, value in (
         ("design.singularity_search", "_STARTS", 4),
         ("design.singularity_search", "_CORNERS", 32),
-        ("motion.fitting_circle", "follow", briefly),
+        ("motion.fitting_circle", "followed", briefly),
         ("motion.solve_ik", "_POINTS", 12),
-        ("studies.choose_start", "follow", briefly),
+        ("studies.choose_start", "followed", briefly),
         ("studies.around_motion", "FitOptions", few),
     ):
         monkeypatch.setattr(import_module(package + module), name, value)
