@@ -122,8 +122,14 @@ def _add_size(parser: Parser) -> None:
         "or nearest to --at; if it fits nowhere, the largest box of this shape",
     )
     for name, where in (("down", "down"), ("forward", "along x of the base")):
-        text = f"orientation with the tool's z axis {where}; without --size, the largest sector"
+        text = f"orientation with the approach axis {where}; without --size, the largest sector"
         add(f"--{name}", action="store_true", help=text)
+    add(
+        "--approach",
+        metavar="AXIS",
+        help="approach axis of the tool's frame: x, y, z, -x, -y or -z (default: found from the "
+        "last joint and the fingers)",
+    )
     add("--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees")
     add(
         "--map",
@@ -233,8 +239,8 @@ def run(options: Options) -> int:
     if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
         notes.insert(0, f"--shrink: {sizes}")
-    if asked.note:
-        notes.insert(0, asked.note)
+    if asked.placed:
+        notes = [*asked.placed, *notes]
     elif options.start is None:
         notes.append(f"the start is {asked.start_is}")
 
@@ -291,8 +297,8 @@ class _Asked(NamedTuple):
         Description of the start: ``as given``, ``the reference pose``.
     crowded : bool
         True if the cell fits from no default start.
-    note : str
-        Where the cell was placed, and why no larger one.
+    placed : tuple of str
+        Where the cell was placed, why no larger one, and the approach axis of the tool.
     place : BestCell or None
         The place of ``--size``.
     """
@@ -301,7 +307,7 @@ class _Asked(NamedTuple):
     posture: Any
     start_is: str
     crowded: bool
-    note: str = ""
+    placed: tuple[str, ...] = ()
     place: rp.BestCell | None = None
 
 
@@ -368,6 +374,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         task,
         None if options.size is None else _numbers(options.size, "--size"),
         orientation=orientation,
+        approach=options.approach,
         yaw=float(np.radians(options.yaw)),
         at=at,
         seed=options.seed,
@@ -379,7 +386,8 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         note = "the largest sector that was found"
         if place.table.locked is not None:
             note += f"; {place.table.locked}"
-        return _Asked(cell, place.posture, "searched for the sector", False, note, place)
+        notes = (note, *_approach_note(place))
+        return _Asked(cell, place.posture, "searched for the sector", False, notes, place)
     posture: Any = place.posture
     if options.half_angle != "0":
         angle = _numbers(options.half_angle, "--half-angle")
@@ -388,7 +396,16 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     if place.factor < 1:
         share = f"{100 * place.factor:.0f} % of the size that was asked for"
         note += f"; {share}, because at full size, {place.reason}"
-    return _Asked(cell, posture, "searched for the cell", False, note, place)
+    notes = (note, *_approach_note(place))
+    return _Asked(cell, posture, "searched for the cell", False, notes, place)
+
+
+def _approach_note(place: rp.BestCell) -> list[str]:
+    """Write which axis of the frame was taken for the approach axis; empty if none was needed."""
+    if place.approach is None:
+        return []
+    remedy = "" if place.approach.why == "as given" else " (--approach gives another)"
+    return [f"the approach axis of the tool is {place.approach}{remedy}"]
 
 
 def _oriented_task(options: Options) -> rp.Task:
@@ -462,7 +479,7 @@ def _require_one_shape(options: Options) -> None:
                 raise InputError(f"{name} requires {needed_one}")
     turned = next(filter(given, _ORIENTATIONS), "")
     if not turned and not given("--size"):
-        for name in filter(given, ("--yaw", *_OF_THE_TABLE)):
+        for name in filter(given, ("--yaw", "--approach", *_OF_THE_TABLE)):
             raise InputError(f"{name} requires --down, --forward or --rpy")
     if turned and not given("--size"):
         for name in filter(given, _NOT_OF_THE_TABLE):

@@ -7,7 +7,7 @@ of a box to its corners. A box fits in a place if this succeeds.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
 from ..place.posture_search import Candidate, chosen, judged, searched
+from .approach import Approach, approach_axis, with_approach
 from .whole_table import WholeTable, whole_table
 
 if TYPE_CHECKING:
@@ -56,7 +57,8 @@ _TOOL = {
     "forward": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
     "up": np.eye(3),
 }
-"""Rotations of the tool whose z axis points down, forward (along x of the base), or up."""
+"""Rotations of the tool whose approach axis, z of its frame, points down, forward (along x of the
+base), or up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,9 @@ class BestCell:
     table : WholeTable or None
         Without a size: the function over the sector, ``table.design``; the best arm with locked
         joints, ``table.locked``; and what the arm reaches.
+    approach : Approach or None
+        Approach axis of the tool, which ``orientation`` refers to; None if it was not used. If it
+        is not z, the task of ``cell`` has a frame that is turned such that z is along it.
 
     Examples
     --------
@@ -95,6 +100,7 @@ class BestCell:
     margin: float
     reason: str
     table: WholeTable | None = None
+    approach: Approach | None = None
 
     def figure(self, progress: bool | Report = False) -> Figure:
         """Draw a map of the workspace: where a box of the size asked for works, and its price.
@@ -134,6 +140,7 @@ def best_cell(
     size: ArrayLike | None = None,
     *,
     orientation: str | ArrayLike | None = None,
+    approach: str | None = None,
     yaw: float = 0.0,
     at: ArrayLike | None = None,
     heights: tuple[float, float] = (-np.inf, np.inf),
@@ -167,8 +174,13 @@ def best_cell(
         Edges of the box, m: one number, or one per position that the task commands; by default the
         largest sector.
     orientation : str or (3, 3) array, optional
-        Direction of the tool's z axis, ``"down"``, ``"forward"`` (along x of the base) or
-        ``"up"``; or a rotation matrix. By default, the orientation at the task's reference.
+        Direction of the tool's approach axis, ``"down"``, ``"forward"`` (along x of the base) or
+        ``"up"``; or the rotation matrix of the frame. By default, the orientation at the task's
+        reference.
+    approach : str, optional
+        Approach axis of the frame: ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``. By
+        default, it is found from the axis of the last joint and the fingers if ``orientation`` is a
+        word, and is z otherwise. An axis task then commands this axis.
     yaw
         Angle by which the tool is then turned about the base's z axis, rad.
     at : (3,) array, optional
@@ -205,14 +217,13 @@ def best_cell(
             f"{task!r} is not redundant: with r = {task.r} the pose determines the joints",
             remedy="use another kind of task",
         )
+    approached, task, R = _oriented(task, orientation, approach, yaw)
     if size is None:
-        return _whole(
-            task, _rotation(task, orientation, yaw), at, heights, most_extra, seed, progress
-        )
+        place = _whole(task, R, at, heights, most_extra, seed, progress)
+        return replace(place, approach=approached)
     edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
-    R = _rotation(task, orientation, yaw)
     near_to = None if at is None else vector(at, 3, "at", "m")
     place = pin.SE3(R, task.placement(task.reference).translation)
     box = Cell(task, place, edges / 2)
@@ -231,7 +242,7 @@ def best_cell(
     cell, posture, q = best
     factor = float(cell.widths.max() / box.widths.max())
     reason = "" if factor == 1 else _obstruction(cell.scaled(1 / factor), q)
-    return BestCell(cell, posture.q, factor, posture.margin, reason)
+    return BestCell(cell, posture.q, factor, posture.margin, reason, approach=approached)
 
 
 def _whole(
@@ -280,32 +291,38 @@ def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
     return low, high
 
 
-def _rotation(task: Task, orientation: Any, yaw: float) -> Array:
-    """Make the rotation of the tool (3, 3), in base axes, from a word or a matrix, and the yaw.
+def _oriented(
+    task: Task, orientation: Any, approach: Any, yaw: float
+) -> tuple[Approach | None, Task, Array]:
+    """Make the rotation of the tool (3, 3), in base axes, and the task whose z axis is its approach.
 
     ``orientation`` is "down", "forward", "up", a rotation matrix, or None for that at the task's
     reference. ``yaw`` is a further rotation about the base's z axis, rad. An InputError is raised
-    for anything else, or if the task leaves the rotation free.
+    for anything else, or if the task leaves the rotation free. The approach axis is None where it
+    is neither given nor needed.
     """
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, finite(yaw, "yaw"))
+    for name, value in (("orientation", orientation), ("approach", approach)):
+        if value is not None and not task.kind.turns:
+            raise InputError(
+                f": a {task.kind} task leaves the rotation free", argument=name, remedy="omit it"
+            )
+    found = None
+    if approach is not None or isinstance(orientation, str):
+        found = approach_axis(task, approach)
+        task = with_approach(task, found)
     if orientation is None:
-        return turn @ task.placement(task.reference).rotation
-    if not task.kind.turns:
-        raise InputError(
-            f": a {task.kind} task leaves the rotation free",
-            argument="orientation",
-            remedy="omit it",
-        )
+        return found, task, turn @ task.placement(task.reference).rotation
     if isinstance(orientation, str):
         if orientation not in _TOOL:
             raise InputError(
                 f"must be 'down', 'forward', 'up' or a rotation matrix; got {orientation!r}",
                 argument="orientation",
             )
-        return turn @ _TOOL[orientation]
+        return found, task, turn @ _TOOL[orientation]
     (R,) = as_matrices(("the orientation", orientation, "3 3"), exact=True)
     require_rotation(R, "the orientation")
-    return np.asarray(turn @ R)
+    return found, task, turn @ (R if found is None else R @ found.rotation)
 
 
 def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: Report) -> Grown:
