@@ -295,7 +295,9 @@ def test_the_python_runs_and_its_arm_comes_back(monkeypatch: pytest.MonkeyPatch)
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         exec(code, names)
-    drifting, closed = map(float, re.findall(r"^drift (\S+) rad,", out.getvalue(), flags=re.MULTILINE))
+    drifting, closed = map(
+        float, re.findall(r"^drift (\S+) rad,", out.getvalue(), flags=re.MULTILINE)
+    )
     assert drifting > 0.1 and closed < 1e-8
     inverse, q0 = names["design"].inverse, names["q0"]
     xdot = names["path"].twist(0.0)

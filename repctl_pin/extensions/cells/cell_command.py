@@ -278,7 +278,8 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
         remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
         remedy += "another --start"
     else:
-        remedy = f"use --shrink to get a cell of {asked.cell.scaled(error.fits).size()}"
+        size = asked.cell.scaled(error.fits).size()
+        remedy = f"use --shrink to move its sides inward (around the same middle, {size} works)"
     if asked.crowded:
         remedy = f"it fits from none of the default starts; {remedy}"
     return f"{remedy}, or --keep to keep the covered part of this one" if error.partly else remedy

@@ -198,14 +198,12 @@ def nearest_inverse_function(
         if isinstance(found, CellDesign) and (
             found.evaluation.everywhere or (partly and incomplete == "keep")
         ):
-            found = ended_at_bodies(fit, found, [i for i in cell.free if i in cell._removed])
-            return fit.priced(found, q)
+            return fit.priced(ended_at_bodies(fit, found), q)
         failures = found.failures if isinstance(found, CellDesign) else found
         if incomplete == "shrink":
             part = trimmed(fit, cell, q, Required())
             if part is not None:
-                free = [i for i in cell.free if i in cell._removed]
-                return ended_at_bodies(fit, part[2], free)
+                return ended_at_bodies(fit, part.design)
         fits, smaller = _largest(fit, cell, q, quick=incomplete != "shrink")
         if incomplete == "shrink" and smaller is not None:
             return smaller
@@ -332,7 +330,8 @@ def _refusal(
     why = ", and ".join(stop.what for stop in failures) or "its configurations do not fit together"
     ring = round_the_base(cell)
     remedy = (
-        f"use incomplete='shrink' to get a cell of {cell.scaled(fits).size()}"
+        "use incomplete='shrink' to move its sides inward "
+        f"(around the same middle, {cell.scaled(fits).size()} works)"
         if fits > 0
         else "no smaller cell with this middle works either; move it, or give another posture="
     )

@@ -130,7 +130,7 @@ def _separate(box: Cell, found: Grown) -> NDArray[np.bool_]:
     """Test around which middles of a box no bodies collide, there and at its corners: (K,)."""
     K, C, n = found.ends.shape
     Q = np.concatenate([found.Q[:, None], found.ends], axis=1).reshape(-1, n)
-    distances = bodies_of(box.task)._all(Q)[0].reshape(K, C + 1)
+    distances = bodies_of(box.task).distances(Q).reshape(K, C + 1)
     return np.asarray(distances.min(axis=1) >= 0)
 
 

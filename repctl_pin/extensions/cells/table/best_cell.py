@@ -377,7 +377,7 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
     bodies = bodies_of(box.task)
     free: list[int] = []
     for first in range(0, min(len(found.p), _DEPTH * count), count):
-        here = bodies._all(found.Q[first : first + count])[0] >= 0
+        here = bodies.distances(found.Q[first : first + count]) >= 0
         free += [*first + np.flatnonzero(here)]
         if len(free) >= count:
             break
@@ -449,8 +449,8 @@ def _obstruction(cell: Cell, q: Array) -> str:
         return f"on the way to the corner {where}, {joint!r} leaves its limits"
     bodies = bodies_of(task)
     Q = np.array([q, *ends.Q])
-    k = int(np.argmin(bodies._all(Q)[0]))
-    near = bodies._nearest(Q[k])
+    k = int(np.argmin(bodies.distances(Q)))
+    near = bodies.nearest(Q[k])
     place = "in the middle" if k == 0 else f"at the corner {cell.where(corners[k - 1])}"
     if near.distance < 0:
         return f"{place}, {' and '.join(near.links)} collide"

@@ -24,7 +24,7 @@ from ..cell_design import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, covered_share, ended_at_bodies, trimmed
+from ..fit.trimming import Required, covered_share, ended_at_bodies, near_all_round, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.kinematics import placed
@@ -210,7 +210,7 @@ def whole_table(
         keep=True,
     )
     limits = Required(*most_extra, _CLEAR)
-    quick = []
+    quick, collide = [], ""
     for k, one in enumerate(order):
         report(f"posture {k + 1} of {len(order)}", 0.3 + 0.15 * k)
         cell = _sector(table, line, symmetries, found.first[one], found.last[one])
@@ -224,14 +224,19 @@ def whole_table(
         part = trimmed(fit, cell, q, limits)
         if part is None:
             continue
-        cell, q, design = part
-        free = [i for i in cell.free if i in cell._removed]
-        design = ended_at_bodies(fit, design, free, _CLEAR)
+        design = ended_at_bodies(fit, part.design, _CLEAR, sides=True)
+        if design.body_distance < 0:
+            collide = " and ".join(design.evaluation.nearest_bodies)
+            continue
         report("locked joints", 0.95)
         baseline = _best_locked(table, locked, design)
         masks = list(clear.reached)
         return WholeTable(design, baseline, reach, float(area.max() * SPACING**2), masks, table)
-    raise InputError("no function covers a sector at this orientation", remedy="use --size")
+    why = f": {collide} collide" if collide else ""
+    raise InputError(
+        f"no function covers a sector of {task.robot.name} at this orientation{why}",
+        remedy="turn the tool, or use --size",
+    )
 
 
 def _worth(cell: Cell, design: CellDesign | None) -> float:
@@ -316,6 +321,7 @@ def _drawn(
         np.arange(_NEAREST, rho.max() + SPACING, SPACING),
         np.arange(np.ceil(low / SPACING - 1e-9), np.floor(high / SPACING + 1e-9) + 1) * SPACING,
         counted,
+        symmetries[0].joint,
     )
     if len(table.heights) < 2:
         raise InputError(
@@ -394,20 +400,12 @@ def _near(table: Table, on: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
     """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
 
     Where convex hulls are too near, the bodies themselves are tested at one node of nine, because
-    that test takes forty times as long. Surroundings may be in the way at the angle 0 alone, so
-    they are tested at five angles.
+    that test takes forty times as long.
     """
-    task, bodies = table.task, bodies_of(table.task)
-    hulls = np.flatnonzero(bodies.hull_distances(Q) < _CLEAR)
+    hulls = np.flatnonzero(bodies_of(table.task).hull_distances(Q) < _CLEAR)
     _, first, block = np.unique(on[hulls] // 3, axis=0, return_index=True, return_inverse=True)
-    some = hulls[first]
-    near = bodies.distances(Q[some]) < _CLEAR
-    if task.robot.surroundings is not None:
-        around = np.eye(task.n)[np.flatnonzero(~table.counted)[0]]
-        for turn in (0.9, -0.9, 1.8, -1.8):
-            near[near] = bodies.distances(Q[some[near]] + turn * around) < _CLEAR
     found = np.zeros(len(Q), bool)
-    found[hulls] = near[block.ravel()]
+    found[hulls] = near_all_round(table.task, Q[hulls[first]], _CLEAR, table.joint)[block.ravel()]
     return found
 
 
