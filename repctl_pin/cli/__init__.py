@@ -148,8 +148,8 @@ def _join_values(arguments: list[str]) -> list[str]:
     """Rewrite two forms of arguments that argparse would misread; return the arguments to parse.
 
     ``--start -0.1,0.2`` becomes one word with ``=``, because the value looks like an option;
-    likewise ``--approach -x`` and others. ``--best-leaf`` before a saved design becomes ``--best-leaf=limits``, because
-    the design would be taken for the option's value.
+    likewise ``--approach -x`` and others. ``--best-leaf`` before a saved design becomes
+    ``--best-leaf=limits``, because the design would be taken for the option's value.
     """
     joined: list[str] = []
     for argument in arguments:

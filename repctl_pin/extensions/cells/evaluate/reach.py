@@ -180,9 +180,9 @@ class Grown(NamedTuple):
     steps : (K,) array
         Number of steps by which the box grew; :data:`STEPS` is its own size.
     margin : (K,) array
-        Smallest limit margin on the ways to its corners, rad or m.
+        Smallest limit margin on the ways to its corners and edges, rad or m.
     ends : (K, C, n) array
-        Configurations at the corners and face centres of the box of that size.
+        Configurations at the corners, edge middles and face centres of the box of that size.
     """
 
     p: NDArray[Any]
@@ -210,8 +210,8 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
     """Let a box grow around positions p (K, 3), m, to find how much of it the arm reaches there.
 
     The middles are solved for from configurations Q (K, n). Positions that are not reached inside
-    the joint limits are left out. J⁺ leads from each middle straight to all corners and face
-    centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one of them
+    the joint limits are left out. J⁺ leads from each middle straight to all corners, edge
+    middles and face centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one of them
     is not reached or is singular, or one joint leaves its limits.
     """
     task, n = box.task, box.task.n
@@ -219,7 +219,7 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
     Q, left = reached(box, p, R_middle, Q, inward=True, iterations=40)
     inside = (left < EXACT) & (task.limit_margin(Q).min(axis=1) > 0)
     p, Q = p[inside], Q[inside]
-    corners, R = box.placements(box.corners())
+    corners, R = box.placements(box.rim())
     offsets, C = corners - box.placement.translation, len(corners)
     near = _NEAR * np.linalg.norm(offsets, axis=1).max() / STEPS
     steps, margin = np.zeros(len(p), int), np.full(len(p), np.inf)

@@ -141,7 +141,7 @@ def _extra_speed(box: Cell, found: Grown) -> Array:
     there are compared with J⁺; to design a function for each place of the map would take too long.
     """
     K, C, n = found.ends.shape
-    U = np.concatenate([np.zeros((1, box.k)), box.corners()])
+    U = np.concatenate([np.zeros((1, box.k)), box.rim()])
     monomials = Monomials(box.k, 2)
     T = monomials.values(U)
     nodes = np.concatenate([found.Q[:, None], found.ends], axis=1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,11 +22,14 @@ from ....model.chain_formulas import require_rotation
 from ....model.several_frames import one_frame
 from ....model.task import Task, require_task
 from ....strategies import Pseudoinverse
+from ..cell_design import CellDesign
+from ..evaluate.failures import FailureReason
 from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
+from ..fit.cell_fit import CellFit
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
-from ..place.posture_search import Candidate, chosen, judged, searched
+from ..place.posture_search import Candidate, judged, searched
 from .approach import Approach, approach_axis, with_approach
 from .whole_table import WholeTable, whole_table
 
@@ -49,8 +52,13 @@ _TRIED, _ALIKE = 12, 0.3
 """Number of middles with different joints, and at different places, around which boxes are judged;
 and difference of the joints, rad or m, below which two middles are alike."""
 
-_ENOUGH = 0.3
-"""Limit margin, rad or m, above which a larger one is no longer an advantage."""
+_ENOUGH, _APART, _MARGIN = 0.3, 0.02, 0.05
+"""Limit margin, rad or m, and body distance, m, above which larger ones are no longer an advantage;
+and the limit margin that designs keep where possible."""
+
+_JUDGED, _CONFIRMED, _HELD_OUT = 3, 2, 2048
+"""Numbers of places at which designs of one size are compared, and of designs of full accuracy per
+size; and of their held-out poses."""
 
 _TOOL = {
     "down": np.diag([1.0, -1.0, -1.0]),
@@ -157,14 +165,14 @@ def best_cell(
     where a function fails, costs too much or bodies come nearer than 5 mm. The best one is
     returned.
 
-    A box fits if J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in its
-    middle along straight ways to all corners, inside the joint limits, and no bodies collide in the
-    middle and at the corners. The middles that are tried are random configurations, turned to the
+    A box fits if one function covers it, inside the joint limits, and no bodies collide: a design
+    confirms it. Before, J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in
+    its middle along straight ways to all corners and edges. The middles that are tried are random configurations, turned to the
     orientation, and others beside the best of them. The largest box is taken. Among equal ones,
     those above z = 0 of the base come first, then those with the largest limit margin, up to 0.3
-    rad or m, then those with the shortest ways; with ``at``, the nearest one. Boxes shrink by
-    tenths of the size. The function over the box is then designed by
-    :func:`nearest_inverse_function`.
+    rad or m, then those with the shortest ways; with ``at``, the nearest ones. Of these, the one is
+    taken whose function has the best margins, body distance and joint speed. Boxes shrink by tenths
+    of the size. The function over the box is designed by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -227,22 +235,24 @@ def best_cell(
     near_to = None if at is None else vector(at, 3, "at", "m")
     place = pin.SE3(R, task.placement(task.reference).translation)
     box = Cell(task, place, edges / 2)
-    rng = np.random.default_rng(as_int(seed, "seed", 0))
+    seed = as_int(seed, "seed", 0)
+    rng = np.random.default_rng(seed)
     with reporter(progress) as report:
         report("looking for places", 0.0)
         found = _candidates(box, near_to, rng, report)
         report("searching for postures", 0.8)
-        best = _fitted(box, found)
+        best = _fitted(box, found, seed)
     if best is None:
         why = _obstruction(_box_at(box, found.p[0]), found.Q[0])
         raise InputError(
-            f"no box of this shape fits in this orientation: {why}",
+            f"no box of this shape fits in this orientation: {why or 'no function covers one'}",
             remedy="turn the tool, or use another kind of task",
         )
-    cell, posture, q = best
+    cell, own, reason = best
     factor = float(cell.widths.max() / box.widths.max())
-    reason = "" if factor == 1 else _obstruction(cell.scaled(1 / factor), q)
-    return BestCell(cell, posture.q, factor, posture.margin, reason, approach=approached)
+    if factor < 1:
+        reason = _obstruction(cell.scaled(1 / factor), own.q) or reason
+    return BestCell(cell, own.q, factor, own.margin, reason * (factor < 1), approach=approached)
 
 
 def _whole(
@@ -294,7 +304,7 @@ def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
 def _oriented(
     task: Task, orientation: Any, approach: Any, yaw: float
 ) -> tuple[Approach | None, Task, Array]:
-    """Make the rotation of the tool (3, 3), in base axes, and the task whose z axis is its approach.
+    """Make the rotation of the tool (3, 3), in base axes, and the task with z as approach axis.
 
     ``orientation`` is "down", "forward", "up", a rotation matrix, or None for that at the task's
     reference. ``yaw`` is a further rotation about the base's z axis, rad. An InputError is raised
@@ -384,36 +394,98 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
     return rows_of(found, free[:count] or [0])
 
 
-def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
-    """Choose the middle around which the largest box fits, without collisions; None if none fits.
+class _Fitting(NamedTuple):
+    """Box of which the design of one function says that it is covered.
 
-    Return the box there, the best posture in its middle, and the configuration (n,) with which the
-    middle was found, from which J⁺ can show what stops a larger box.
+    Attributes
+    ----------
+    cell : Cell
+        The box.
+    own : Candidate
+        Posture in its middle.
+    reason : str
+        Why no function covers a larger box; empty if none was tried.
+    """
+
+    cell: Cell
+    own: Candidate
+    reason: str
+
+
+def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
+    """Choose the middle around which the largest box fits, and a posture there; None if none fits.
+
+    Among equal boxes, quick designs of postures that differ show which has the best margins and the
+    lowest joint speed. A design of full accuracy confirms that one function covers the box.
     """
     task, desired = box.task, Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
-    best: tuple[Cell, Candidate, Array] | None = None
-    size = 0
     unlike = unlike_rows(free.Q, _ALIKE, _TRIED)
-    for k in [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]:
-        low, high, middle = size, int(free.steps[k]), free.steps[k]
-        while low < high:  # the box grows beyond ``low`` steps, and not beyond ``high``
-            cell = _box_at(box, free.p[k], middle / STEPS)
-            own = judged(desired, cell, free.Q[k][None])[0]
-            if _fits(own):
-                best, size, low = (cell, own, free.Q[k]), middle, middle
-            else:
-                high = middle - 1
-            middle = (low + high + 1) // 2
-    if best is None:
-        return None
-    cell, own, q = best
-    candidates = [own]
-    with suppress(InputError):  # it draws other configurations, which may all fail
-        candidates += [
-            c for c in searched(desired, cell) if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
+    rows = [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]
+    largest = [_largest_steps(desired, box, free, k) for k in dict.fromkeys(rows)]
+    rows = list(dict.fromkeys(rows))
+    fit = CellFit(
+        desired,
+        "auto",
+        limit_margin=_MARGIN,
+        body_distance=0.0,
+        sigma_min=0.0,
+        samples=None,
+        held_out=_HELD_OUT,
+        seed=seed,
+        keep=False,
+    )
+    reason = ""
+    for size in range(max(largest), 0, -1):
+        places = [k for k, most in zip(rows, largest, strict=True) if most >= size][:_JUDGED]
+        cells = [_box_at(box, free.p[k], size / STEPS) for k in places]
+        tried = [
+            (c, judged(desired, c, free.Q[k][None])[0]) for c, k in zip(cells, places, strict=True)
         ]
-    return cell, chosen(candidates, task.reference), q
+        if cells:
+            with suppress(InputError):  # it draws other configurations, which may all fail
+                tried += [(cells[0], c) for c in searched(desired, cells[0])[:_JUDGED] if _fits(c)]
+        quick = [(fit.design(cell, own.q, quick=True), cell, own) for cell, own in tried]
+        quick.sort(key=lambda part: -_worth(part[0]))
+        good = sum(_worth(guess) > 0 for guess, *_ in quick)
+        for guess, cell, own in quick[: max(1, min(good, _CONFIRMED))]:
+            design = fit.design(cell, own.q, guess=guess)
+            if isinstance(design, CellDesign) and _worth(design) > 0:
+                return _Fitting(cell, own, reason)
+            reason = reason or _said(design)
+    return None
+
+
+def _largest_steps(desired: Pseudoinverse, box: Cell, found: Grown, k: int) -> int:
+    """Find the largest number of steps by which a box grows around a middle k, and still fits."""
+    low, high = 0, int(found.steps[k])
+    middle = high
+    while low < high:
+        cell = _box_at(box, found.p[k], middle / STEPS)
+        if _fits(judged(desired, cell, found.Q[k][None])[0]):
+            low = middle
+        else:
+            high = middle - 1
+        middle = (low + high + 1) // 2
+    return low
+
+
+def _worth(design: object) -> float:
+    """Evaluate a design by its margins, up to what is of use, and joint speed; 0 if it fails.
+
+    It fails if it does not cover the box, or if bodies collide.
+    """
+    if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
+        return 0.0
+    apart = min(design.body_distance / _APART, 1.0)
+    inside = min(design.limit_margin_worst / _ENOUGH, 1.0)
+    return max(apart, 0.0) * (0.1 + inside) / (1 + 10 * design.extra_speed)
+
+
+def _said(design: CellDesign | tuple[FailureReason, ...]) -> str:
+    """Write why no function covers a box, from a design that fails or its reasons."""
+    failures = design.failures if isinstance(design, CellDesign) else design
+    return max(failures, key=lambda stop: stop.share).what if failures else ""
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
@@ -431,7 +503,7 @@ def _obstruction(cell: Cell, q: Array) -> str:
     """Write what keeps J⁺ from the corners of a cell, from a configuration q (n,) in its middle.
 
     The text completes an error message: a corner out of reach or behind a singularity, a joint that
-    leaves its limits, or two bodies that collide.
+    leaves its limits, or two bodies that collide. It is empty if nothing does.
     """
     task, corners = cell.task, cell.corners()
     ends = rays(Pseudoinverse(task), cell, q, corners, steps=16)
@@ -454,4 +526,4 @@ def _obstruction(cell: Cell, q: Array) -> str:
     place = "in the middle" if k == 0 else f"at the corner {cell.where(corners[k - 1])}"
     if near.distance < 0:
         return f"{place}, {' and '.join(near.links)} collide"
-    return "another posture in the middle is needed, which the search did not find"
+    return ""
