@@ -387,6 +387,9 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         note = "the largest sector that was found"
         if place.table.locked is not None:
             note += f"; {place.table.locked}"
+        if place.table.larger is not None:
+            one, area = place.table.larger, place.table.area
+            note += f"; a larger sector, {one.area:.2f} m² in place of {area:.2f}, has {one}"
         notes = (note, *_approach_note(place))
         return _Asked(cell, place.posture, "searched for the sector", False, notes, place)
     posture: Any = place.posture

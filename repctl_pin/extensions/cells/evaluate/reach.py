@@ -210,9 +210,9 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
     """Let a box grow around positions p (K, 3), m, to find how much of it the arm reaches there.
 
     The middles are solved for from configurations Q (K, n). Positions that are not reached inside
-    the joint limits are left out. J⁺ leads from each middle straight to all corners, edge
-    middles and face centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one of them
-    is not reached or is singular, or one joint leaves its limits.
+    the joint limits are left out. J⁺ leads from each middle straight to all corners, edge middles
+    and face centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one
+    of them is not reached or is singular, or one joint leaves its limits.
     """
     task, n = box.task, box.task.n
     R_middle = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))

@@ -167,12 +167,13 @@ def best_cell(
 
     A box fits if one function covers it, inside the joint limits, and no bodies collide: a design
     confirms it. Before, J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in
-    its middle along straight ways to all corners and edges. The middles that are tried are random configurations, turned to the
-    orientation, and others beside the best of them. The largest box is taken. Among equal ones,
-    those above z = 0 of the base come first, then those with the largest limit margin, up to 0.3
-    rad or m, then those with the shortest ways; with ``at``, the nearest ones. Of these, the one is
-    taken whose function has the best margins, body distance and joint speed. Boxes shrink by tenths
-    of the size. The function over the box is designed by :func:`nearest_inverse_function`.
+    its middle along straight ways to all corners and edges. The middles that are tried are random
+    configurations, turned to the orientation, and others beside the best of them. The largest box
+    is taken. Among equal ones, those above z = 0 of the base come first, then those with the
+    largest limit margin, up to 0.3 rad or m, then those with the shortest ways; with ``at``, the
+    nearest ones. Of these, the one is taken whose function has the best margins, body distance and
+    joint speed. Boxes shrink by tenths of the size. The function over the box is designed by
+    :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -418,7 +419,7 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
     Among equal boxes, quick designs of postures that differ show which has the best margins and the
     lowest joint speed. A design of full accuracy confirms that one function covers the box.
     """
-    task, desired = box.task, Pseudoinverse(box.task)
+    desired = Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
     unlike = unlike_rows(free.Q, _ALIKE, _TRIED)
     rows = [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]

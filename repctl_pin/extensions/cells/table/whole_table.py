@@ -7,6 +7,7 @@ rectangles in the best of them are the sectors for which functions are designed.
 from __future__ import annotations
 
 from contextlib import suppress
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from ..fit.cell_fit import CellFit
 from ..fit.trimming import Required, covered_share, ended_at_bodies, near_all_round, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
-from ..geometry.kinematics import placed
+from ..geometry.kinematics import joined, placed
 from ..geometry.sector import HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
@@ -49,6 +50,10 @@ _CLEAR = 0.005
 _NEAREST = 0.06
 """Smallest radius of a node, m."""
 
+_SETS, _COMPARED, _ALMOST = 16, 6, 0.02
+"""Numbers of sets of joints that are locked as in the middle of a design, and of arms with locked
+joints that are compared; and the difference of shares below which these are equal."""
+
 _HELD_OUT = 8192
 _SETTLED = 40
 """Newton steps with which a random configuration is brought to a node."""
@@ -67,6 +72,8 @@ class LockedJoints(NamedTuple):
         Share of the sector's radii and heights that it covers, on a grid of 3 cm.
     extra, worst : float
         Extra joint speed relative to J⁺, on average and at the worst node.
+    area : float
+        Area of radius and height of the largest sector that it covers without collision, m².
     """
 
     joints: tuple[str, ...]
@@ -74,6 +81,7 @@ class LockedJoints(NamedTuple):
     share: float
     extra: float
     worst: float
+    area: float
 
     def __str__(self) -> str:
         pairs = zip(self.joints, self.values, strict=True)
@@ -94,7 +102,11 @@ class WholeTable(NamedTuple):
     design : CellDesign
         The function over the sector.
     locked : LockedJoints or None
-        The best arm with locked joints, for comparison.
+        The arm with locked joints that covers most of the sector, within the limits of joint speed
+        if any is; of several, the cheapest.
+    larger : LockedJoints or None
+        An arm with locked joints that covers a larger sector within the limits of joint speed; None
+        if there is none.
     reach, rectangle : float
         Area of radii and heights that any flood reaches, and of the largest rectangle in one, m².
     floods : list of (I, J) arrays of bool
@@ -105,6 +117,7 @@ class WholeTable(NamedTuple):
 
     design: CellDesign
     locked: LockedJoints | None
+    larger: LockedJoints | None
     reach: float
     rectangle: float
     floods: list[NDArray[np.bool_]]
@@ -229,9 +242,10 @@ def whole_table(
             collide = " and ".join(design.evaluation.nearest_bodies)
             continue
         report("locked joints", 0.95)
-        baseline = _best_locked(table, locked, design)
-        masks = list(clear.reached)
-        return WholeTable(design, baseline, reach, float(area.max() * SPACING**2), masks, table)
+        locked = _with_middles(table, locked, design)
+        baselines = [of(table, locked, design, limits) for of in (_best_locked, _larger)]
+        largest = float(area.max() * SPACING**2)
+        return WholeTable(design, *baselines, reach, largest, list(clear.reached), table)
     why = f": {collide} collide" if collide else ""
     raise InputError(
         f"no function covers a sector of {task.robot.name} at this orientation{why}",
@@ -240,7 +254,12 @@ def whole_table(
 
 
 def _worth(cell: Cell, design: CellDesign | None) -> float:
-    """Evaluate a quick design by area, how far round it goes, body distance and joint speed."""
+    """Evaluate a quick design by area, how far round it goes, body distance and joint speed.
+
+    Bodies cost a share of the area later, some 10 % where they are near and 30 % where they collide
+    at φ = 0; a table of half a turn is worth three quarters of a whole one. A place without a quick
+    design comes last but is tried.
+    """
     if design is None:
         return 0.5 * area_of(cell)
     near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < _CLEAR else 1.0
@@ -434,41 +453,95 @@ def _sector(
     return reduced(sector, Pseudoinverse(table.task))
 
 
-def _best_locked(table: Table, locked: _Floods, design: CellDesign) -> LockedJoints | None:
-    """Find the locked floods that cover most of a design's sector, and the cheapest of them."""
-    if not len(locked.Q):
-        return None
+def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
+    """Add floods with joints locked as in the middle of a design, and at 0 from there."""
+    cell, task = design.cell, table.task
+    assert isinstance(cell, Sector), "a table is a sector"
+    sets = list(combinations(np.flatnonzero(table.counted), task.r))[:_SETS]
+    held = np.zeros((2 * len(sets), task.n), bool)
+    for row, joints in zip(held, [*sets, *sets], strict=True):
+        row[list(joints)] = True
+    rho, z = cell.middle
+    at = [np.argmin(np.abs(table.radii - rho)), np.argmin(np.abs(table.heights - z))]
+    nodes = np.tile(np.array(at), (len(held), 1))
+    Q = np.tile(design.posture, (len(held), 1))
+    Q[:, [one.joint for one in design.function.chart.cell.removed]] = 0.0
+    zero = held & (task.lower < 0) & (task.upper > 0)
+    zero[: len(sets)] = False
+    Q, good = table.solved(nodes, np.where(zero, 0.0, Q), held, _SETTLED)
+    more = _Floods(flooded(table, nodes[good], Q[good], held[good]), nodes[good], held[good])
+    return more if not len(locked.Q) else joined([locked, more])
+
+
+def _best_locked(
+    table: Table, locked: _Floods, design: CellDesign, limits: Required
+) -> LockedJoints | None:
+    """Find the locked flood that covers most of a design's sector, within the limits if any is.
+
+    Of those that cover as much, the cheapest is taken.
+    """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
     rho, z = cell.middle
     inside = np.abs(table.radii - rho)[:, None] <= cell.widths[RADIUS] + 1e-9
     inside = inside & (np.abs(table.heights - z)[None] <= cell.widths[HEIGHT] + 1e-9)
-    if not inside.any():
+    share = (locked.reached & inside).sum(axis=(1, 2)) / max(inside.sum(), 1)
+    if not share.any():
         return None
-    task, covered = table.task, locked.reached & inside
-    share = covered.sum(axis=(1, 2)) / inside.sum()
+    prices = np.full((len(share), 2), np.inf)
+    for k in np.flatnonzero(share > share.max() / 2):
+        Q = locked.Q[k][locked.reached[k] & inside]
+        prices[k] = _locked_price(cell, Q, locked.held[k])
+    dear = (prices > [limits.mean, limits.worst]).any(axis=1)
     best: LockedJoints | None = None
-    for one in np.argsort(-share)[:4]:
-        if share[one] < share.max() - 0.05 and best is not None:
+    # those within the limits of joint speed first, then by area, then by price
+    for k in np.lexsort((prices[:, 0], -np.round(share / _ALMOST), dear))[:_COMPARED]:
+        one = _locked_joints(table, locked, int(k), cell, inside)
+        if one is not None and (best is None or one.share > best.share + _ALMOST):
+            best = one
+        if best is not None and best.share > share[k] - _ALMOST:
             break
-        on = np.argwhere(covered[one])
-        if not len(on):
-            continue
-        Q = locked.Q[one, on[:, 0], on[:, 1]]
-        Q = Q[~_near(table, on, Q)]
-        if not len(Q):
-            continue
-        extra, worst = _locked_price(cell, Q, locked.held[one])
-        joints = np.flatnonzero(locked.held[one])
-        names = tuple(task.joint_names[j] for j in joints)
-        row = len(Q) / int(inside.sum()), extra, worst
-        made = LockedJoints(names, tuple(Q[0, joints].tolist()), *row)
-        if best is None or (round(made.share, 1), -made.extra) > (
-            round(best.share, 1),
-            -best.extra,
-        ):
-            best = made
     return best
+
+
+def _larger(
+    table: Table, locked: _Floods, design: CellDesign, limits: Required
+) -> LockedJoints | None:
+    """Find an arm with locked joints that covers a larger sector than a design, at its price."""
+    cell = design.function.chart.cell
+    found = rectangles(locked.reached)
+    for k in np.argsort(-found.area)[:_COMPARED]:
+        if not found.area[k] * SPACING**2 > area_of(design.cell) * (1 + _ALMOST):
+            return None
+        inside = np.zeros(table.shape, bool)
+        (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
+        inside[i:i_end, j:j_end] = True
+        one = _locked_joints(table, locked, int(k), cell, inside)
+        if one is not None and one.extra <= limits.mean and one.worst <= limits.worst:
+            if one.area > area_of(design.cell) * (1 + _ALMOST):
+                return one
+    return None
+
+
+def _locked_joints(
+    table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_]
+) -> LockedJoints | None:
+    """Evaluate the locked flood k on the nodes ``inside`` (I, J), without those with collisions."""
+    task, clear = table.task, locked.reached[k].copy()
+    on = np.argwhere(clear)
+    shut = on[_near(table, on, locked.Q[k][clear])]
+    clear[shut[:, 0], shut[:, 1]] = False
+    Q = locked.Q[k][clear & inside]
+    if not len(Q):
+        return None
+    joints = np.flatnonzero(locked.held[k])
+    return LockedJoints(
+        tuple(task.joint_names[j] for j in joints),
+        tuple(Q[0, joints].tolist()),
+        len(Q) / int(inside.sum()),
+        *_locked_price(cell, Q, locked.held[k]),
+        float(rectangles(clear[None]).area[0] * SPACING**2),
+    )
 
 
 def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
