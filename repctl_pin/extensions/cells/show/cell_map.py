@@ -6,9 +6,11 @@ The price is the extra joint speed of a function that gives one configuration fo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from ....base.arguments import Array, read_only
 from ....base.progress import Report
@@ -83,47 +85,72 @@ def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
     low, high = known.p[:, axes].min(axis=0), known.p[:, axes].max(axis=0)
     step = max(high - low) / (_GRID - 1)
     a, b = (np.arange(x, y + step / 2, step) for x, y in zip(low, high, strict=True))
-    places = np.tile(box.placement.translation, (len(b), len(a), 1))
-    places[..., axes[0]], places[..., axes[1]] = np.meshgrid(a, b)
-    places = places.reshape(-1, 3)
-    share, extra = np.zeros(len(places)), np.full(len(places), np.nan)
-    Q = np.full((len(places), n), np.nan)
-
-    def evaluate(where: NDArray[np.intp], starts: Array) -> None:
-        """Try boxes at the places with indices ``where``, from configurations ``starts`` (L, n).
-
-        Where a larger box is found than before, it replaces the result of the place.
-        """
-        found = grown(box, places[where], starts)
-        if not len(found.p):
-            return
-        column, row = np.rint((found.p[:, axes] - low) / step).astype(int).T
-        price = np.full(len(found.p), np.inf)
-        fits = found.steps == STEPS
-        price[fits] = _extra_speed(box, rows_of(found, fits))
-        best = np.lexsort((price, -found.steps))
-        at, first = np.unique((row * len(a) + column)[best], return_index=True)
-        found, price = rows_of(found, best[first]), price[best[first]]
-        free = _separate(box, found)
-        gained = found.steps / STEPS * free
-        better = gained > share[at]
-        at = at[better]
-        share[at], Q[at] = gained[better], found.Q[better]
-        extra[at] = np.where(gained == 1, price, np.nan)[better]
-
-    every = np.arange(len(places))
-    far = np.linalg.norm(places[:, None] - known.p, axis=2)
+    p = np.tile(box.placement.translation, (len(b), len(a), 1))
+    p[..., axes[0]], p[..., axes[1]] = np.meshgrid(a, b)
+    places = _Places.at(box, p.reshape(-1, 3))
+    # from the nearest configurations that are known
+    every = np.arange(len(places.p))
+    far = np.linalg.norm(places.p[:, None] - known.p, axis=2)
     near = np.argsort(far, axis=1)[:, :_NEAREST]
-    evaluate(every.repeat(near.shape[1]), known.Q[near].reshape(-1, n))
+    places.evaluate(every.repeat(near.shape[1]), known.Q[near].reshape(-1, n))
+    # from those of the neighbours
     for _ in range(_AGAIN):
-        shape = Q.reshape(len(b), len(a), n)
+        shape = places.Q.reshape(len(b), len(a), n)
         wide = np.pad(shape, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
         beside = [wide[:-2, 1:-1], wide[2:, 1:-1], wide[1:-1, :-2], wide[1:-1, 2:]]
         starts = np.stack(beside, axis=2).reshape(-1, 4, n)
-        some = (share < 1)[:, None] & np.isfinite(starts).all(axis=2)
-        evaluate(every[:, None].repeat(4, axis=1)[some], starts[some])
+        some = (places.share < 1)[:, None] & np.isfinite(starts).all(axis=2)
+        places.evaluate(every[:, None].repeat(4, axis=1)[some], starts[some])
     size = (len(b), len(a))
-    return Section(axes, a, b, share.reshape(size), extra.reshape(size))
+    return Section(axes, a, b, places.share.reshape(size), places.extra.reshape(size))
+
+
+class _Places(NamedTuple):
+    """K places of a section, with the largest box found around each so far.
+
+    Attributes
+    ----------
+    box : Cell
+        The box.
+    p, Q : (K, 3) and (K, n) arrays
+        Positions, m, and configurations there; NaN where no box was found.
+    share, extra : (K,) arrays
+        See :class:`Section`.
+    """
+
+    box: Cell
+    p: Array
+    Q: Array
+    share: Array
+    extra: Array
+
+    @classmethod
+    def at(cls, box: Cell, p: Array) -> _Places:
+        """Make the record of places p (K, 3), m, at which no box was tried yet."""
+        K = len(p)
+        return cls(box, p, np.full((K, box.task.n), np.nan), np.zeros(K), np.full(K, np.nan))
+
+    def evaluate(self, where: NDArray[np.intp], starts: Array) -> None:
+        """Try boxes at the places with indices ``where`` (L,), from configurations (L, n).
+
+        Where a larger box is found than before, it replaces the result of the place.
+        """
+        found = grown(self.box, self.p[where], starts)
+        if not len(found.p):
+            return
+        index = cdist(found.p, self.p).argmin(axis=1)
+        price = np.full(len(found.p), np.inf)
+        fits = found.steps == STEPS
+        price[fits] = _extra_speed(self.box, rows_of(found, fits))
+        # the best of each place
+        best = np.lexsort((price, -found.steps))
+        at, first = np.unique(index[best], return_index=True)
+        found, price = rows_of(found, best[first]), price[best[first]]
+        gained = found.steps / STEPS * _separate(self.box, found)
+        better = gained > self.share[at]
+        at = at[better]
+        self.share[at], self.Q[at] = gained[better], found.Q[better]
+        self.extra[at] = np.where(gained == 1, price, np.nan)[better]
 
 
 def _separate(box: Cell, found: Grown) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ from ..geometry.kinematics import joined, placed
 from ..geometry.sector import HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
-from .flood import SPACING, Table, connected, flooded, rectangles
+from .flood import SPACING, Rectangles, Table, connected, flooded, rectangles
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
@@ -156,13 +156,12 @@ class _Floods(NamedTuple):
         """Nodes that each flood reaches, (S, I, J)."""
         return np.isfinite(self.Q[..., 0])
 
-    def middles(self) -> tuple[Array, NDArray[np.intp], Array]:
-        """Return the areas (S,) of the largest rectangles, and nodes and Q in their middles."""
-        found = rectangles(self.reached)
+    def middles(self, found: Rectangles) -> tuple[NDArray[np.intp], Array]:
+        """Return the nodes (S, 2) and configurations (S, n) in the middles of rectangles."""
         nodes = (found.first + found.last) // 2
         empty = found.area == 0
         nodes[empty] = self.nodes[empty]
-        return found.area, nodes, self.Q[np.arange(len(self.Q)), nodes[:, 0], nodes[:, 1]]
+        return nodes, self.Q[np.arange(len(self.Q)), nodes[:, 0], nodes[:, 1]]
 
 
 def whole_table(
@@ -201,15 +200,15 @@ def whole_table(
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
     clear = _clear(table, floods)
-    area, _, postures = clear.middles()
+    found = rectangles(clear.reached)
+    area, postures = found.area, clear.middles(found)[1]
     if not area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
             "at this orientation",
             remedy="turn the tool, or use --size or another kind of task",
         )
-    found = rectangles(clear.reached)
-    order = np.argsort(-area * _turns(table, clear, symmetries))
+    order = np.argsort(-area * _turns(table, clear, found, symmetries))
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     fit = CellFit(
         Pseudoinverse(task),
@@ -268,12 +267,14 @@ def _worth(cell: Cell, design: CellDesign | None) -> float:
     return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
 
 
-def _turns(table: Table, floods: _Floods, symmetries: tuple[Symmetry, ...]) -> Array:
+def _turns(
+    table: Table, floods: _Floods, found: Rectangles, symmetries: tuple[Symmetry, ...]
+) -> Array:
     """Evaluate how far round the largest rectangle of each flood goes: (S,), from 0.5 to 1.
 
     The joint that turns the arm or the tool loses the range by which it differs over the rectangle.
     """
-    found, task, share = rectangles(floods.reached), table.task, np.ones(len(floods.Q))
+    task, share = table.task, np.ones(len(floods.Q))
     for k, flood in enumerate(floods.Q):
         (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
         Q = flood[i:i_end, j:j_end].reshape(-1, task.n)
@@ -388,8 +389,9 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
         distance = np.minimum(distance, np.linalg.norm((Q - Q[kept[-1]])[:, counted], axis=1))
     begin, at = Q[kept], nodes[kept]
     if len(locked.Q):
-        area, middles, postures = locked.middles()
-        order = np.argsort(-area)
+        found = rectangles(locked.reached)
+        middles, postures = locked.middles(found)
+        order = np.argsort(-found.area)
         order = order[unlike_rows(postures[order], _ALIKE, _MIDDLES)]
         begin = np.concatenate([begin, postures[order]])
         at = np.concatenate([at, middles[order]])
@@ -399,8 +401,8 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
 
 def _clear(table: Table, floods: _Floods) -> _Floods:
     """Remove nodes with collisions from the best floods, and what is then no longer connected."""
-    area, _, postures = floods.middles()
-    order = np.argsort(-area)
+    found = rectangles(floods.reached)
+    order, postures = np.argsort(-found.area), floods.middles(found)[1]
     order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
     Q = floods.Q[order].copy()
     for flood in Q:
@@ -410,7 +412,7 @@ def _clear(table: Table, floods: _Floods) -> _Floods:
     nodes, held = floods.nodes[order], floods.held[order]
     clear = _Floods(Q, nodes, held)
     # the part in which the largest rectangle lies
-    _, middles, _ = clear.middles()
+    middles, _ = clear.middles(rectangles(clear.reached))
     Q[~connected(clear.reached, middles)] = np.nan
     return _Floods(Q, middles, held)
 
