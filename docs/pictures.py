@@ -63,6 +63,13 @@ def two_hands() -> str:
     return study_page(study_both(rp.Robot.load("talos"), HANDS))
 
 
+def weld() -> str:
+    """Make the page of a seam on the workpiece of a positioner."""
+    from weld import study_seam
+
+    return study_page(study_seam(1.0, 10))
+
+
 def audit() -> str:
     """Make the page of a pink program, J⁺, and the pink program with a RepeatableTask."""
     from audit_pink import audit as motions
@@ -75,6 +82,7 @@ GALLERY: dict[str, Callable[[], str]] = {
     "my_arm": lambda: one_arm(str(EXAMPLES / "my_arm.urdf")),
     "talos": lambda: one_arm("talos"),
     "two_hands": two_hands,
+    "weld": weld,
     "ppr": lambda: one_arm("ppr", "circle:0.4"),
     "planar7r": lambda: one_arm("planar7r"),
     "audit": audit,

@@ -155,7 +155,7 @@ def run(options: Options) -> int:
         notes.extend(_unproved(design))
     say("comparing and drawing")
     what = f"nearest repeatable inverse of {name}, over a {design.region}"
-    title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
+    title = f"{task.robot.name}, {task.frame_words}, {task.kind}: {what}"
     figure = design_figure(design, design_map(design), degrees, baselines, title=title)
     with written_together(folder) as staged:
         made = [

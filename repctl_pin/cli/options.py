@@ -154,7 +154,7 @@ class Parser(argparse.ArgumentParser):
         self.loading()
 
     def loading(self) -> None:
-        """Add the options for loading a robot: --package-dir, --lock and --base."""
+        """Add the options for loading a robot: --package-dir, --lock, and --base or --on."""
         add = self.add_argument
         add(
             "--package-dir",
@@ -170,8 +170,8 @@ class Parser(argparse.ArgumentParser):
             metavar="JOINT",
             help="hold a joint at the reference pose",
         )
-        base = "link in whose frame x is expressed, treated as fixed"
-        add("--base", metavar="LINK", help=base)
+        base = "link relative to which x is; a workpiece that joints move: --on table"
+        add("--base", "--on", metavar="LINK", help=base)
 
     def surroundings(self) -> None:
         """Add --surroundings, a URDF of the robot's surroundings."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..base.arguments import Array
 from .end_effectors import arm_ends, is_sensor, task_links
+from .mechanism import Mechanism
 from .model import frame_id, frame_placements, path_between
 from .task import Task
 
@@ -68,11 +69,33 @@ def _joint(task: Task, link: str) -> int:
 
 
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
-    """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes.
+    """Compute the origins of links at configurations Q (T, n), relative to the root: (T, L, 3), m.
 
     Displacements of the other end effectors are measured with them.
     """
     robot = task.robot
     ids = [frame_id(robot.model, link) for link in links]
     Q = robot.coupling.joints(task.to_robot(Q))
-    return frame_placements(robot.model, ids, Q, robot.base_id)[:, :, :3, 3]
+    return frame_placements(robot.model, ids, Q)[:, :, :3, 3]
+
+
+def base_placements(robot: Mechanism, Q: Array) -> Array:
+    """Place the robot's base relative to its root, at whole configurations Q (T, N): (T, 4, 4), m.
+
+    Joints may move the base: a workpiece on a turntable. Pictures show the root at rest, so a point
+    x on the workpiece is drawn at ``X_w(q) x``.
+    """
+    if robot.base is None:
+        return np.tile(np.eye(4), (len(Q), 1, 1))
+    return frame_placements(robot.model, [robot.base_id], robot.coupling.joints(Q))[:, 0]
+
+
+def on_base(placements: Array, points: Array) -> Array:
+    """Move points (T, ..., 3), m, that are relative to the base to where the root's frame has them.
+
+    ``placements`` (T, 4, 4) are those of the base, see :func:`base_placements`.
+    """
+    R, p = placements[:, :3, :3], placements[:, :3, 3]
+    flat = points.reshape(len(points), -1, 3)
+    moved = np.einsum("tij,tkj->tki", R, flat) + p[:, None]
+    return np.asarray(moved.reshape(points.shape))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -147,6 +149,22 @@ class Mechanism:
     def base_id(self) -> int:
         """Frame id of ``base`` in the model."""
         return 0 if self.base is None else frame_id(self.model, self.base)
+
+
+_Robot = TypeVar("_Robot", bound=Mechanism)
+
+
+def based(robot: _Robot, base: str | None) -> _Robot:
+    """Return the robot, or a copy that places frames relative to the link ``base``.
+
+    With it a hand can be controlled relative to the other hand, or to a workpiece that moves. None
+    returns the robot itself.
+    """
+    if base is None:
+        return robot
+    own = copy(robot)
+    own.base = base
+    return own
 
 
 def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]) -> Coupling:

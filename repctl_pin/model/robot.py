@@ -18,7 +18,7 @@ from ..base.errors import InputError, UrdfError, unknown
 from .catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from .end_effectors import arm_ends, is_sensor, rank, task_links
 from .kind import Kind, KindName, task_kind
-from .mechanism import Mechanism, couple, limits, pose
+from .mechanism import Mechanism, based, couple, limits, pose
 from .model import frame_id, frame_placements, link_ids, lock_joints, path_between
 from .shapes import find_mesh, named_mesh
 from .task import Task
@@ -218,8 +218,12 @@ class Robot(Mechanism):
         kind: KindName | Kind = "pose",
         *,
         joints: Sequence[str] | None = None,
+        on: str | None = None,
     ) -> Task:
         """Create the task of controlling a frame, or several, with the joints that move them.
+
+        On a workpiece that a turntable, a positioner or another arm carries, the task is the frame
+        relative to it, ``x = X_w(q)⁻¹ X_t(q)``. The joints of the workpiece are joints of the task.
 
         Parameters
         ----------
@@ -232,13 +236,19 @@ class Robot(Mechanism):
             ``position`` (3), ``xy``, ``xz``, ``yz`` (2).
         joints
             Subset of the joints of the chain; the others are locked at the reference pose.
+        on
+            Link of the workpiece, relative to which the frame is controlled; by default the robot's
+            :attr:`base`.
 
         Raises
         ------
         InputError
-            If there is no such frame, kind or joint, or no joint moves the frame; or if several
-            frames are not redundant.
+            If there is no such frame, kind or joint, or no joint moves the frame relative to its
+            base; or if several frames are not redundant.
         """
+        if on is not None:
+            self._frame_id(on)
+            return based(self, on).task(frame, kind, joints=joints)
         if isinstance(frame, (list, tuple)):
             return self._task_of_several(frame, kind, joints)
         name: Any = self.default_frame if frame is None else frame
@@ -255,7 +265,7 @@ class Robot(Mechanism):
         ``kind`` is that of frames without their own; ``joints`` restricts the joints, None uses
         all. InputError is raised for a frame given twice, and for a task that is not redundant.
         """
-        from .several_frames import FrameSpec, SeveralFrames, based  # few robots have two hands
+        from .several_frames import FrameSpec, SeveralFrames  # few robots have two hands
 
         specs: list[FrameSpec] = []
         for given in frames:
@@ -286,8 +296,9 @@ class Robot(Mechanism):
             )
         if not specs:
             raise InputError(": the list of frames is empty", argument="frame")
-        if len(specs) == 1 and specs[0].base is None:
-            return Task(self, specs[0].frame, specs[0].kind, specs[0].joints)
+        if len(specs) == 1:
+            (one,) = specs
+            return Task(based(self, one.base), one.frame, one.kind, one.joints)
         task = SeveralFrames(self, specs)
         if task.r < 1:
             raise InputError(
@@ -403,9 +414,13 @@ class Robot(Mechanism):
     def _beyond_base(self, frame: str) -> bool:
         """Test whether the path from the base to a frame only leads away from the root.
 
-        Only such frames are offered as task frames.
+        Only such frames are offered as task frames; but if the base is the end of its branch, as a
+        workpiece is, those of all other branches.
         """
-        return not path_between(self.model, self.base_id, self._frame_id(frame))[0]
+        base = int(self.model.frames[self.base_id].parentJoint)
+        at_end = self.base is not None and len(self.model.subtrees[base]) == 1
+        up, _ = path_between(self.model, self.base_id, self._frame_id(frame))
+        return bool(self.chain(frame)) if at_end else not up
 
     @property
     def default_frame(self) -> str:

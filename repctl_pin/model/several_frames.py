@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -14,10 +13,8 @@ from ..base.arguments import Array, list_of, shown, vector
 from ..base.errors import InputError
 from .chain_formulas import Placement, Placements, as_placement
 from .kind import Kind
-from .mechanism import Mechanism
+from .mechanism import Mechanism, based
 from .task import Task, _held
-
-_Robot = TypeVar("_Robot", bound=Mechanism)
 
 
 class FrameSpec(NamedTuple):
@@ -209,18 +206,6 @@ class SeveralFrames(Task):
     def __str__(self) -> str:
         note = "; the task falls apart: frames share no joint"
         return f"{super().__str__()}{note * (len(self.groups) > 1)}"
-
-
-def based(robot: _Robot, base: str | None) -> _Robot:
-    """Return the robot, or a copy that places frames relative to the link ``base``.
-
-    With it a hand can be controlled relative to the other hand. None returns the robot itself.
-    """
-    if base is None:
-        return robot
-    own = copy(robot)
-    own.base = base
-    return own
 
 
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:

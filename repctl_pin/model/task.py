@@ -486,8 +486,14 @@ class Task:
         self.__dict__.update(state)
         self._allocate()
 
+    @property
+    def frame_words(self) -> str:
+        """Name of the frame, and of the link relative to which it is controlled, if given."""
+        base = self.robot.base
+        return self.frame if base is None else f"{self.frame} relative to {base}"
+
     def __str__(self) -> str:
-        return f"{self.frame}, {self.kind}: n = {self.n} joints, m = {self.m}, r = {self.r}"
+        return f"{self.frame_words}, {self.kind}: n = {self.n} joints, m = {self.m}, r = {self.r}"
 
     def __repr__(self) -> str:
         size = f"n = {self.n}, m = {self.m}, r = {self.r}"

@@ -73,7 +73,6 @@ class Visuals:
     _frame: NDArray[np.intp] = field(repr=False)  # (S,), frame ids
     _on_frame: Array = field(repr=False)  # (S, 4, 4)
     _coupling: Coupling = field(repr=False)
-    _base: int = field(repr=False)  # frame id
     _robot: Mechanism = field(repr=False)
 
     @classmethod
@@ -102,7 +101,6 @@ class Visuals:
             _frame=np.array(frames, np.intp),
             _on_frame=np.array([M.homogeneous for _, M in placed]).reshape(-1, 4, 4),
             _coupling=robot.coupling,
-            _base=robot.base_id,
             _robot=robot,
         )
 
@@ -116,8 +114,8 @@ class Visuals:
 
         Returns
         -------
-        (T, S, 4, 4) rigid transforms, m, in the frame of the robot's ``base``, as the task's
-        placements are. The scale of a mesh is not included."""
+        (T, S, 4, 4) rigid transforms, m, relative to the robot's root, which stands still although
+        the robot's ``base`` may move. The scale of a mesh is not included."""
         Q = np.ascontiguousarray(Q, dtype=float)
         n = self._coupling.S.shape[1]
         if Q.ndim != 2 or Q.shape[1] != n:
@@ -125,8 +123,7 @@ class Visuals:
                 f"Q has shape {Q.shape}, but this robot has {n} joints; give Q as (T, {n})"
             )
         Q = self._coupling.joints(Q)
-        frames = frame_placements(self._model, self._frame.tolist(), Q, self._base)
-        return frames @ self._on_frame
+        return frame_placements(self._model, self._frame.tolist(), Q) @ self._on_frame
 
     def corners(self, surfaces: Surfaces | None = None) -> list[Array]:
         """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3), m.

@@ -73,7 +73,7 @@ def report_page(
         "report.html",
         style="report.css",
         title=title,
-        caption=f"{study.task.frame}, {study.task.kind} task, {study.path.name}",
+        caption=f"{study.task.frame_words}, {study.task.kind} task, {study.path.name}",
         headline=study_headline(study),
         # the page's own heading is this page's already
         animation=(animation or study_page(study)).replace("<body>", '<body class="inside">', 1),

@@ -177,7 +177,7 @@ class Study:
     def summary(self) -> str:
         """Summarise the problem in one line, and each controller's result in another."""
         cycles = next((row.motion.cycles for row in self.rows if row.motion is not None), 0)
-        task = f"{self.robot.name} {self.task.frame}, {self.task.kind}"
+        task = f"{self.robot.name} {self.task.frame_words}, {self.task.kind}"
         head = f"{task}: {self.path.name}, {cycles} cycles"
         width = max(len(row.label) for row in self.rows)
         return "\n".join(

@@ -133,6 +133,16 @@ def test_two_arms(run: Run) -> None:
     assert creeping > 1 and closed < 1e-10
 
 
+def test_weld(run: Run) -> None:
+    """Under J⁺ the pieces differ by degrees, under the repeatable inverse by rounding."""
+    names, told = run("python examples/weld.py")
+    differ = [float(d) for d in re.findall(r"differ by (\S+)° in a joint", told)]
+    assert differ[0] > 30 and differ[1] == 0.0
+    study = names["study_seam"](3.0, 1)
+    slow = study.row("repeatable").motion.q[:, :2]
+    assert np.ptp(slow, axis=0).max() < np.radians(8)  # of 13° without the weight
+
+
 @pytest.mark.slow  # its cells print the same by default, in test_notebooks.py
 def test_audit_pink(run: Run) -> None:
     pytest.importorskip("pink")

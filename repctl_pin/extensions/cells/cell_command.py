@@ -37,7 +37,7 @@ EXAMPLE = """examples:
   repctl cell panda --down
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
-  repctl cell panda --size 0.3,0.3,0.2 --down --yaw 90 --map
+  repctl cell panda --size 0.3,0.3,0.2 --down --yaw 90
   repctl cell panda --path circle:0.1 --half-width 0.03
   repctl cell panda --sector --radius 0.17 --height 0.2 --angle all
   repctl cell my_arm.urdf --task position --half-width 0.2 --shrink
@@ -132,11 +132,6 @@ def _add_size(parser: Parser) -> None:
     )
     add("--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees")
     add(
-        "--map",
-        action="store_true",
-        help="also write map.png: where a box of --size works, and its price (half a minute)",
-    )
-    add(
         "--yaw",
         type=float,
         default=0.0,
@@ -189,7 +184,7 @@ def _add_sector(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Run ``repctl cell``: find the function, print its table, and write its files.
 
-    These are cell.json, cell.html, cell.png and, with ``--map``, map.png. Return the exit code.
+    These are cell.json, cell.html and cell.png. Return the exit code.
     """
     folder = options.output_folder(Path(options.robot).stem)
     needed("matplotlib", "meshcat", by="repctl cell")
@@ -199,8 +194,6 @@ def run(options: Options) -> int:
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
     say = progress(options.quiet)
-    from ...show.plots.motions import png
-
     require_proofs(options.prove)
     asked = _asked(options, in_percent(say))
     cell = asked.cell
@@ -229,9 +222,6 @@ def run(options: Options) -> int:
         pictures, notes = _pictures(design, staged, options.command_line)
         notes = [*design.task.narrowed, *notes]
         made = [*pictures, rp.save(design, staged / "cell.json")]
-        if options.map and asked.place is not None:
-            drawn = png(asked.place.figure(in_percent(say)))
-            made.append(write_whole(staged / "map.png", drawn))
     files = [folder / file.name for file in made]
 
     kept = cell.widths > 0
@@ -434,10 +424,7 @@ _NOT_BOTH = (
 )
 """Pairs of options that are mutually exclusive."""
 
-_ONLY_WITH = {
-    "--size": ("--map",),
-    "--sector": ("--radius", "--height", "--angle", "--spin", "--axis"),
-}
+_ONLY_WITH = {"--sector": ("--radius", "--height", "--angle", "--spin", "--axis")}
 """Options that require another one, by that one."""
 
 _ORIENTATIONS = ("--down", "--forward", "--rpy")

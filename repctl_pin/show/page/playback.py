@@ -16,7 +16,7 @@ import numpy as np
 
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
-from ...model.arm_links import arm_links, link_origins
+from ...model.arm_links import arm_links, base_placements, link_origins, on_base
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
@@ -32,7 +32,16 @@ from ..text.headline import Headline, headline_of
 from ..text.motion_summary import MotionSummary, motion_summary, with_outlook
 from ..text.parts import hand_names, part_name
 from .body_points import body_drift
-from .scene import Arm, FirstViolation, Frames, JointRows, animation_page, frames_for, is_planar
+from .scene import (
+    Arm,
+    FirstViolation,
+    Frames,
+    JointRows,
+    animation_page,
+    frames_for,
+    is_planar,
+    moving_of,
+)
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
@@ -187,12 +196,13 @@ def playback_page(
     ((cycles, _),) = sizes
     visuals = Visuals.of(chains[0].task.robot)
     frames = frames_for([track.Q for track in tracks], cycles)
+    base = base_placements(chains[0].task.robot, tracks[0].Q[:1])  # (1, 4, 4)
     played = [[_played(chain, track) for chain in chains] for track in tracks]
     surfaces = read_surfaces(visuals.shapes)
     bodies = visuals.corners(surfaces)
     links = frozenset().union(*(arm_links(chain.task) for chain in chains))
     arms = [
-        _arm(chains, track, done, (visuals, bodies, links), frames, bool(own))
+        _arm(chains, track, done, (visuals, bodies, links), frames, base[0], bool(own))
         for track, done in zip(tracks, played, strict=True)
     ]
     moved = tracks[0].motion
@@ -209,9 +219,12 @@ def playback_page(
             for done, track, arm in zip(said, tracks, arms, strict=True)
         ]
         headline = headline_of(summaries, cycles, stopped, hands=len(chains))
-    lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
+    if paths is None:
+        lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1))
+    else:
+        lines = [on_base(base, path[None])[0] for path in paths]
     origins = [
-        chain.task.joint_origins(chain.task.from_robot(track.Q[0]))
+        on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]
         for chain in chains
         for track in tracks
     ]
@@ -221,7 +234,7 @@ def playback_page(
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
         caption=";\n".join(
-            f"{one.frame}: {one.kind.words}{'' if several else _redundancy(one)}"
+            f"{one.frame_words}: {one.kind.words}{'' if several else _redundancy(one)}"
             for one in (chain.task for chain in chains)
         )
         + (f";\ntogether{_redundancy(task).lstrip(',')}" if several else ""),
@@ -255,19 +268,22 @@ def _arm(
     played: Sequence[JointMotion],
     drawn: tuple[Visuals, Sequence[Array], frozenset[str]],
     frames: Frames,
+    start: Array,
     any_way: bool,
 ) -> Arm:
     """Make the arm of one pane of the page, which shows one motion.
 
     ``played`` holds the motion of each chain, ``frames`` the samples to show. ``drawn`` are the
-    visuals, their corners, and the links of the arm, whose displacement counts. ``any_way`` is True
-    if the page measures the displacement of other motions, too, a visitor's own, for which more
-    corners are kept.
+    visuals, their corners, and the links of the arm, whose displacement counts. ``start`` (4, 4)
+    places the base when the paths are drawn. ``any_way`` is True if the page measures the
+    displacement of other motions, too, a visitor's own, for which more corners are kept.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
+    base = base_placements(chains[0].task.robot, rows)
+    carried = base @ np.linalg.inv(start)
     tip, elbow = (
-        np.stack(points, axis=1)
+        on_base(base, np.stack(points, axis=1))
         for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
     )
     counts = [shape.link in own for shape in visuals.shapes]
@@ -289,6 +305,7 @@ def _arm(
         color=track.color,
         unit=track.unit,
         broken=_broken(played, track, rows),
+        carried=carried if moving_of(carried[:, None]).any() else None,
     )
 
 
@@ -375,7 +392,7 @@ def _summary(
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
-    """Compute the positions (T, 3), m, of a chain's frame and of its elbow, which the page traces.
+    """Compute the positions (T, 3), m, of a chain's frame and of its elbow, relative to its base.
 
     ``rows`` (T, nq) are configurations of the whole robot.
     """

@@ -118,6 +118,8 @@ class Arm:
         Unit of the drift.
     broken : FirstViolation or None
         First violated joint limit, or first collision.
+    carried : (T, 4, 4) array or None
+        Motion of the workpiece, and of the paths on it, since the start; None if they stand still.
     """
 
     label: str
@@ -131,6 +133,7 @@ class Arm:
     color: str = VERMILLION
     unit: str = "rad"
     broken: FirstViolation | None = None
+    carried: Array | None = None
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
@@ -360,13 +363,16 @@ def _describe(
     part that the page points at. Shapes that ``rides`` marks (S,) can move, although they may not
     in this motion.
 
-    The arrays are the poses of M moving bodies (T, M, 7), tips and elbows (T, K, 3), the origin of
-    a violation (T, 3), if there is one, and the points (P, 3) of each moving body.
+    The arrays are the poses of M moving bodies (T, M, 7), last those of a workpiece that moves,
+    tips and elbows (T, K, 3), the origin of a violation (T, 3), if there is one, and the points
+    (P, 3) of each moving body.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
     moving = moving_of(arm.placements) | rides
-    parts += [poses[:, moving], arm.tip, arm.elbow]
+    bodies = [poses[:, moving]]
+    bodies += [] if arm.carried is None else [np.round(poses_of(arm.carried[:, None]), 7)]
+    parts += [np.concatenate(bodies, axis=1), arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
     parts += [
         # one row: points have no order whose differences were small
@@ -402,6 +408,7 @@ def _describe(
         "off": off.tolist(),
         "part": [shape.link == link for shape in arm.shapes],
         "chains": arm.tip.shape[1],
+        "carried": arm.carried is not None,
         "broken": broken,
         "shapes": shapes,
     }

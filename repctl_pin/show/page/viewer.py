@@ -26,7 +26,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from ...base.arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
 from ...base.errors import InputError
-from ...model.arm_links import arm_links
+from ...model.arm_links import arm_links, base_placements
 from ...model.length import arm_length
 from ...model.several_frames import one_frame
 from ...model.surfaces import read_surfaces
@@ -168,7 +168,7 @@ class Viewer:
         drift = np.linalg.norm(now - then, axis=1)  # (K,)
         past = self.task.limit_margin(now).min(axis=1) < -1e-9
         both = np.vstack([now, then])
-        placements = self._visuals.placements(self.task.to_robot(both))[:, self._moving]
+        placements = self._placements(both)[:, self._moving]
         goal = np.full(3, np.nan) if target is None else vector(target, 3, "target")
         elbows = [self.task.joint_origins(q)[self._elbow] for q in now]
         numbers = [
@@ -179,6 +179,12 @@ class Viewer:
         self._last = np.concatenate(numbers).astype("<f4").tobytes()
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._send)
+
+    def _placements(self, Q: Array) -> Array:
+        """Place the shapes at Q (T, n) relative to the task's base: (T, S, 4, 4), m."""
+        rows = self.task.to_robot(Q)
+        base = base_placements(self.task.robot, rows)
+        return np.asarray(np.linalg.inv(base)[:, None] @ self._visuals.placements(rows))
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
         """Check that there is one configuration per controller; return them as an array (K, n).
@@ -238,7 +244,7 @@ class Viewer:
             ]
         )
         shapes = self._visuals.shapes
-        placements = self._visuals.placements(task.to_robot(Q))
+        placements = self._placements(Q)
         self._moving = moving_of(placements)
         surfaces = read_surfaces(shapes)
         frames = Frames(np.arange(3), (1,), 3)

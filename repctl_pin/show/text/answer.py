@@ -104,7 +104,7 @@ def _about(study: Study) -> str:
     kind = f"{study.task.kind}, r = {study.task.r}"
     if isinstance(study.task, SeveralFrames):
         return f"{study.robot.name}, {kind}, {times}: {study.path.name}"
-    return f"{study.robot.name} {study.task.frame}, {kind}: {study.path.name}, {times}"
+    return f"{study.robot.name} {study.task.frame_words}, {kind}: {study.path.name}, {times}"
 
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:

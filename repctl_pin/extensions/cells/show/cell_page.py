@@ -109,7 +109,8 @@ def cell_page(
         "cell.html",
         style="report.css",
         title=f"{task.robot.name}: one function for a cell",
-        caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
+        caption=f"{task.frame_words}, {task.kind} task, n = {task.n}, r = {task.r}: "
+        f"{design.cell.size()}",
         headline=cell_headline(design, motions),
         animation=animation.replace("<body>", '<body class="inside">', 1),
         still=still,

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ....base.arguments import Array, as_int, as_matrices, finite, read_only, vector
-from ....base.errors import InputError, needed
+from ....base.errors import InputError
 from ....base.progress import Report, reporter
 from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
@@ -32,9 +32,6 @@ from ..geometry.kinematics import joined, rows_of
 from ..place.posture_search import Candidate, judged, searched
 from .approach import Approach, approach_axis, with_approach
 from .whole_table import WholeTable, whole_table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _DRAWN = 4096
 """Number of random configurations that are turned to the orientation."""
@@ -109,33 +106,6 @@ class BestCell:
     reason: str
     table: WholeTable | None = None
     approach: Approach | None = None
-
-    def figure(self, progress: bool | Report = False) -> Figure:
-        """Draw a map of the workspace: where a box of the size asked for works, and its price.
-
-        The price is the joint speed in excess of J⁺ that one function over the whole box costs. The
-        figure has a view from above and one from the side, through the middle of the box. The
-        colour of a place is the extra joint speed of a box around it, estimated as by
-        :func:`repctl_pin.extensions.cells.show.cell_map.sections`. A place is grey if only a share
-        of the box fits there, and white if the middle is out of reach or bodies collide.
-
-        Parameters
-        ----------
-        progress : bool or callback
-            Show a bar, or call ``progress(step, fraction)``.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        needed("matplotlib", by="a map of the workspace")
-        from ..show.cell_map import sections
-        from ..show.cell_plots import map_figure
-
-        whole = self.cell.scaled(1 / self.factor)
-        with reporter(progress) as report:
-            cuts = sections(whole, report)
-        return map_figure(self.cell, self.posture, self.factor, cuts)
 
     def __repr__(self) -> str:
         fits = "fits" if self.factor == 1 else f"{100 * self.factor:.0f} % of it fits"

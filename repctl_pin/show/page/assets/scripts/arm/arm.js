@@ -64,6 +64,13 @@ export class ArmView {
         this.rows.push(place);
       }
     });
+    // a workpiece that moves carries the paths
+    this.carrier = null;
+    if (data.carried) {
+      this.carrier = new T.Group();
+      this.group.add(this.carrier);
+      this.rows.push(this.carrier);
+    }
     // where in the motion each series of numbers is
     this.stride = this.rows.length * 7;
     this.use({ data, motion, frames, perCycle }, start);
@@ -188,7 +195,12 @@ export class ArmView {
   }
   handOff(chain) {
     const { frame, base, first, f } = this.now;
-    return this.point("tip", chain, frame, f).distanceTo(base.point("tip", chain, first, f));
+    const now = this.point("tip", chain, frame, f);
+    const then = base.point("tip", chain, first, f);
+    if (!this.carrier) return now.distanceTo(then);
+    // relative to the workpiece, where the path is
+    const before = this.ghosts[this.rows.indexOf(this.carrier)];
+    return relativeTo(this.carrier, now).distanceTo(relativeTo(before, then));
   }
 
   // The corners of that part, as it stands.
@@ -414,6 +426,11 @@ export class ArmView {
         for (const mesh of place.children) mesh.grey.color.copy(grey).lerp(full, share);
       });
   }
+}
+
+// A point relative to a group, with the group's own turn and place taken off.
+function relativeTo(group, point) {
+  return point.sub(group.position).applyQuaternion(group.quaternion.clone().conjugate());
 }
 
 // The arm that the others are compared with, frame by frame: the last one that is back after each

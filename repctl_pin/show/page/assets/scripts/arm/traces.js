@@ -137,10 +137,11 @@ export function drawPaths(arms, paths, extent) {
   const thick = THICK * extent;
   const ink = new MeshCat.THREE.Color("#6b7784");
   for (const arm of arms) {
-    arm.paths = cleared(arm.group, arm.paths);
+    arm.paths = cleared(arm.carrier || arm.group, arm.paths);
     for (const way of paths)
       if (way.length > 1) new Trace(arm.paths, [way], 0.75 * thick, () => ink).show(1, 0);
-    arm.past = arm.data.broken ? new Marker(arm.paths, 14 * thick, "#e00020", 0.55) : null;
+    arm.marks = cleared(arm.group, arm.marks);
+    arm.past = arm.data.broken ? new Marker(arm.marks, 14 * thick, "#e00020", 0.55) : null;
   }
 }
 

@@ -11,10 +11,11 @@ export async function drawPlain(scene) {
   let at = 0;
   const arms = scene.arms.map((data) => {
     const moving = data.shapes.filter(({ pose }) => !pose);
+    const posed = moving.length + (data.carried ? 1 : 0); // a workpiece that moves comes last
     const frames = last + 1;
     const ways = Array.from({ length: data.chains }, (_, k) => k);
     const start = at;
-    const tip = start + frames * 7 * moving.length;
+    const tip = start + frames * 7 * posed;
     const elbow = tip + frames * 3 * data.chains;
     at =
       elbow +
@@ -26,7 +27,7 @@ export async function drawPlain(scene) {
     ];
     const pose = (i) =>
       ways.map((k) => [
-        point(start, 7 * moving.length, i),
+        point(start, 7 * posed, i),
         point(elbow, 3 * data.chains, i, k),
         point(tip, 3 * data.chains, i, k),
       ]);

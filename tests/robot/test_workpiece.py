@@ -1,0 +1,227 @@
+"""Tasks on a workpiece that its own joints move: x = X_w(q)⁻¹ X_t(q)."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import page_file
+import pinocchio as pin
+import pytest
+from arms import planar_urdf
+from commands import refused, told
+
+import repctl_pin as rp
+
+WELD = Path(__file__).parents[2] / "examples" / "weld_cell.urdf"
+TURNTABLE = (
+    '<joint name="turn" type="revolute"><parent link="{root}"/><child link="table"/>'
+    '<origin xyz="{xyz}"/><axis xyz="0 0 1"/>'
+    '<limit lower="-3" upper="3" velocity="1" effort="1"/></joint><link name="table"/>'
+)
+
+
+def with_turntable(urdf: str, folder: Path, root: str, xyz: str = "1 0 0") -> rp.Robot:
+    """Load an arm beside which a turntable stands, on the arm's root."""
+    text = urdf.replace("</robot>", TURNTABLE.format(root=root, xyz=xyz) + "</robot>")
+    file = folder / "cell.urdf"
+    file.write_text(text, encoding="utf-8")
+    return rp.Robot.load(file)
+
+
+def railed(folder: Path) -> rp.Robot:
+    """Load the welding robot with its feet on a rail."""
+    text = WELD.read_text(encoding="utf-8").replace(
+        '<joint name="bolts" type="fixed"><parent link="floor"/><child link="pedestal"/></joint>',
+        '<joint name="rail" type="prismatic"><parent link="floor"/><child link="pedestal"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>',
+    )
+    file = folder / "railed.urdf"
+    file.write_text(text, encoding="utf-8")
+    return rp.Robot.load(file)
+
+
+def panda_at_table(folder: Path) -> rp.Robot:
+    panda = rp.Robot.load("panda").description
+    return with_turntable(Path(panda.path).read_text("utf-8"), folder, "panda_link0", "0.6 0 0.1")
+
+
+CELLS = {
+    "arm and turntable": (panda_at_table, "panda_hand_tcp", "table", "pose"),
+    "arm and positioner": (lambda _: rp.Robot.load(WELD), "torch", "workpiece", "axis"),
+    "arm on a rail and positioner": (railed, "torch", "workpiece", "pose"),
+    "one arm carries the piece": (
+        lambda _: rp.Robot.load("baxter"),
+        "left_gripper",
+        "right_gripper",
+        "pose",
+    ),
+    "a humanoid turns a jar": (
+        lambda _: rp.Robot.load("talos"),
+        "gripper_left_base_link",
+        "gripper_right_base_link",
+        "position",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_the_jacobian_is_the_slope_of_the_pose_on_the_workpiece(name: str, tmp_path: Path) -> None:
+    """Independent oracle: X_w⁻¹ X_t from Pinocchio's tree of all joints, by finite differences."""
+    load, frame, piece, kind = CELLS[name]
+    robot = load(tmp_path)
+    task = robot.task(frame, kind, on=piece)
+    model, data = robot.model, robot.model.createData()
+    ids = [model.getFrameId(link) for link in (piece, frame)]
+
+    def pose(q: np.ndarray) -> pin.SE3:
+        pin.framesForwardKinematics(model, data, robot.coupling.joints(task.to_robot(q)))
+        work, tool = (data.oMf[i] for i in ids)
+        return work.actInv(tool)
+
+    rng = np.random.default_rng(7)
+    low, high = np.maximum(task.lower, -1.0), np.minimum(task.upper, 1.0)
+    step = 1e-6
+    for q in rng.uniform(low, high, (4, task.n)):
+        x = pose(q)
+        assert np.allclose(task.placement(q).homogeneous, x.homogeneous, atol=1e-12)
+        J = np.empty((6, task.n))
+        for k, e in enumerate(np.eye(task.n)):
+            a, b = pose(q - step * e), pose(q + step * e)
+            J[:3, k] = (b.translation - a.translation) / (2 * step)
+            J[3:, k] = pin.log3(b.rotation @ a.rotation.T) / (2 * step)
+        twist = rng.normal(size=task.n)
+        expected = task.task_velocity(q, J @ twist)
+        assert np.allclose(task.jacobian(q) @ twist, expected, atol=1e-8 * np.abs(J).max() * 10)
+
+
+def test_one_frame_with_a_base_is_the_task_on_it(tmp_path: Path) -> None:
+    """The list of one frame, the option of the robot and the argument are one task."""
+    robot = rp.Robot.load(WELD)
+    on = robot.task("torch", "axis", on="workpiece")
+    listed = robot.task([("torch", "axis", "workpiece")])
+    loaded = rp.Robot.load(WELD, base="workpiece").task("torch", "axis")
+    q = np.linspace(-0.4, 0.5, 8)
+    assert on.joint_names[:2] == ("turn", "tilt") and (on.n, on.m, on.r) == (8, 5, 3)
+    for other in (listed, loaded):
+        assert other.joint_names == on.joint_names
+        assert np.array_equal(other.jacobian(q), on.jacobian(q))
+    assert str(on).startswith("torch relative to workpiece, axis")
+    assert robot.base is None and str(robot.task("torch", "position")).startswith("torch, position")
+
+
+def test_the_end_of_the_arm_is_found_beside_a_workpiece() -> None:
+    """A link that the joints of the workpiece's branch alone move is no end effector on it."""
+    assert rp.Robot.load(WELD, base="workpiece").default_frame in ("flange", "torch")
+
+
+def test_what_cannot_be_is_refused_by_name() -> None:
+    robot = rp.Robot.load(WELD)
+    with pytest.raises(rp.InputError, match="workpice.*did you mean 'workpiece'"):
+        robot.task("torch", on="workpice")
+    with pytest.raises(rp.InputError, match="no movable joint moves 'workpiece'"):
+        robot.task("workpiece", on="workpiece")
+
+
+def planar_cell(folder: Path) -> rp.Task:
+    """Three links and a turntable in one plane: n = 4, m = 2."""
+    robot = with_turntable(planar_urdf([0.5, 0.4, 0.3]), folder, "base", "0.6 0 0")
+    return robot.task("tool", "xy", on="table")
+
+
+Q0 = np.array([0.1, 0.4, 0.9, -0.5])
+FEW = rp.FitOptions(samples=256, held_out=256)
+
+
+def test_a_path_on_a_turntable_closes_with_the_same_joints(tmp_path: Path) -> None:
+    """J⁺ drifts, the nearest repeatable does not; the hand is on the path, which has moved."""
+    task = planar_cell(tmp_path)
+    plain = rp.Pseudoinverse(task)
+    path = rp.circle(task, Q0, radius=0.08)
+    design = rp.nearest_repeatable(plain, rp.Polynomial(Q0, 2, 0.5), rp.Box(Q0, 0.5), options=FEW)
+    drifting = rp.follow(plain, path, Q0, cycles=3, steps=150)
+    closed = rp.follow(design.inverse, path, Q0, cycles=3, steps=150)
+    assert drifting.drift[-1] > 1e-3 and closed.drift.max() < 1e-9
+    turned = closed.q[:, task.joint_names.index("turn")]
+    assert np.ptp(turned) > 0.01  # the table takes part
+    model, data = task.robot.model, task.robot.model.createData()
+    for k in (40, 290):
+        pin.framesForwardKinematics(model, data, task.to_robot(closed.q[k]))
+        tool, table = (data.oMf[model.getFrameId(link)] for link in ("tool", "table"))
+        wanted = path.placement((k % 150) / 150).translation[:2]
+        assert np.allclose(table.actInv(tool).translation[:2], wanted, atol=1e-9)
+
+
+def test_a_saved_design_and_its_c_know_the_workpiece(tmp_path: Path) -> None:
+    """The file names the workpiece; the exported C agrees with Python to rounding."""
+    task = planar_cell(tmp_path)
+    plain = rp.Pseudoinverse(task)
+    design = rp.nearest_repeatable(plain, rp.Polynomial(Q0, 2, 0.5), rp.Box(Q0, 0.5), options=FEW)
+    file = rp.save(design, tmp_path / "control.json")
+    assert json.loads(file.read_text(encoding="utf-8"))["task"]["base"] == "table"
+    again = rp.load_design(file, task)
+    assert np.array_equal(again.inverse(Q0), design.inverse(Q0))
+    if shutil.which("gcc") is None:
+        pytest.skip("there is no gcc on this machine")
+    rp.export_c(design.inverse, tmp_path / "c", "arm", region=design.region)
+    build = ["gcc", "-O1", "-std=c99", "arm.c", "check.c", "-o", "check", "-lm"]
+    subprocess.run(build, cwd=tmp_path / "c", check=True)
+    said = subprocess.check_output(["./check"], cwd=tmp_path / "c", text=True)
+    assert re.match(r"48 vectors, 0 differences", said)
+
+
+def test_the_page_draws_the_path_on_the_workpiece(tmp_path: Path) -> None:
+    """Law: at every shown moment the hand's trace lies on the path, moved as the workpiece is."""
+    task = planar_cell(tmp_path)
+    path = rp.circle(task, Q0, radius=0.08)
+    motion = rp.follow(rp.Pseudoinverse(task), path, Q0, cycles=2, steps=60)
+    page = rp.animation({"J⁺": motion}).save(tmp_path / "page.html")
+    scene, _, numbers = page_file.read(page.read_text(encoding="utf-8"))
+    (arm,) = scene["arms"]
+    rows = scene["perCycle"] * len(scene["cycles"])
+    assert arm["carried"] is True
+    moving = sum(shape["pose"] is None for shape in arm["shapes"]) + 1
+    poses = numbers[: rows * 7 * moving].reshape(rows, moving, 7)[:, -1]
+    tips = numbers[rows * 7 * moving :][: 3 * rows].reshape(rows, 3)
+    drawn = numbers[-3 * scene["paths"][0] - sum_of_joints(scene, task.n) :]
+    drawn = drawn[: 3 * scene["paths"][0]].reshape(-1, 3)
+    first = pin.SE3(task.robot.model.jointPlacements[task.robot.model.getJointId("turn")])
+    turn = pin.SE3(pin.utils.rotate("z", Q0[task.joint_names.index("turn")]), np.zeros(3))
+    expected = [(first * turn).act(p) for p in path.points()]
+    assert np.allclose(drawn, expected, atol=1e-6)
+    for pose, tip in zip(poses, tips, strict=True):
+        moved = pin.XYZQUATToSE3(pose)
+        there = np.array([moved.act(p) for p in drawn])
+        assert np.linalg.norm(there - tip, axis=1).min() < 2e-3  # chords of the drawn circle
+    assert np.ptp(poses, axis=0).max() > 0.01
+
+
+def sum_of_joints(scene: dict, n: int) -> int:
+    """Count the numbers of the joints' plot, which stand last."""
+    held = scene["joints"]
+    return 0 if held is None else n * held["perCycle"] * len(scene["cycles"])
+
+
+def test_a_function_on_the_workpiece_reaches_its_targets(tmp_path: Path) -> None:
+    """F(x) places the tool at x on the table."""
+    task = planar_cell(tmp_path)
+    cell = rp.Cell(task, task.placement(Q0), 0.05)
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=Q0)
+    target = task.placement(Q0)
+    target.translation += [0.03, -0.02, 0.0]
+    q = design.function(target)
+    assert np.abs(task.error(q, target)).max() < 1e-9
+
+
+def test_the_command_takes_the_workpiece(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    planar_cell(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    said = told(capsys, "check", "cell.urdf", "--on", "table", "--frame", "tool", "--task", "xy")
+    assert "tool" in json.dumps(said)
+    assert "did you mean" in refused(capsys, "check", "cell.urdf", "--on", "tabel")
