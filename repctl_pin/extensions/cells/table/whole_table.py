@@ -90,7 +90,7 @@ class LockedJoints(NamedTuple):
             return f"{where} locked: covers none of it"
         return (
             f"{where} locked: covers {100 * self.share:.0f} % of it, "
-            f"+{100 * self.extra:.1f} % on average, +{100 * self.worst:.0f} % at the worst pose"
+            f"+{100 * max(self.extra, 0.0):.1f} % on average, +{100 * self.worst:.0f} % at the worst pose"
         )
 
 
@@ -242,9 +242,10 @@ def whole_table(
             continue
         report("locked joints", 0.95)
         locked = _with_middles(table, locked, design)
-        baselines = [of(table, locked, design, limits) for of in (_best_locked, _larger)]
+        best = _best_locked(table, locked, design, limits)
+        larger = _larger(table, locked, design, limits)
         largest = float(area.max() * SPACING**2)
-        return WholeTable(design, *baselines, reach, largest, list(clear.reached), table)
+        return WholeTable(design, best, larger, reach, largest, list(clear.reached), table)
     why = f": {collide} collide" if collide else ""
     raise InputError(
         f"no function covers a sector of {task.robot.name} at this orientation{why}",
@@ -519,9 +520,10 @@ def _larger(
         (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
         inside[i:i_end, j:j_end] = True
         one = _locked_joints(table, locked, int(k), cell, inside)
-        if one is not None and one.extra <= limits.mean and one.worst <= limits.worst:
-            if one.area > area_of(design.cell) * (1 + _ALMOST):
-                return one
+        if one is None or one.area <= area_of(design.cell) * (1 + _ALMOST):
+            continue
+        if one.extra <= limits.mean and one.worst <= limits.worst:
+            return one
     return None
 
 
