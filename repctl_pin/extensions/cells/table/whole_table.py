@@ -90,7 +90,8 @@ class LockedJoints(NamedTuple):
             return f"{where} locked: covers none of it"
         return (
             f"{where} locked: covers {100 * self.share:.0f} % of it, "
-            f"+{100 * max(self.extra, 0.0):.1f} % on average, +{100 * self.worst:.0f} % at the worst pose"
+            f"+{100 * max(self.extra, 0.0):.1f} % on average, "
+            f"+{100 * self.worst:.0f} % at the worst pose"
         )
 
 
