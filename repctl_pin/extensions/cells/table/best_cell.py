@@ -448,9 +448,9 @@ def _worth(design: object) -> float:
     """
     if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
         return 0.0
-    apart = min(design.body_distance / _APART, 1.0)
+    clear = min(design.body_distance / _APART, 1.0)
     inside = min(design.limit_margin_worst / _ENOUGH, 1.0)
-    return max(apart, 0.0) * (0.1 + inside) / (1 + 10 * design.extra_speed)
+    return max(clear, 0.0) * (0.1 + inside) / (1 + 10 * design.extra_speed)
 
 
 def _said(design: CellDesign | tuple[FailureReason, ...]) -> str:
