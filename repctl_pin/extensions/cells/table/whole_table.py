@@ -482,7 +482,7 @@ def _best_locked(
 ) -> LockedJoints | None:
     """Find the locked flood that covers most of a design's sector, within the limits if any is.
 
-    Of those that cover as much, the cheapest is taken.
+    The cheapest of those that cover as much is taken.
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
