@@ -21,33 +21,51 @@ from ..base.errors import InputError
 
 _LIBRARY = Path(__file__).with_name("librepctl.so.1")
 
-_REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
-"""How to get the native library."""
+_MISSING = (
+    "is missing",
+    "repctl_pin was installed without a C compiler",
+    "install a C compiler (cc, gcc or clang), then install repctl_pin again",
+)
+"""What is said of a library that is not there: what it is, the cause, and the remedy."""
+
+_OTHER = (
+    "was built from other sources",
+    "it was built from other sources than those beside it",
+    "run `python repctl_pin/native/build.py`, or install repctl_pin again",
+)
+"""The same of a library whose structs may not be those of this module."""
 
 
 def library() -> ctypes.CDLL | None:
-    """Load the native library; None if ``REPCTL_NATIVE=no``, or if it is missing, with one warning.
+    """Load the native library; None if ``REPCTL_NATIVE=no``, or with one warning if it is no use.
 
-    It serves callers that also have a slower version in NumPy; others call
-    :func:`required_library`.
+    A library that is missing, does not load, or was built from other sources is no use. This serves
+    callers that also have a slower version in NumPy; others call :func:`required_library`.
     """
-    return None if os.environ.get("REPCTL_NATIVE") == "no" else _loaded()
+    return None if os.environ.get("REPCTL_NATIVE") == "no" else _loaded()[0]
 
 
 @functools.cache
-def _loaded() -> ctypes.CDLL | None:
-    cause = "repctl_pin was installed without a C compiler"
+def _loaded() -> tuple[ctypes.CDLL | None, str, str]:
+    """Load the library; if that fails, warn, and return what it is and the remedy."""
+    state, cause, remedy = _MISSING
     if _LIBRARY.exists():
         try:
-            return ctypes.CDLL(str(_LIBRARY))
+            native = ctypes.CDLL(str(_LIBRARY))
         except OSError as error:
             cause = f"it does not load ({error})"
+        else:
+            from .build import mark
+
+            if mark() in _LIBRARY.read_bytes():
+                return native, "", ""
+            state, cause, remedy = _OTHER
     warnings.warn(
-        f"no native library: {cause}, so governors and proofs do not run; {_REMEDY}",
+        f"no native library: {cause}, so governors and proofs do not run; {remedy}",
         UserWarning,
         stacklevel=4,
     )
-    return None
+    return None, state, remedy
 
 
 def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
@@ -59,16 +77,14 @@ def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
     Raises
     ------
     InputError
-        If the library is switched off or missing; the message names the remedy.
+        If the library is switched off or no use; the message names the remedy.
     """
     native = library()
     if native is None:
-        off = os.environ.get("REPCTL_NATIVE") == "no"
-        cause = "is switched off" if off else "is missing"
-        raise InputError(
-            f"{by} requires the native library, which {cause}",
-            remedy="unset REPCTL_NATIVE" if off else _REMEDY,
-        )
+        cause, remedy = "is switched off", "unset REPCTL_NATIVE"
+        if os.environ.get("REPCTL_NATIVE") != "no":
+            _, cause, remedy = _loaded()
+        raise InputError(f"{by} requires the native library, which {cause}", remedy=remedy)
     return ctypes.PyDLL(native._name) if holds else native
 
 

@@ -32,7 +32,7 @@ _LOOPS = ("arm.c", "body_guard.c", "governor.c", "least_speed.c")
 compile."""
 
 _DIGEST = b"repctl-sources-"
-"""Mark in the library before the digest of the sources and command lines that it was built from."""
+"""Mark in the library before the digests of its sources, and of the command lines of its build."""
 
 _LEVELS = {"plain": "", "avx2": "-mavx2", "avx512": "-mavx512f -mavx512dq"}
 _LEVELLED = ("cell_bounds.c", "arm_angle.c", "function.c")
@@ -159,8 +159,8 @@ def build(library: Path = LIBRARY) -> bool:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, lines, [folder] * len(lines)))
         kept = '__attribute__((visibility("default")))'
-        mark = f'{kept} const char repctl_sources[] = "{digest.decode()}";\n'
-        (Path(folder) / "sources.c").write_text(mark)
+        sources = f'{kept} const char repctl_sources[] = "{digest.decode()}";\n'
+        (Path(folder) / "sources.c").write_text(sources)
         link = [*command, *_FLAGS, "-shared", *objects, "sources.c", "-o", "librepctl.so.1", "-lm"]
         _run(link, folder)
         draft = library.with_name(f"{library.name}.{os.getpid()}")
@@ -169,18 +169,31 @@ def build(library: Path = LIBRARY) -> bool:
     return True
 
 
+def mark() -> bytes:
+    """Compute the mark in a library that was built from the sources in this folder.
+
+    The structs of a library of other sources may differ from those that Python fills.
+    """
+    files = sorted(FOLDER.glob("*.[ch]"))
+    return _DIGEST + _hash([file.read_bytes() for file in files]) + b"-"
+
+
 def _digest(command: list[str], lines: list[list[str]]) -> bytes:
-    """Compute the mark of a library: a digest of the sources, the compiler and its command lines.
+    """Compute the mark of a library, with a digest of the compiler and its command lines.
 
     Command lines name the sources relative to this folder, which may be another copy.
     """
-    known = hashlib.sha256()
     version = subprocess.run([*command, "--version"], capture_output=True, check=False).stdout
-    texts = [version, *(" ".join(line).replace(f"{FOLDER}{os.sep}", "").encode() for line in lines)]
-    texts += [file.read_bytes() for file in sorted(FOLDER.glob("*.[ch]"))]
+    texts = [" ".join(line).replace(f"{FOLDER}{os.sep}", "").encode() for line in lines]
+    return mark() + _hash([version, *texts])
+
+
+def _hash(texts: list[bytes]) -> bytes:
+    """Hash texts and where each ends."""
+    known = hashlib.sha256()
     for text in texts:
         known.update(hashlib.sha256(text).digest())
-    return _DIGEST + known.hexdigest().encode()
+    return known.hexdigest().encode()
 
 
 if __name__ == "__main__":

@@ -213,25 +213,47 @@ def studies() -> Measured:
 
     def spent(code: str) -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        line = [sys.executable, *code.split()] if code[0] == "-" else [sys.executable, "-c", code]
+        # an installed package is compiled to bytecode once
+        compiled = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
         with tempfile.TemporaryDirectory() as folder:
-            line = (
-                [sys.executable, *code.split()] if code[0] == "-" else [sys.executable, "-c", code]
-            )
-            subprocess.run(line, cwd=folder, check=True, capture_output=True)
+            subprocess.run(line, cwd=folder, env=compiled, check=True, capture_output=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
-    names = ("numpy", "pinocchio", "coal", "scipy.optimize", "scipy.spatial", "matplotlib.figure",
-             "meshcat", "trimesh", "lxml.etree", "msgspec", "jinja2")  # fmt: skip
+    names = ("pinocchio", "numpy", "scipy.optimize", "matplotlib.pyplot", "trimesh")
     base = min(spent("import " + ", ".join(names)) for _ in range(2))
     found = {"import of the libraries, s": base}
-    for name in ("panda", "talos"):
+    both = f"baxter --frame {','.join(HANDS['baxter'])} --path circle:0.05,circle:0.05"
+    for name in ("panda", "talos", "pr2", both):
         study = min(spent(f"-m repctl_pin study {name}") for _ in range(2))
-        found[f"study of {name}, imports"] = study / base
+        found[f"study of {name.split(' --path')[0]}, imports"] = study / base
     return found
 
 
-PARTS = {f.__name__: f for f in (least, declined, bodies, ticks, studies)}
+def designs() -> Measured:
+    """Time designs of planar arms with many spare joints, degree 2, s; their costs must agree."""
+    import numpy as np
+
+    import repctl_pin as rp
+
+    sys.path.insert(0, str(ROOT / "tests"))
+    from arms import planar_task
+
+    found = {}
+    for n in (7, 9, 11, 14):
+        with tempfile.TemporaryDirectory() as folder:
+            task = planar_task([1 / n] * n, Path(folder))
+        box = rp.Box(np.array([0.2] + [3 / n] * (n - 1)), 0.2)
+        begin = time.thread_time()
+        design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2)
+        arm = f"planar arm of {n} joints, degree 2: "
+        found[arm + "its design, s"] = time.thread_time() - begin
+        found[arm + "cost on the nodes"] = design.fit_cost
+    return found
+
+
+PARTS = {f.__name__: f for f in (least, declined, bodies, designs, ticks, studies)}
 
 
 def measured(checkout: Path, part: str) -> Measured:

@@ -103,6 +103,22 @@ def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
     assert said.returncode == 0 and said.stderr.count("it does not load (") == 1
 
 
+def test_a_library_of_other_sources_is_one_line_not_a_crash(
+    tmp_path: Path, usual: subprocess.CompletedProcess[str]
+) -> None:
+    """Issue 56: a checkout's structs had changed, and the library of before crashed Python."""
+    copied(tmp_path)
+    native = tmp_path / "repctl_pin" / "native"
+    shutil.copy(NATIVE / "librepctl.so.1", native)
+    header = native / "arm.h"
+    header.write_text(header.read_text().replace("int n, ", "int first, n, "))
+    found = run(tmp_path)
+    remedy = f"run `{BUILD}`, or install repctl_pin again"
+    assert found.stdout == refused(f"was built from other sources; {remedy}", usual)
+    assert found.stderr.count("it was built from other sources than those beside it") == 1
+    assert remedy in found.stderr and found.returncode == 0
+
+
 def test_the_library_is_switched_off_without_a_word(
     usual: subprocess.CompletedProcess[str],
 ) -> None:
