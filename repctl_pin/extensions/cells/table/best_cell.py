@@ -141,9 +141,9 @@ def best_cell(
     configurations, turned to the orientation, and others beside the best of them. The largest box
     is taken. Among equal ones, those above z = 0 of the base come first, then those with the
     largest limit margin, up to 0.3 rad or m, then those with the shortest ways; with ``at``, the
-    nearest ones. From among them, the one is taken whose function has the best margins, body distance and
-    joint speed. Boxes shrink by tenths of the size. The function over the box is designed by
-    :func:`nearest_inverse_function`.
+    nearest ones. From among them, the one is taken whose function has the best margins, body
+    distance and joint speed. Boxes shrink by tenths of the size. The function over the box is
+    designed by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
