@@ -9,6 +9,7 @@ import numpy as np
 
 import repctl_pin as rp
 from repctl_pin.design.evaluation import evaluate_design
+from repctl_pin.paths import Cycle as Cycle  # of a design that a test saves
 
 
 def over(design: rp.Design, region: Any, **changes: Any) -> rp.Design:

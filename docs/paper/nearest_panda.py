@@ -18,7 +18,6 @@ script answers four questions.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -227,8 +226,7 @@ def main(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
-    parser.add_argument(
-        "--out", type=Path, default=Path("repctl-out/nearest_panda"), help="folder for the picture"
-    )
-    found = main(parser.parse_args().out)  # for inspection after python -i
+    from output_folder import output_folder
+
+    # for inspection after python -i
+    found = main(output_folder(__doc__, "repctl-out/nearest_panda"))

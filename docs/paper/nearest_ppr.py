@@ -27,7 +27,6 @@ to 0.0186. The figure shows both foliations: a motion that starts on a leaf stay
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -434,11 +433,7 @@ def main(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("repctl-out"),
-        help="folder for the figure (default: repctl-out)",
-    )
-    found = main(parser.parse_args().out)  # for inspection after python -i
+    from output_folder import output_folder
+
+    # for inspection after python -i
+    found = main(output_folder(__doc__))

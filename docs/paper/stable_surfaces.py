@@ -30,7 +30,6 @@ point are the directions in which J⁺ moves the arm: on a stable surface both a
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -219,11 +218,7 @@ def main(out: Path, *, samples: int = 256) -> list[Case]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("repctl-out/stable_surfaces"),
-        help="folder for the picture",
-    )
-    found = main(parser.parse_args().out)  # for inspection after python -i
+    from output_folder import output_folder
+
+    # for inspection after python -i
+    found = main(output_folder(__doc__, "repctl-out/stable_surfaces"))

@@ -27,7 +27,6 @@ configuration of every square.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -700,11 +699,7 @@ def main(out: Path, *, steps: int = 800, dpi: int = 150) -> Result:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("repctl-out"),
-        help="folder for the figures (default: repctl-out)",
-    )
-    found = main(parser.parse_args().out)  # for inspection after python -i
+    from output_folder import output_folder
+
+    # for inspection after python -i
+    found = main(output_folder(__doc__))

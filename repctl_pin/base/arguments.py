@@ -7,7 +7,7 @@ The error names the argument and the remedy. ``name`` is the argument's name in 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from inspect import signature
 from os import PathLike
 from pathlib import Path
@@ -215,13 +215,24 @@ def as_matrices(
             for x, size in zip(letters, last, strict=True)
         )
         if array is None or not fits or (finite and not np.isfinite(array).all()):
-            known = ", ".join(
-                f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0]
-            )
+            known = "" if name == given[0][0] else _known(letters, sizes)
             shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
             what = "finite numbers" if finite else "numbers"
             raise InputError(f"must be {what} {shape}; got {_shape(values, array)}", argument=name)
         arrays.append(array)
+    _require_broadcast(arrays, given)
+    return arrays
+
+
+def _known(letters: Sequence[str], sizes: Mapping[str, int]) -> str:
+    """Write the sizes that earlier arrays have given to letters, such as ``n = 7``."""
+    return ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes)
+
+
+def _require_broadcast(
+    arrays: Sequence[Array], given: Sequence[tuple[str, ArrayLike, str]]
+) -> None:
+    """Raise InputError unless the leading axes of stacks of matrices broadcast."""
     leading = [
         a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)
     ]
@@ -231,7 +242,6 @@ def as_matrices(
         except ValueError:
             names = ", ".join(name for name, _, _ in given)
             raise InputError(f"{names} have different leading sizes: {leading}") from None
-    return arrays
 
 
 def evaluated(

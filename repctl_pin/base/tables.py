@@ -225,11 +225,7 @@ class CsvTable(Table):
         if any(";" in name for name in names) or _is_blank_separated(first):
             raise InputError(f"{file}, line {line}: {_COMMAS}")
         if unnamed and (not first or any(_is_number(name) or not name for name in names)):
-            names = list(next((own for own in unnamed if len(own) == len(first)), ()))
-            if first and not names:
-                forms = ", or ".join(", ".join(own) for own in unnamed)
-                count = f"{len(first)} field{'s' * (len(first) > 1)} without a header"
-                raise InputError(f"{file}, line {line}: {count}", remedy=f"write {forms}")
+            names = self._unnamed(unnamed, line, first)
         elif any(_is_number(name) or not name for name in names) or not names:
             raise InputError(
                 f"{file}: the first line must name the columns, such as time and the joints"
@@ -245,6 +241,20 @@ class CsvTable(Table):
         refuse_twice(names, file)
         pairs = zip(names, first, strict=False)
         self.widths = dict.fromkeys(names, 0) | {n: int(_is_number(cell)) for n, cell in pairs}
+
+    def _unnamed(
+        self, unnamed: Sequence[tuple[str, ...]], line: int, first: Sequence[str]
+    ) -> list[str]:
+        """Choose the names of a file without a header, by the number of fields of its first row.
+
+        InputError is raised if none of the ``unnamed`` forms has this number.
+        """
+        names = list(next((own for own in unnamed if len(own) == len(first)), ()))
+        if first and not names:
+            forms = ", or ".join(", ".join(own) for own in unnamed)
+            count = f"{len(first)} field{'s' * (len(first) > 1)} without a header"
+            raise InputError(f"{self.file}, line {line}: {count}", remedy=f"write {forms}")
+        return names
 
     def column(self, name: str) -> Column:
         """Read a column: whole numbers as integers, else numbers, else text as objects."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
@@ -35,7 +35,7 @@ from .options import Parser
 from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from ..design.evaluation import Baseline
     from ..regions import Region
@@ -113,21 +113,60 @@ def run(options: Options) -> int:
     _check(options, degree)
     require_proofs(options.prove)
 
-    from ..design.design_map import degree_curve, design_map
-    from ..show.plots.designs import design_figure
-    from ..show.plots.motions import png
-    from ..show.text.table import table
-    from ..studies.around_motion import design_for, shrunk_note
+    from ..design.design_map import degree_curve
+    from ..studies.around_motion import shrunk_note
     from ..studies.design_choice import choose_desired
 
+    # the design, and what it is compared with
     problem = _problem(options, degree)
-    task = problem.task
-    desired, name = choose_desired(task, options.asked_weight())
-
+    desired, name = choose_desired(problem.task, options.asked_weight())
     share_done = in_percent(say)
+    problem, design = _designed(options, problem, desired, degree, say)
+    degrees = degree_curve(design, share_done)
+    baselines = design.evaluate_baselines(progress=share_done)
+
+    # its cycle, and its proof
+    notes = [*problem.task.narrowed, *_cut(options, problem), *problem.moved, *shrunk_note(design)]
+    say("finding a cycle inside Ω")
+    design, more = _with_cycle(design, problem)
+    notes.extend(more)
+    if options.prove:
+        design = proved(design, say)
+        notes.extend(_unproved(design))
+
+    say("comparing and drawing")
+    made = _Made(design, problem, name, degrees, baselines, notes)
+    files = _written(made, folder)
+    report(options, lambda: _as_dict(made), lambda: _text(made), files)
+    return proof_code(design.proof)
+
+
+class _Made(NamedTuple):
+    """The design that the command made, and what it reports of it.
+
+    ``name`` describes the desired inverse; ``degrees`` are tuples of degree, cost and its standard
+    error; ``baselines`` are simpler repeatable inverses.
+    """
+
+    design: rp.Design
+    problem: rp.Problem
+    name: str
+    degrees: Sequence[Any]
+    baselines: Sequence[Baseline]
+    notes: list[str]
+
+
+def _designed(
+    options: Options, problem: rp.Problem, desired: Any, degree: Any, say: Callable[[str], None]
+) -> tuple[rp.Problem, rp.Design]:
+    """Design the repeatable inverse nearest to ``desired``, and complete the problem by its region.
+
+    SingularRegionError names the options that help.
+    """
+    from ..studies.around_motion import design_for
 
     def make(region: Region) -> rp.Design:
-        potentials = _potentials(task, region, degree, options.fourier)
+        potentials = _potentials(problem.task, region, degree, options.fourier)
         return rp.nearest_repeatable(
             desired,
             potentials,
@@ -135,51 +174,50 @@ def run(options: Options) -> int:
             degree=degree if potentials is None else None,
             shrink=options.shrink,
             options=rp.FitOptions(**options.of("samples", "held_out", "seed", "restarts")),
-            progress=share_done,
+            progress=in_percent(say),
         )
 
     try:
-        problem, design = design_for(
-            problem, desired, make, width=options.region, seed=options.seed, say=say
-        )
+        return design_for(problem, desired, make, width=options.region, seed=options.seed, say=say)
     except rp.SingularRegionError as error:
         raise with_options(error, shrink=not options.shrink) from None
-    degrees = degree_curve(design, share_done)
-    baselines = design.evaluate_baselines(progress=share_done)
-    notes = [*task.narrowed, *_cut(options, problem), *problem.moved, *shrunk_note(design)]
-    say("finding a cycle inside Ω")
-    design, more = _with_cycle(design, problem)
-    notes.extend(more)
-    if options.prove:
-        design = proved(design, say)
-        notes.extend(_unproved(design))
-    say("comparing and drawing")
-    what = f"nearest repeatable inverse of {name}, over a {design.region}"
+
+
+def _written(made: _Made, folder: Path) -> list[Path]:
+    """Write ``design.png`` and ``design.json`` into the folder, and return their paths."""
+    from ..design.design_map import design_map
+    from ..show.plots.designs import design_figure
+    from ..show.plots.motions import png
+
+    design, task = made.design, made.problem.task
+    what = f"nearest repeatable inverse of {made.name}, over a {design.region}"
     title = f"{task.robot.name}, {task.frame_words}, {task.kind}: {what}"
-    figure = design_figure(design, design_map(design), degrees, baselines, title=title)
+    figure = design_figure(design, design_map(design), made.degrees, made.baselines, title=title)
     with written_together(folder) as staged:
-        made = [
+        files = [
             write_whole(staged / "design.png", png(figure)),
             rp.save(design, staged / "design.json"),
         ]
-    files = [folder / file.name for file in made]
+    return [folder / file.name for file in files]
 
-    def text() -> str:
-        lines = [
-            f"desired  {name}",
-            f"start    {row(problem.start)} ({problem.start_is})",
-            "",
-            design.summary(baselines),
-        ]
-        if len(degrees) > 1:
-            rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in degrees]
-            lines += ["", table(["degree", "cost", "± error"], rows)]
-        if design.proof is not None:
-            lines += ["", design.proof.summary()]
-        return fitted("\n".join([*lines, *map(noted, notes), ""]))
 
-    report(options, lambda: _as_dict(design, degrees, baselines, name, problem, notes), text, files)
-    return proof_code(design.proof)
+def _text(made: _Made) -> str:
+    """Write the design's tables and notes as text."""
+    from ..show.text.table import table
+
+    design, problem = made.design, made.problem
+    lines = [
+        f"desired  {made.name}",
+        f"start    {row(problem.start)} ({problem.start_is})",
+        "",
+        design.summary(made.baselines),
+    ]
+    if len(made.degrees) > 1:
+        rows = [[str(d), f"{cost:.5g}", f"{error:.1g}"] for d, cost, error in made.degrees]
+        lines += ["", table(["degree", "cost", "± error"], rows)]
+    if design.proof is not None:
+        lines += ["", design.proof.summary()]
+    return fitted("\n".join([*lines, *map(noted, made.notes), ""]))
 
 
 def _unproved(design: rp.Design) -> list[str]:
@@ -296,28 +334,18 @@ def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None)
     return rp.Polynomial(region.bounds.center, degree, region.bounds.half_width) + waves
 
 
-def _as_dict(
-    design: rp.Design,
-    degrees: Any,
-    baselines: Sequence[Baseline],
-    name: str,
-    problem: rp.Problem,
-    notes: list[str],
-) -> dict[str, Any]:
-    """Convert the result to plain Python types, for the output of ``--json``.
-
-    ``degrees`` are tuples of degree, cost and its standard error; ``baselines`` are simpler
-    repeatable inverses; ``name`` describes the desired inverse.
-    """
+def _as_dict(made: _Made) -> dict[str, Any]:
+    """Convert the result to plain Python types, for the output of ``--json``."""
     from ..studies.study_result import picked, region_dict
 
+    design = made.design
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")
     fit = ("fit_cost", "gradient_norm", "converged", "steps", "samples", "held_out", "seed")
     return {
         **design.task.as_dict(),
-        "desired": name,
-        "start": [float(v) for v in problem.start],
-        "start_is": problem.start_is,
+        "desired": made.name,
+        "start": [float(v) for v in made.problem.start],
+        "start_is": made.problem.start_is,
         **(
             {}
             if design.cycle is None
@@ -332,9 +360,9 @@ def _as_dict(
             other.name: {"refused": other.refused}
             if other.evaluation is None
             else picked(other.evaluation, *figures)
-            for other in baselines
+            for other in made.baselines
         },
-        "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
+        "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in made.degrees],
         **({} if design.proof is None else {"proof": asdict(design.proof)}),
-        "notes": notes,
+        "notes": made.notes,
     }

@@ -102,86 +102,101 @@ def run(options: Options) -> int:
     written, unless ``--allow-violations`` is given. Returns the exit code 0.
     """
     say = progress(options.json)
-    from ..model.bodies import bodies_of
-    from ..motion.follow import unresolved
     from ..motion.joint_motion import violations_of
-    from ..motion.write_motion import commanded
-    from ..paths.winding import winding, winding_words
-    from ..show.text.table import outside_words
-    from ..strategies import RepeatableInverse
 
     # what moves, along which path, from where
     _check_control(options)
     case = _saved(options) if options.saved else _made(options, say)
-    strategy, problem = case.strategy, case.problem
-    q0, path = problem.start, problem.cycle
-    notes = [*problem.task.narrowed, *bodies_of(strategy.task).notes, *problem.notes, *case.notes]
     found = _searched_leaf(options, case, say) if options.best_leaf else None
-    if found is not None:
-        q0 = found.q0
+    q0 = case.problem.start if found is None else found.q0
 
-    # the motion, and what is to be said about it
+    # the motion, its numbers, and its times from rest to rest
     say("following the path")
-    lock = isinstance(strategy, RepeatableInverse)
-    motion = rp.follow(
-        strategy,
-        path,
-        q0,
-        cycles=options.cycles,
-        steps=options.steps,
-        period=options.period or case.period,
-        integrator=rp.LeafLock(2) if lock else "rk4",
-    )
-    closes = case.closes
-    if (
-        closes
-        and isinstance(strategy, RepeatableInverse)
-        and not strategy.same_leaf(q0, closes.start)
-    ):
-        closes = None
-        notes.append(
-            "the closing radius is proved on the design's leaf only; this motion is on another leaf"
-        )
-    motion = replace(motion, region=case.region, closing_radius=closes)
-    loose = "" if lock else unresolved(strategy, motion)
-    notes += [f"this motion {loose}"] if loose else []
-    if not motion.first_closes and (turns := winding(motion.task, path)):
-        notes = [winding_words(turns, motion.task.joint_names[0]), *notes]
-
-    # its numbers, and its times from rest to rest
-    slowed = (commanded(motion, strategy) if lock else motion).retimed()
-    result = _result(slowed, motion.t[-1], q0, notes)
-    if loose:
-        result["drift"] = None
-    rest: rp.TimedMotion | None = None
-    if options.acceleration is not None:
-        say("timing the motion")
-        rest = rp.timed(
-            motion,
-            options.asked_limits(),
-            keep_times=options.keep_times,
-            rate=options.rate or 1000.0,
-        )
+    followed = _followed(options, case, q0)
+    slowed = followed.commanded.retimed()
+    result = _result(slowed, followed, q0)
+    rest = _timed(options, followed.motion, say) if options.acceleration is not None else None
+    if rest is not None:
         result |= _timed_result(rest)
 
     # the files, unless a limit is violated
     violated = violations_of(slowed)
     later = all(violation.moment > 0 for violation in violated)
-    remedy = _remedy(options, best_leaf=lock and found is None, smaller=later)
+    remedy = _remedy(options, best_leaf=case.locked and found is None, smaller=later)
     files = _written(options, slowed, rest, remedy)
 
-    def text() -> str:
-        loud = [
-            *outside_words(motion.outside or 0.0),
-            *([] if found is None else [found.summary()]),
-        ]
-        return fitted("\n".join([*loud, *_lines(result, slowed, written=bool(files))]))
-
-    report(options, lambda: result, text, files)
+    searched = [] if found is None else [found.summary()]
+    report(options, lambda: result, lambda: _text(result, slowed, searched, files), files)
     if violated and not options.json:
         sys.stdout.flush()
         say_line(f"repctl: warning: {'; '.join(map(str, violated))}; {remedy}")
     return 0
+
+
+class _Followed(NamedTuple):
+    """Motion along the path, the one that is sent to a robot, and what is to be said of it.
+
+    ``commanded`` is corrected onto the leaf of a repeatable controller. ``unresolved`` says that
+    the drift depends on the number of steps; it is empty otherwise.
+    """
+
+    motion: rp.Motion
+    commanded: rp.Motion
+    unresolved: str
+    notes: list[str]
+
+
+def _followed(options: Options, case: _Case, q0: Any) -> _Followed:
+    """Follow the path of a case from q0 (n,), and write the notes on its motion."""
+    from ..model.bodies import bodies_of
+    from ..motion.follow import unresolved
+    from ..motion.write_motion import commanded
+    from ..paths.winding import winding, winding_words
+
+    strategy, problem = case.strategy, case.problem
+    motion = rp.follow(
+        strategy,
+        problem.cycle,
+        q0,
+        cycles=options.cycles,
+        steps=options.steps,
+        period=options.period or case.period,
+        integrator=rp.LeafLock(2) if case.locked else "rk4",
+    )
+    closes, elsewhere = _closing_radius(case, q0)
+    motion = replace(motion, region=case.region, closing_radius=closes)
+    loose = "" if case.locked else unresolved(strategy, motion)
+    notes = [
+        *problem.task.narrowed,
+        *bodies_of(strategy.task).notes,
+        *problem.notes,
+        *case.notes,
+        *elsewhere,
+        *([f"this motion {loose}"] if loose else []),
+    ]
+    if not motion.first_closes and (turns := winding(motion.task, problem.cycle)):
+        notes = [winding_words(turns, motion.task.joint_names[0]), *notes]
+    sent = commanded(motion, strategy) if isinstance(strategy, rp.RepeatableInverse) else motion
+    return _Followed(motion, sent, loose, notes)
+
+
+def _closing_radius(case: _Case, q0: Any) -> tuple[ClosingRadius | None, list[str]]:
+    """Return the proved closing radius of the leaf of q0 (n,); or None, and a note on its leaf."""
+    strategy = case.strategy
+    if case.closes is None or not isinstance(strategy, rp.RepeatableInverse):
+        return case.closes, []
+    if strategy.same_leaf(q0, case.closes.start):
+        return case.closes, []
+    note = "the closing radius is proved on the design's leaf only; this motion is on another leaf"
+    return None, [note]
+
+
+def _timed(options: Options, motion: rp.Motion, say: Callable[[str], None]) -> rp.TimedMotion:
+    """Time the motion from rest to rest within the limits of ``--acceleration``."""
+    say("timing the motion")
+    return rp.timed(
+        motion, options.asked_limits(), keep_times=options.keep_times, rate=options.rate or 1000.0
+    )
 
 
 def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) -> rp.BestLeaf:
@@ -301,6 +316,11 @@ class _Case(NamedTuple):
     desired: Inverse | None = None
     closes: ClosingRadius | None = None
 
+    @property
+    def locked(self) -> bool:
+        """True if the controller is repeatable, so that a leaf lock follows the path."""
+        return isinstance(self.strategy, rp.RepeatableInverse)
+
 
 def _saved(options: Options) -> _Case:
     """Load a saved design to follow, with its default cycle or the path of ``--path``.
@@ -393,33 +413,40 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
     return strategy
 
 
-def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
+def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
     """Convert the motion and its figures to plain Python types, for JSON output and for the text.
 
-    ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits, and
-    ``q0`` (n,) the start.
+    ``slowed`` is the motion slowed down to meet the speed limits, and ``q0`` (n,) the start.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 
-    task = motion.task
+    task, duration = slowed.task, float(slowed.t[-1])
     return {
         "robot": task.robot.name,
         "frame": task.frame,
         "task": task.kind,
         "joints": list(task.joint_names),
-        **motion.path.as_dict(),
+        **slowed.path.as_dict(),
         "start": [float(v) for v in q0],
-        "drift": motion.drift.tolist(),
-        "outside": motion.outside,
-        "beyond_closing_radius": motion.beyond_closing_radius,
-        "tracking_error": float(motion.tracking_error.max()),
-        **limits_dict(motion),
-        **bodies_dict(motion),
-        "peak_speed": motion.peak_speed,
-        "duration": float(motion.t[-1]),
-        "slowed_by": float(motion.t[-1] / asked),
-        "notes": notes,
+        "drift": None if followed.unresolved else slowed.drift.tolist(),
+        "outside": slowed.outside,
+        "beyond_closing_radius": slowed.beyond_closing_radius,
+        "tracking_error": float(slowed.tracking_error.max()),
+        **limits_dict(slowed),
+        **bodies_dict(slowed),
+        "peak_speed": slowed.peak_speed,
+        "duration": duration,
+        "slowed_by": duration / float(followed.motion.t[-1]),
+        "notes": followed.notes,
     }
+
+
+def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
+    """Write the report as text: first Ω if the motion leaves it, and the leaf that was searched."""
+    from ..show.text.table import outside_words
+
+    loud = [*outside_words(slowed.outside or 0.0), *searched]
+    return fitted("\n".join([*loud, *_lines(result, slowed, written=bool(files))]))
 
 
 def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
@@ -430,28 +457,17 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     """
     from ..base.arguments import percentage
     from ..model.bodies import bodies_of
-    from ..motion.joint_motion import checked_words
 
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
         yield f"path options    {motion.path.options}"
     yield f"start           {row(result['start'])}"
-    if result["drift"] is None:
-        yield "joint drift     not a number"
-    else:
-        first, last = (f"{number(d)}" for d in motion.drift[[0, -1]])
-        more = f", {last} after {motion.cycles}" if motion.cycles > 1 else ""
-        yield f"joint drift     {first} {motion.task.unit} after 1 cycle{more}"
+    yield f"joint drift     {_drift_words(result, motion)}"
     yield f"tracking error  maximum {number(result['tracking_error'])} m"
     margin = result["limit_margin"]
     yield f"limit margin    {'no limits' if margin is None else number(margin)}"
-    distance = result["body_distance"]
-    if distance is not None:
-        links = " and ".join(result["nearest_bodies"]["links"])
-        least = f"minimum {number(distance)} m{checked_words(motion)}"
-        if distance < 0:
-            least = f"collision, overlap up to {number(-distance)} m"
-        yield f"body distance   {least}, between {links}"
+    if result["body_distance"] is not None:
+        yield f"body distance   {_distance_words(result, motion)}"
     if unchecked := bodies_of(motion.task).not_checked:
         yield f"not checked     {unchecked}"
     yield f"time            {result['duration']:.4g} s{_timing_words(result)}"
@@ -464,6 +480,27 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
     if written and result["slowed_by"] is not None:
         ends = "this motion starts and ends at path speed"
         yield f"note: {ends}; use --acceleration for a rest-to-rest trajectory"
+
+
+def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
+    """Write the drift after the first cycle, and after the last."""
+    if result["drift"] is None:
+        return "not a number"
+    first, last = (f"{number(d)}" for d in motion.drift[[0, -1]])
+    more = f", {last} after {motion.cycles}" if motion.cycles > 1 else ""
+    return f"{first} {motion.task.unit} after 1 cycle{more}"
+
+
+def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
+    """Write the minimum body distance, or the collision, with the links."""
+    from ..motion.joint_motion import checked_words
+
+    distance = result["body_distance"]
+    links = " and ".join(result["nearest_bodies"]["links"])
+    least = f"minimum {number(distance)} m{checked_words(motion)}"
+    if distance < 0:
+        least = f"collision, overlap up to {number(-distance)} m"
+    return f"{least}, between {links}"
 
 
 def _timing_words(result: dict[str, Any]) -> str:

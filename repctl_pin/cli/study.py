@@ -26,6 +26,8 @@ _PATHS = """paths, lengths in m:
 
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..design.design_map import ReportMaps
     from ..show.text.lines import Span
 
@@ -73,27 +75,8 @@ def run(options: Options) -> int:
     from ..show.study_files import run_name, write_study
     from ..show.text.answer import study_answer
     from ..show.text.table import study_table
-    from ..studies.problem import at_minimum_speed
 
-    say("loading the robot and finding a start and a path")
-    try:
-        problem = options.problem(region=options.region)
-        if options.best_leaf is not None:
-            say("searching for the best leaf")
-            problem = at_minimum_speed(problem)
-        result = rp.study(
-            problem,
-            **options.of("cycles", "steps", "period", "degree"),
-            options=rp.FitOptions(seed=options.seed),
-            weight=options.asked_weight(),
-            progress=say,
-        )
-    except rp.InputError as error:
-        if error.argument == "degree" and error.remedy:
-            error.remedy = _DEGREE
-        raise
-    except rp.SingularRegionError as error:
-        raise error if options.region is None else with_options(error) from None
+    result = _studied(options, say)
     say("drawing the figures and the animation")
     with written_together(folder) as staged:
         control = rp.save(result.design, staged / "control.json")
@@ -121,6 +104,31 @@ def run(options: Options) -> int:
     if options.open and not webbrowser.open(files[0].resolve().as_uri()):
         say(f"note: no browser was found; open {files[0]} in one")
     return code
+
+
+def _studied(options: Options, say: Callable[[str], None]) -> rp.Study:
+    """Run the study; errors name the options that help."""
+    from ..studies.problem import at_minimum_speed
+
+    say("loading the robot and finding a start and a path")
+    try:
+        problem = options.problem(region=options.region)
+        if options.best_leaf is not None:
+            say("searching for the best leaf")
+            problem = at_minimum_speed(problem)
+        return rp.study(
+            problem,
+            **options.of("cycles", "steps", "period", "degree"),
+            options=rp.FitOptions(seed=options.seed),
+            weight=options.asked_weight(),
+            progress=say,
+        )
+    except rp.InputError as error:
+        if error.argument == "degree" and error.remedy:
+            error.remedy = _DEGREE
+        raise
+    except rp.SingularRegionError as error:
+        raise error if options.region is None else with_options(error) from None
 
 
 def _report(

@@ -8,6 +8,7 @@ sets, whose spread gives the standard error of the cost.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,52 +84,84 @@ def evaluate_design(
     SingularRegionError
         If an algorithmic singularity lies in Ω.
     """
-    task = inverse.task
-    costs = []
-    norms = []
-    inside = []
-    points, values = [], []
-    measure = LeafMargin(task, inverse.potentials, region.center)
+    measure = LeafMargin(inverse.task, inverse.potentials, region.center)
+    sets = [
+        _evaluated(inverse, desired, region, measure, -(-samples // REPLICATES), one_seed)
+        for one_seed in range(seed * REPLICATES, (seed + 1) * REPLICATES)
+    ]
 
-    def singular(at: Array) -> SingularRegionError:
-        return SingularRegionError(
-            f"an algorithmic singularity lies in Ω near {named(task, at)}", at, None
-        )
-
-    for replicate in range(REPLICATES):
-        Q = region.random(-(-samples // REPLICATES), seed * REPLICATES + replicate)
-        weights = region.weights(Q)
-        J = task.jacobians(Q)
-        N, J_plus = null_space_and_inverse(J, task, Q)
-        V = inverse.potentials.gradients(Q)
-        sigma = (
-            leaf_margin(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
-        )
-        if not (sigma > 0).all():
-            raise singular(Q[int(np.argmin(sigma))])
-        G_d = J_plus if type(desired) is Pseudoinverse else desired.batch(Q, J)
-        costs.append(float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))))
-        norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
-        inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))
-        lowest = np.argsort(sigma)[:_CANDIDATES]
-        points.append(Q[lowest])
-        values.append(sigma[lowest])
+    # the smallest leaf margin, from the nodes with the smallest ones
+    points = [one.lowest for one in sets]
+    values = [one.leaf_margins for one in sets]
     if (few := REPLICATES * _CANDIDATES - sum(map(len, values))) > 0:
         points.append(region.random(few, seed * REPLICATES))
         values.append(measure(points[-1]))
     found = search(measure, region, np.concatenate(points), np.concatenate(values))
     if found.value <= 0:
-        raise singular(found.at)
+        raise _singular(inverse.task, found.at)
+
+    # the cost, and its standard error
+    costs = [one.cost for one in sets]
     mean = float(np.mean(costs))
     widened = np.sqrt((REPLICATES - 1) / (REPLICATES - 3))
     return Evaluation(
         cost=mean,
         cost_error=float(np.std(costs, ddof=1) / np.sqrt(REPLICATES) * widened),
-        relative_distance=float(np.sqrt(mean / np.mean(norms))),
+        relative_distance=float(np.sqrt(mean / np.mean([one.norm for one in sets]))),
         leaf_margin=found.value,
         leaf_margin_at=found.at,
-        inside_limits=float(np.mean(inside)),
+        inside_limits=float(np.mean([one.inside for one in sets])),
     )
+
+
+class _Replicate(NamedTuple):
+    """Means over one set of nodes, and its nodes with the lowest leaf margins.
+
+    ``cost`` is the mean of ‖G_r − G_d‖_F², ``norm`` of ‖G_d‖_F², and ``inside`` the fraction inside
+    the joint limits.
+    """
+
+    cost: float
+    norm: float
+    inside: float
+    lowest: Array
+    leaf_margins: Array
+
+
+def _evaluated(
+    inverse: RepeatableInverse,
+    desired: Inverse,
+    region: Region,
+    measure: LeafMargin,
+    count: int,
+    seed: int,
+) -> _Replicate:
+    """Evaluate one set of ``count`` nodes; SingularRegionError if one has a leaf margin below 0."""
+    task = inverse.task
+    Q = region.random(count, seed)
+    weights = region.weights(Q)
+    J = task.jacobians(Q)
+    N, J_plus = null_space_and_inverse(J, task, Q)
+    V = inverse.potentials.gradients(Q)
+    side = np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
+    sigma = leaf_margin(N, V) * side
+    if not (sigma > 0).all():
+        raise _singular(task, Q[int(np.argmin(sigma))])
+    G_d = J_plus if type(desired) is Pseudoinverse else desired.batch(Q, J)
+    lowest = np.argsort(sigma)[:_CANDIDATES]
+    return _Replicate(
+        float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))),
+        float(weights @ np.sum(G_d**2, axis=(1, 2))),
+        float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)),
+        Q[lowest],
+        sigma[lowest],
+    )
+
+
+def _singular(task: Task, at: Array) -> SingularRegionError:
+    """Name the configuration (n,) near which an algorithmic singularity lies."""
+    what = f"an algorithmic singularity lies in Ω near {named(task, at)}"
+    return SingularRegionError(what, at, None)
 
 
 def spectral_cost(

@@ -89,30 +89,12 @@ def independent(
         If fewer than r potentials are left; the message gives the reasons.
     """
     r = desired.task.r
-    triangle = np.zeros((0, potentials.size))
-    square = 0.0
-    in_null = 0.0
-    for i in range(0, len(Q), 1024):
-        N, _, D = evaluate(desired, potentials, Q[i : i + 1024])
-        D = D * np.sqrt(weights[i : i + 1024])[:, None, None]
-        square = square + np.sum(D**2, axis=(0, 1))
-        in_null = in_null + np.sum((np.swapaxes(N, -1, -2) @ D) ** 2, axis=(0, 1))
-        triangle = np.asarray(
-            np.linalg.qr(np.concatenate([triangle, D.reshape(-1, potentials.size)]), mode="r")
-        )
-    size, part = np.sqrt(square), np.sqrt(in_null)
+    triangle, size, part = _gradients(desired, potentials, Q, weights)
     constant = size <= _CONSTANT * np.max(size)
     in_rows = ~constant & (part <= _ROW_SPACE * size)
     left = np.flatnonzero(~(constant | in_rows))
     R, kept = _sequential(triangle[:, left])
-    reasons = {
-        "constant over the region": np.flatnonzero(constant),
-        "in the row space of J, a function of the task alone": np.flatnonzero(in_rows),
-        "depends linearly on the potentials before it": np.setdiff1d(left, left[kept]),
-    }
-    dropped = [
-        f"{potentials.names[int(j)]}: {why}" for why, numbers in reasons.items() for j in numbers
-    ]
+    dropped = _dropped(potentials, constant, in_rows, np.setdiff1d(left, left[kept]))
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
@@ -125,6 +107,45 @@ def independent(
         scipy.linalg.solve_triangular(R, np.eye(len(R))),
         potentials.size,
     )
+
+
+def _gradients(
+    desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
+) -> tuple[Array, Array, Array]:
+    """Measure the gradients of the potentials over nodes Q (K, n).
+
+    Return the triangle of the QR factorisation of all gradients, and the norm of each potential's
+    (N,), of the whole and of the part in the null space of J.
+    """
+    triangle = np.zeros((0, potentials.size))
+    square = 0.0
+    in_null = 0.0
+    for i in range(0, len(Q), 1024):
+        N, _, D = evaluate(desired, potentials, Q[i : i + 1024])
+        D = D * np.sqrt(weights[i : i + 1024])[:, None, None]
+        square = square + np.sum(D**2, axis=(0, 1))
+        in_null = in_null + np.sum((np.swapaxes(N, -1, -2) @ D) ** 2, axis=(0, 1))
+        triangle = np.asarray(
+            np.linalg.qr(np.concatenate([triangle, D.reshape(-1, potentials.size)]), mode="r")
+        )
+    return triangle, np.sqrt(square), np.sqrt(in_null)
+
+
+def _dropped(
+    potentials: PotentialBasis,
+    constant: NDArray[np.bool_],
+    in_rows: NDArray[np.bool_],
+    dependent: NDArray[np.intp],
+) -> list[str]:
+    """Name the potentials that are left out, each with its reason."""
+    reasons = {
+        "constant over the region": np.flatnonzero(constant),
+        "in the row space of J, a function of the task alone": np.flatnonzero(in_rows),
+        "depends linearly on the potentials before it": dependent,
+    }
+    return [
+        f"{potentials.names[int(j)]}: {why}" for why, numbers in reasons.items() for j in numbers
+    ]
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:

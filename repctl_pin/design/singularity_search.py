@@ -214,17 +214,23 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
 
     descend_in_box(Q, value, trial, evaluate, _LENGTHS, enough=0.0)
     if isinstance(measure, Dexterity):
-        ends = Q.copy()
-        for _ in range(_NEWTON):
-            if value.min() <= 0:
-                break
-            step = measure.newton(ends, scale)
-            ends = region.clip(ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None])
-            found = measure(ends)
-            better = (found < value) & (region.ratio(ends) <= 1 + _EDGE)
-            Q[better], value[better] = ends[better], found[better]
+        _newton(measure, region, Q, value)
     worst = int(np.argmin(value))
     return Lowest(float(value[worst]), Q[worst], Q, value)
+
+
+def _newton(measure: Dexterity, region: Region, Q: Array, value: Array) -> None:
+    """Lower values at Q (S, n) in place by Newton steps, until one of them reaches 0."""
+    scale = region.bounds.half_width
+    ends = Q.copy()
+    for _ in range(_NEWTON):
+        if value.min() <= 0:
+            break
+        step = measure.newton(ends, scale)
+        ends = region.clip(ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None])
+        found = measure(ends)
+        better = (found < value) & (region.ratio(ends) <= 1 + _EDGE)
+        Q[better], value[better] = ends[better], found[better]
 
 
 def search(measure: _Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:

@@ -58,8 +58,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
     if isinstance(task, SeveralFrames):
         return tuple(task_parts(part) for part in task.parts)
     chain = joint_chain(task)
-    lower, upper = task.lower, task.upper
-    numbers = (chain.R, chain.p, chain.axes, chain.S, chain.offset, lower, upper)
+    numbers = (chain.R, chain.p, chain.axes, chain.S, chain.offset, task.lower, task.upper)
     return (
         str(task.kind),
         chain.revolute,

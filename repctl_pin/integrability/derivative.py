@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only, require_type
 from ..base.errors import SingularityError
@@ -232,12 +233,26 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
     rows = [
         (values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None]) for j in range(_LEVELS)
     ]
+    best, error, level, few = _romberg(rows)
+    # The two shortest steps differ almost only by noise; longer steps reduce it in proportion.
+    last, before = (np.abs(entry - best).max(-1, initial=0.0) for entry in few)
+    noise = np.maximum(last, before / 2) * 2.0 ** (level - _LEVELS + 1)
+    rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[:, -1]
+    slope = np.moveaxis(best, 1, -1).reshape(K, *shape, n)
+    return slope, np.maximum(error, 4 * noise) + rounding
 
+
+def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tuple[Array, Array]]:
+    """Extrapolate differences (K, n, size) of halved steps by Romberg's table.
+
+    Return the best entries, their error estimates and levels (K, n), and the entries of the fourth
+    column for the two shortest steps, the shortest first.
+    """
     best = rows[-1]
-    error = np.full((K, n), np.inf)
-    level = np.zeros((K, n), int)
+    error = np.full(best.shape[:2], np.inf)
+    level = np.zeros(best.shape[:2], int)
     table = [[rows[0]]]
-    for j in range(1, _LEVELS):
+    for j in range(1, len(rows)):
         previous = table[-1]
         current = [rows[j]]
         for i in range(1, j + 1):
@@ -250,9 +265,4 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
             best = np.where(better[..., None], entry, best)
             current.append(entry)
         table.append(current)
-    # The two shortest steps differ almost only by noise; longer steps reduce it in proportion.
-    last, before = (np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1])
-    noise = np.maximum(last, before / 2) * 2.0 ** (level - _LEVELS + 1)
-    rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[:, -1]
-    slope = np.moveaxis(best, 1, -1).reshape(K, *shape, n)
-    return slope, np.maximum(error, 4 * noise) + rounding
+    return best, error, level, (table[-1][3], table[-2][3])

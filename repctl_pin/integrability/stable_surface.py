@@ -240,16 +240,21 @@ def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> 
         if not len(Q):
             break
         step = _newton_step(strategy, function, Q, s, L)
-        # The best of five lengths; if none improves s, the point is a local minimum above 0.
-        lengths = 0.5 ** np.arange(5)
-        trials = Q[:, None] + lengths[:, None] * step[:, None]  # (K, 5, n)
-        norms = _norms(strategy, function, trials.reshape(-1, task.n)).reshape(len(Q), -1)
-        best = norms.argmin(axis=1)
-        improved = norms[np.arange(len(Q)), best] < size
-        Q = trials[np.arange(len(Q)), best][improved]
+        Q = _improved(strategy, function, Q, step, size)
     points = np.vstack([np.empty((0, task.n)), *found])
     stuck = np.vstack([np.empty((0, task.n)), *singular])
     return points[region.ratio(points) <= 1 + 1e-9], stuck[region.ratio(stuck) <= 1 + 1e-9]
+
+
+def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size: Array) -> Array:
+    """Take the best of five lengths of the steps from Q (K, n), and drop points that none improves.
+
+    ``size`` (K,) is ‖s‖ at Q; a point that is dropped is a local minimum above 0.
+    """
+    trials = Q[:, None] + 0.5 ** np.arange(5)[:, None] * step[:, None]  # (K, 5, n)
+    norms = _norms(strategy, function, trials.reshape(-1, Q.shape[1])).reshape(len(Q), -1)
+    every, best = np.arange(len(Q)), norms.argmin(axis=1)
+    return trials[every, best][norms[every, best] < size]
 
 
 def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: Array) -> Array:
@@ -323,27 +328,38 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
     least = np.full(len(Q), np.inf)
     mixed = np.ones(task.m) / np.sqrt(task.m)
     for direction in (*np.eye(task.m), *-np.eye(task.m), mixed):
-
-        def velocity(P: Array, direction: Array = direction) -> Array:
-            qdot = strategy.batch(P) @ direction
-            return qdot / np.linalg.norm(qdot / L, axis=1, keepdims=True)
-
-        P, way = Q.copy(), np.zeros(len(Q))
-        for _ in range(_WALK_STEPS):
-            # A point that approaches a singularity of J stops there.
-            free = np.flatnonzero(_dexterity(strategy, P) > 0.05)
-            p, step = P[free], h[free]
-            if not len(p):
-                break
-            k1 = velocity(p)
-            k2 = velocity(p + step / 2 * k1)
-            k3 = velocity(p + step / 2 * k2)
-            k4 = velocity(p + step * k3)
-            P[free] = p + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            way[free] += 1 / _WALK_STEPS
+        P, way = _walked(strategy, Q, direction, h, L)
         largest = np.maximum(largest, np.where(way > 0, _norms(strategy, function, P), 0.0))
         least = np.minimum(least, way)
     return largest, least
+
+
+def _walked(
+    strategy: Inverse, Q: Array, direction: Array, h: Array, L: Array
+) -> tuple[Array, Array]:
+    """Move from Q (K, n) along G in one task direction (m,), by Runge–Kutta steps h (K, 1).
+
+    Return where the walks end (K, n), and the fraction of the length that each completed (K,).
+    """
+
+    def velocity(P: Array) -> Array:
+        qdot = strategy.batch(P) @ direction
+        return qdot / np.linalg.norm(qdot / L, axis=1, keepdims=True)
+
+    P, way = Q.copy(), np.zeros(len(Q))
+    for _ in range(_WALK_STEPS):
+        # A point that approaches a singularity of J stops there.
+        free = np.flatnonzero(_dexterity(strategy, P) > 0.05)
+        p, step = P[free], h[free]
+        if not len(p):
+            break
+        k1 = velocity(p)
+        k2 = velocity(p + step / 2 * k1)
+        k3 = velocity(p + step / 2 * k2)
+        k4 = velocity(p + step * k3)
+        P[free] = p + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        way[free] += 1 / _WALK_STEPS
+    return P, way
 
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:

@@ -129,7 +129,14 @@ def arm_ends(description: Description) -> list[_Body]:
     for body in reversed(bodies):
         body.after = max((1 + tip.after for _, tip in body.branches), default=0)
         body.narrow = all(_moves_little(joint, tip) and tip.narrow for joint, tip in body.branches)
-    whole = all(body.named for body in bodies[1:])
+    return _ends(root, whole=all(body.named for body in bodies[1:]))
+
+
+def _ends(root: _Body, *, whole: bool) -> list[_Body]:
+    """List the bodies without branches, and the hands, in the order of the file.
+
+    ``whole`` tells that the robot is a finger itself, so that a hand is no end of it.
+    """
     ends, todo = [], [root]
     while todo:
         body = todo.pop()

@@ -9,7 +9,7 @@ turns about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -86,41 +86,61 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
     parts = [_Part(names[0], "", pin.SE3.Identity())]
     mimics = _couplings(model, notes)
     for b in range(1, model.nbody):
-        place = _placed(model.body_pos[b], model.body_quat[b])
-        above = names[int(model.body_parentid[b])]
-        first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
-        chain = _joints(model, names[b], above, place, range(first, first + count))
-        for part in chain:
-            part.mimic = mimics.get(part.joint)
-        notes += [
-            f"free joint of body {names[b]!r} read as fixed"
-            for j in range(first, first + count)
-            if model.jnt_type[j] == _FREE
-        ]
-        notes += [
-            f"left out: the range of ball joint {model.joint(j).name!r}"
-            for j in range(first, first + count)
-            if model.jnt_type[j] == _BALL and model.jnt_limited[j]
-        ]
-        mass = float(model.body_mass[b])
-        if mass > 0:
-            at = _placed(model.body_ipos[b], model.body_iquat[b])
-            chain[-1].inertia = mass, at, tuple(model.body_inertia[b])
-        parts += chain
+        parts += _body_parts(model, b, names, mimics)
+        notes += _joint_notes(model, b, names[b])
     links = dict(zip(names, (_last(parts, name) for name in names), strict=True))
     left_out = _add_shapes(model, [links[name] for name in names], folder)
     if left_out:
         notes.append(f"left out: shapes of MuJoCo without a URDF shape ({left_out})")
-    taken = {part.name for part in parts}
-    for s in range(model.nsite):  # sites are often the tool's centre
-        name, at = model.site(s).name, _placed(model.site_pos[s], model.site_quat[s])
-        if name and name not in taken:
-            parts.append(_Part(name, names[int(model.site_bodyid[s])], at))
-            taken.add(name)
+    parts += _site_parts(model, names, {part.name for part in parts})
     if model.ntendon:
         notes.append("left out: tendons, which do not change the kinematics")
     name = bytes(model.names).split(b"\0")[0].decode("utf-8", "replace")
     return _text(name or "mujoco", parts)
+
+
+def _body_parts(
+    model: Any, b: int, names: Sequence[str], mimics: Mapping[str, tuple[str, float, float]]
+) -> list[_Part]:
+    """Convert body number b to links: one per joint, the last with the inertia."""
+    place = _placed(model.body_pos[b], model.body_quat[b])
+    above = names[int(model.body_parentid[b])]
+    chain = _joints(model, names[b], above, place, _joint_numbers(model, b))
+    for part in chain:
+        part.mimic = mimics.get(part.joint)
+    mass = float(model.body_mass[b])
+    if mass > 0:
+        at = _placed(model.body_ipos[b], model.body_iquat[b])
+        chain[-1].inertia = mass, at, tuple(model.body_inertia[b])
+    return chain
+
+
+def _joint_numbers(model: Any, b: int) -> range:
+    """List the numbers of the joints of body number b."""
+    first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
+    return range(first, first + count)
+
+
+def _joint_notes(model: Any, b: int, name: str) -> list[str]:
+    """Write the notes on free joints of body number b, and on ranges of ball joints."""
+    joints = _joint_numbers(model, b)
+    free = [j for j in joints if model.jnt_type[j] == _FREE]
+    balls = [j for j in joints if model.jnt_type[j] == _BALL and model.jnt_limited[j]]
+    return [
+        *(f"free joint of body {name!r} read as fixed" for _ in free),
+        *(f"left out: the range of ball joint {model.joint(j).name!r}" for j in balls),
+    ]
+
+
+def _site_parts(model: Any, names: Sequence[str], taken: set[str]) -> list[_Part]:
+    """Convert sites, which are often the tool's centre, to links with names that are not taken."""
+    parts = []
+    for s in range(model.nsite):
+        name, at = model.site(s).name, _placed(model.site_pos[s], model.site_quat[s])
+        if name and name not in taken:
+            parts.append(_Part(name, names[int(model.site_bodyid[s])], at))
+            taken.add(name)
+    return parts
 
 
 def _last(parts: Sequence[_Part], name: str) -> _Part:

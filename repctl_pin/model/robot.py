@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,12 +18,15 @@ from ..base.errors import InputError, UrdfError, unknown
 from .catalogue import READY, Entry, default_package_dirs, find, reference_posture, urdf_folder
 from .end_effectors import arm_ends, is_sensor, rank, task_links
 from .kind import Kind, KindName, task_kind
-from .mechanism import Mechanism, based, couple, limits, pose
+from .mechanism import Mechanism, Range, based, couple, limits, pose
 from .model import frame_id, frame_placements, link_ids, lock_joints, path_between
 from .shapes import find_mesh, named_mesh
 from .task import Task
 from .urdf import Description, check_surroundings, read_urdf
 from .urdf_xml import package_folder, short
+
+if TYPE_CHECKING:
+    from .several_frames import FrameSpec
 
 
 class Robot(Mechanism):
@@ -76,59 +79,85 @@ class Robot(Mechanism):
         self.package_dirs = tuple(str(p) for p in package_dirs)
         self.base = base
         self.joints = {joint.name: joint for joint in description.joints if joint.kind != "fixed"}
-        held = set(lock)
-        for joint_name in held:
-            if joint_name not in self.joints:
-                raise unknown("joint", joint_name, self.joints)
-        still = {
-            j.name
-            for j in self.joints.values()
-            if j.name in held or j.mimic in held or j.multiplier == 0
-        }
-        try:
-            model = pin.buildModelFromXML(description.xml)
-        except (ValueError, RuntimeError, MemoryError) as error:
-            raise UrdfError(
-                f"{description.path}: Pinocchio cannot build a model of it ({error})"
-            ) from error
+        still = self._still(lock)
+        model = _built(description)
         model.name = self.name
 
+        # limits and named poses of the joints that mimic no other one
         notes: list[str] = []
         names = tuple(model.names)[1:]
         free = [name for name in names if self.joints[name].mimic is None]
         moving = [joint for joint in self.joints.values() if joint.name not in still]
         ranges = [limits(self.joints[j], [f for f in moving if f.mimic == j], notes) for j in free]
-        lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
-        turns = np.array([self.joints[name].kind != "prismatic" for name in free], bool)
-        poses = {
-            name: pose(free, lower, upper, turns, values, notes if name == "reference" else [])
-            for name, values in _named_poses(entry).items()
-        }
+        poses = self._poses_within(free, ranges, notes)
+
+        # the model in which only the moving joints are left
         whole = couple(names, free, self.joints)
         for name, q in poses.items():
             model.referenceConfigurations[name] = whole.joints(q)
-        model = lock_joints(
+        self.model = lock_joints(
             model, [model.getJointId(j) for j in still], whole.joints(poses["reference"])
         )
-
-        self.model = model
         self.locked = tuple(name for name in self.joints if name in still)
         self.joint_names = tuple(name for name in free if name not in still)
-        self.coupling = couple(tuple(model.names)[1:], self.joint_names, self.joints)
-        mine = [free.index(name) for name in self.joint_names]
-        self.lower = _frozen(lower[mine])
-        self.upper = _frozen(upper[mine])
-        self.velocity_limit = _frozen([ranges[i].velocity for i in mine])
-        self.acceleration_limit = _frozen([ranges[i].acceleration for i in mine])
-        self.jerk_limit = _frozen([ranges[i].jerk for i in mine])
-        self.narrowed = {free[i]: ranges[i].narrowed for i in mine if ranges[i].narrowed}
-        self.revolute = turns[mine]
-        self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
-        self.reference = self.poses["reference"]
-        self.frames = tuple(link_ids(model))
+        self.coupling = couple(tuple(self.model.names)[1:], self.joint_names, self.joints)
+        self.frames = tuple(link_ids(self.model))
+
+        # what the moving joints keep of it
+        self._set_limits(free, ranges, poses)
         self.warnings = (*description.notes, *notes, *self._mesh_notes())
         if base is not None:
             self._frame_id(base)  # raises if there is no such link
+
+    def _still(self, lock: Sequence[str]) -> set[str]:
+        """List the joints that do not move: those in ``lock``, and their mimic joints.
+
+        InputError is raised if a name in ``lock`` is no joint.
+        """
+        held = set(lock)
+        for name in held:
+            if name not in self.joints:
+                raise unknown("joint", name, self.joints)
+        return {
+            joint.name
+            for joint in self.joints.values()
+            if joint.name in held or joint.mimic in held or joint.multiplier == 0
+        }
+
+    def _poses_within(
+        self, free: Sequence[str], ranges: Sequence[Range], notes: list[str]
+    ) -> dict[str, Array]:
+        """Compute the named poses of the free joints, within their ranges, by the poses' names.
+
+        Notes on values of the reference pose that were moved within the limits are appended.
+        """
+        lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
+        turns = self._revolute(free)
+        return {
+            name: pose(free, lower, upper, turns, values, notes if name == "reference" else [])
+            for name, values in _named_poses(self.entry).items()
+        }
+
+    def _set_limits(
+        self, free: Sequence[str], ranges: Sequence[Range], poses: Mapping[str, Array]
+    ) -> None:
+        """Set limits, kinds and poses of the movable joints, from those of all free joints."""
+        mine = [free.index(name) for name in self.joint_names]
+        kept = [ranges[i] for i in mine]
+        self.lower = _frozen([one.lower for one in kept])
+        self.upper = _frozen([one.upper for one in kept])
+        self.velocity_limit = _frozen([one.velocity for one in kept])
+        self.acceleration_limit = _frozen([one.acceleration for one in kept])
+        self.jerk_limit = _frozen([one.jerk for one in kept])
+        named = zip(self.joint_names, kept, strict=True)
+        self.narrowed = {name: one.narrowed for name, one in named if one.narrowed}
+        self.revolute = self._revolute(self.joint_names)
+        self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
+        self.reference = self.poses["reference"]
+
+    def _revolute(self, names: Sequence[str]) -> NDArray[np.bool_]:
+        """Test which of these joints are not prismatic."""
+        return np.array([self.joints[name].kind != "prismatic" for name in names], bool)
 
     @classmethod
     def load(
@@ -265,23 +294,9 @@ class Robot(Mechanism):
         ``kind`` is that of frames without their own; ``joints`` restricts the joints, None uses
         all. InputError is raised for a frame given twice, and for a task that is not redundant.
         """
-        from .several_frames import FrameSpec, SeveralFrames  # few robots have two hands
+        from .several_frames import SeveralFrames  # few robots have two hands
 
-        specs: list[FrameSpec] = []
-        for given in frames:
-            parts = (given,) if isinstance(given, str) else given
-            if not (isinstance(parts, tuple) and 1 <= len(parts) <= 3):
-                raise InputError(
-                    f": {shown(given)} is not a frame; give a name, (name, kind) or "
-                    "(name, kind, base)",
-                    argument="frame",
-                )
-            name, own = parts[0], (*parts, kind)[1]
-            base = parts[2] if len(parts) == 3 else None
-            if base is not None:
-                self._frame_id(base)
-            moving = based(self, base)._moving(name, None)
-            specs.append(FrameSpec(name, task_kind(own), base, moving))
+        specs = [self._frame_spec(given, kind) for given in frames]
         if joints is not None:
             union = tuple(dict.fromkeys(j for spec in specs for j in spec.joints))
             kept = self._subset(joints, union, "the frames")
@@ -307,6 +322,26 @@ class Robot(Mechanism):
                 remedy="give a frame another kind, such as 'position', or leave one out",
             )
         return task
+
+    def _frame_spec(self, given: Any, kind: KindName | Kind) -> FrameSpec:
+        """Check one of several frames, and find the joints that move it, all of them.
+
+        ``kind`` is its kind if it has none of its own.
+        """
+        from .several_frames import FrameSpec
+
+        parts = (given,) if isinstance(given, str) else given
+        if not (isinstance(parts, tuple) and 1 <= len(parts) <= 3):
+            raise InputError(
+                f": {shown(given)} is not a frame; give a name, (name, kind) or (name, kind, base)",
+                argument="frame",
+            )
+        name, own = parts[0], (*parts, kind)[1]
+        base = parts[2] if len(parts) == 3 else None
+        if base is not None:
+            self._frame_id(base)
+        moving = based(self, base)._moving(name, None)
+        return FrameSpec(name, task_kind(own), base, moving)
 
     def _moving(self, frame: str, joints: Sequence[str] | None) -> tuple[str, ...]:
         """List the joints that move a frame; only those among ``joints``, if they are given.
@@ -521,6 +556,16 @@ def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     if entry is not None and entry.ready is not None:
         poses["ready"] = reference_posture(urdf_folder() / READY, entry.ready)
     return poses
+
+
+def _built(description: Description) -> pin.Model:
+    """Build Pinocchio's model of all joints; UrdfError if Pinocchio refuses the file."""
+    try:
+        return pin.buildModelFromXML(description.xml)
+    except (ValueError, RuntimeError, MemoryError) as error:
+        raise UrdfError(
+            f"{description.path}: Pinocchio cannot build a model of it ({error})"
+        ) from error
 
 
 def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:

@@ -146,9 +146,7 @@ def read_urdf(
         _split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
         joints = tuple(_joint(element, elements, notes) for element in elements.values())
-        still = [repr(name) for name, element in elements.items() if _no_speed(element)]
-        if still:
-            notes.append(f"speed limit 0 of joint {', '.join(still)} read as no limit")
+        notes += _still_notes(elements)
     except UrdfError as error:
         raise UrdfError(_one_line(f"{path}: {error}")) from error
     shapes = shapes_of(robot, "visual")
@@ -188,6 +186,12 @@ def check_surroundings(description: Description) -> Description:
             "so no collision is possible; add collision shapes to the links"
         )
     return description
+
+
+def _still_notes(elements: Mapping[str, etree._Element]) -> list[str]:
+    """Write the note on joints with the speed limit 0, which is read as no limit."""
+    still = [repr(name) for name, element in elements.items() if _no_speed(element)]
+    return [f"speed limit 0 of joint {', '.join(still)} read as no limit"] if still else []
 
 
 def _read(path: Path, package_dirs: Sequence[str]) -> bytes:

@@ -401,11 +401,23 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
             f"has no parent joint, and neither has {other}; a URDF must have a single root link: "
             "connect the two by a joint",
         )
+    connected = _connected(roots[0], below)
+    for link in links:
+        if link.get("name") not in connected:
+            raise bad(above[link.get("name")], "is part of a loop; remove a joint of the loop")
+    return str(roots[0].get("name"))
+
+
+def _connected(root: etree._Element, below: Mapping[str, list[etree._Element]]) -> set[str]:
+    """List the links that hang on the root; UrdfError for a chain that is too long.
+
+    ``below`` has the joints under each link.
+    """
     # links, each with the number of links and of movable joints from the root to it
-    reached = [(roots[0].get("name"), 1, 0)]
+    reached = [(root.get("name"), 1, 0)]
     for name, depth, moving in reached:  # extended in the loop, so that there is no recursion
         if depth > _MAX_DEPTH:
-            raise bad(roots[0], f"a chain of links exceeds the maximum length of {_MAX_DEPTH}")
+            raise bad(root, f"a chain of links exceeds the maximum length of {_MAX_DEPTH}")
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
             if count > _MAX_MOVING:
@@ -413,8 +425,4 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
                     joint, f"a chain has over {_MAX_MOVING} movable joints; make some of them fixed"
                 )
             reached.append((joint.find("child").get("link"), depth + 1, count))
-    connected = {name for name, _, _ in reached}
-    for link in links:
-        if link.get("name") not in connected:
-            raise bad(above[link.get("name")], "is part of a loop; remove a joint of the loop")
-    return str(roots[0].get("name"))
+    return {name for name, _, _ in reached}

@@ -8,6 +8,7 @@ from ..model.length import elbow as elbow
 from .fitting_circle import fitting_circle as fitting_circle
 from .follow import check_length as check_length
 from .follow import follow as follow
+from .follow import followed as followed
 from .follow import unresolved as unresolved
 from .joint_motion import refuse_violations as refuse_violations
 from .joint_motion import violations_of as violations_of

@@ -9,8 +9,8 @@ inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalise
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,7 @@ from ..redundancy import leaf_margin, nullspace
 from ..solvers import newton_rows
 from ..strategies import Bounded, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Inverse
-from .follow import follow
+from .follow import followed
 from .joint_motion import violations_of
 from .leaf_lock import LeafLock
 from .motion import Motion
@@ -269,68 +269,161 @@ def best_leaf(
     G_d = desired or Pseudoinverse(task)
     start = solve_ik(task, task.check(q0, "the start"), target)
 
-    given = best = _evaluated(inverse, G_d, path, start, region, steps)
-    tried = 1
-    seen = [] if given is None or given.motion.outside else [given]
+    search = _Search(inverse, G_d, path, region, steps)
+    search.begin(start)
+    best = search.given
+    for walk in self_motions(task, start, target, _directions(task, start, seed), _STRIDE):
+        best = search.improved(best, walk, search.clearer)
+    if best is None:
+        raise InputError(
+            f"none of the {search.tried} leaves tried along the self-motion of the start allows "
+            f"a full cycle of {path.name}{'' if region is None else ' inside the region'}; "
+            "use a smaller path or a larger design region"
+        )
+    best = search.refined(best, search.clearer)
+    if by == "speed":
+        best = _fastest(search, best, seed)
+    return BestLeaf(best, search.given, search.tried)
 
-    def allowed(starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
+
+_Better: TypeAlias = "Callable[[_LeafCandidate, _LeafCandidate], bool]"
+"""Function that tells whether the first candidate is better than the second."""
+
+
+@dataclass(eq=False)
+class _Search:
+    """Starts on one path that were evaluated, and the comparison with the given one.
+
+    Attributes
+    ----------
+    inverse, desired, path, region, steps
+        Arguments of :func:`best_leaf`; ``desired`` is G_d.
+    given
+        The given start; None if its leaf allows no full cycle.
+    seen
+        Starts with a full cycle inside the region.
+    tried
+        Number of starts evaluated.
+    """
+
+    inverse: RepeatableInverse
+    desired: Inverse
+    path: TaskPath
+    region: Bounded | None
+    steps: int
+    given: _LeafCandidate | None = None
+    seen: list[_LeafCandidate] = field(default_factory=list)
+    tried: int = 0
+
+    def begin(self, start: Array) -> None:
+        """Evaluate the given start (n,), with which the others are compared."""
+        self.given = self.evaluated(start)
+        self.tried = 1
+        if self.given is not None and not self.given.motion.outside:
+            self.seen.append(self.given)
+
+    def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Yield the starts with a full cycle inside the region and a sufficient leaf margin.
 
         None stands for a start that the walk did not reach; it is counted as tried. The leaf margin
         is sufficient from 0.1 on, or from that of the given start on.
         """
-        nonlocal tried
         for q in starts:
-            tried += 1
-            candidate = None if q is None else _evaluated(inverse, G_d, path, q, region, steps)
+            self.tried += 1
+            candidate = None if q is None else self.evaluated(q)
             if candidate is None or candidate.motion.outside:
                 continue
-            if given is None or candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin):
-                seen.append(candidate)
+            if self.given is None or candidate.leaf_margin >= min(
+                _LEAST_LEAF_MARGIN, self.given.leaf_margin
+            ):
+                self.seen.append(candidate)
                 yield candidate
 
-    def refined(
-        best: _LeafCandidate, better: Callable[[_LeafCandidate, _LeafCandidate], bool]
-    ) -> _LeafCandidate:
-        """Improve the best start by a pattern search along the null vectors, with shrinking steps.
+    def clearer(self, one: _LeafCandidate, other: _LeafCandidate) -> bool:
+        """Test whether one start has the better margins, and none smaller than the given one."""
+        return one.order > other.order and (
+            self.given is None or one.limit_margin >= self.given.limit_margin
+        )
 
-        ``better(a, b)`` tells whether candidate a is better than b. The step is halved whenever no
-        neighbour is better, from half of ``_STRIDE`` down to ``_FINEST``.
-        """
-        size = _STRIDE / 2
-        while size >= _FINEST:
-            before = best
-            for candidate in allowed(_around(task, before.q0, target, size)):
-                if better(candidate, best):
-                    best = candidate
-            size = size / 2 if best is before else size
+    def improved(
+        self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
+    ) -> _LeafCandidate | None:
+        """Return the best of these starts and ``best``."""
+        for candidate in self.allowed(starts):
+            best = candidate if best is None or better(candidate, best) else best
         return best
 
-    def clearer(one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        return one.order > other.order and (given is None or one.limit_margin >= given.limit_margin)
+    def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
+        """Improve the best start by a pattern search along the null vectors, with shrinking steps.
 
-    for walk in self_motions(task, start, target, _directions(task, start, seed), _STRIDE):
-        for candidate in allowed(walk):
-            best = candidate if best is None or clearer(candidate, best) else best
-    if best is None:
-        raise InputError(
-            f"none of the {tried} leaves tried along the self-motion of the start allows "
-            f"a full cycle of {path.name}{'' if region is None else ' inside the region'}; "
-            "use a smaller path or a larger design region"
+        The step is halved whenever no neighbour is better, from half of ``_STRIDE`` down to
+        ``_FINEST``.
+        """
+        target = self.path.placement(0.0)
+        size = _STRIDE / 2
+        while size >= _FINEST:
+            around = _around(self.inverse.task, best.q0, target, size)
+            found = self.improved(best, around, better) or best
+            size = size / 2 if found is best else size
+            best = found
+        return best
+
+    def evaluated(self, q0: Array) -> _LeafCandidate | None:
+        """Follow one cycle from a start and evaluate its margins; return None if the cycle fails.
+
+        A cycle fails at a singularity, if the frame leaves the path, or if it does not close.
+        """
+        task = self.inverse.task
+        length = arm_length(task, q0) or 1.0
+        try:
+            motion = followed(
+                self.inverse, self.path, q0, cycles=1, steps=self.steps, integrator=LeafLock(2)
+            )
+            motion = replace(motion, region=self.region)
+            N = nullspace(task.jacobians(motion.q))
+            G = self.inverse.batch(motion.q)
+            G_d = self.desired.batch(motion.q)
+        except SingularityError:
+            return None
+        gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))
+        if motion.tracking_error.max() > _LOST * length or gap > _LOST:
+            return None  # the motion left the path, or did not close
+        clear = float(leaf_margin(N, self.inverse.potentials.gradients(motion.q)).min())
+        least = motion.limit_margin.min(axis=0)
+        bodies = motion._clearance_from(_BODY_POINTS).distance
+        width = task.upper - task.lower
+        half = np.where(np.isfinite(width), width / 2, 1.0)
+        return _LeafCandidate(
+            q0=motion.q[0],
+            relative_margins={
+                "limits": float(np.min(least / half)),
+                "bodies": bodies / (_UNIT_DISTANCE * length),
+                "leaf": clear,
+            },
+            limit_margin=float(least.min()),
+            body_distance=bodies,
+            leaf_margin=clear,
+            distance=float(np.linalg.norm(G - G_d) / np.linalg.norm(G_d)),
+            motion=motion,
         )
-    best = refined(best, clearer)
-    if by == "speed":
-        least_margin = max(best.limit_margin, 0.0) / 2
 
-        def faster(one: _LeafCandidate, other: _LeafCandidate) -> bool:
-            keeps = one.limit_margin >= least_margin and one.body_distance >= 0
-            return keeps and one.motion.rms_speed < other.motion.rms_speed
 
-        beside = _fast_starts(task, path, _RANDOM, margin=least_margin, seed=seed)
-        for candidate in [*seen, *allowed(beside)]:
-            best = candidate if faster(candidate, best) else best
-        best = refined(best, faster)
-    return BestLeaf(best, given, tried)
+def _fastest(search: _Search, best: _LeafCandidate, seed: int) -> _LeafCandidate:
+    """Find the start of lowest joint speed with half of the limit margin of ``best``.
+
+    It is sought among all starts seen so far and random ones, and then refined.
+    """
+    least_margin = max(best.limit_margin, 0.0) / 2
+
+    def faster(one: _LeafCandidate, other: _LeafCandidate) -> bool:
+        keeps = one.limit_margin >= least_margin and one.body_distance >= 0
+        return keeps and one.motion.rms_speed < other.motion.rms_speed
+
+    task, path = search.inverse.task, search.path
+    beside = _fast_starts(task, path, _RANDOM, margin=least_margin, seed=seed)
+    for candidate in [*search.seen, *search.allowed(beside)]:
+        best = candidate if faster(candidate, best) else best
+    return search.refined(best, faster)
 
 
 def _fast_starts(
@@ -415,54 +508,6 @@ def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Ar
     for n in N.T:
         for sign in (1, -1):
             yield self_moved(task, q, size * sign * n / np.linalg.norm(n / L), target)
-
-
-def _evaluated(
-    inverse: RepeatableInverse,
-    desired: Inverse,
-    path: TaskPath,
-    q0: Array,
-    region: Bounded | None,
-    steps: int,
-) -> _LeafCandidate | None:
-    """Follow one cycle from a start and evaluate its margins; return None if the cycle fails.
-
-    A cycle fails at a singularity, if the frame leaves the path, or if the cycle does not close.
-    ``desired`` is the desired inverse G_d, from which the distance is measured. ``region`` is Ω,
-    the region of joint space of the design, or None.
-    """
-    task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
-    try:
-        motion = replace(
-            follow(inverse, path, q0, cycles=1, steps=steps, integrator=LeafLock(2)), region=region
-        )
-        N = nullspace(task.jacobians(motion.q))
-        G = inverse.batch(motion.q)
-        G_d = desired.batch(motion.q)
-    except SingularityError:
-        return None
-    gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))
-    if motion.tracking_error.max() > _LOST * length or gap > _LOST:
-        return None  # the motion left the path, or did not close
-    clear = float(leaf_margin(N, inverse.potentials.gradients(motion.q)).min())
-    least = motion.limit_margin.min(axis=0)
-    bodies = motion._clearance_from(_BODY_POINTS).distance
-    lower, upper = task.lower, task.upper
-    half = np.where(np.isfinite(upper - lower), (upper - lower) / 2, 1.0)
-    relative_margins = {
-        "limits": float(np.min(least / half)),
-        "bodies": bodies / (_UNIT_DISTANCE * length),
-        "leaf": clear,
-    }
-    return _LeafCandidate(
-        q0=motion.q[0],
-        relative_margins=relative_margins,
-        limit_margin=float(least.min()),
-        body_distance=bodies,
-        leaf_margin=clear,
-        distance=float(np.linalg.norm(G - G_d) / np.linalg.norm(G_d)),
-        motion=motion,
-    )
 
 
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:

@@ -154,13 +154,7 @@ def read_motions(
     clocks = [name for name in _CLOCKS if name in table.names and name not in known][:1]
     turn = ["cycle"] if "cycle" in table.names and "cycle" not in known else []
     values = table.numbers([*joints, *clocks, *turn])
-    keys = [Path(file).stem] * len(values)
-    if "strategy" in table.names:
-        at = table.names.index("strategy")
-        keys = [row[at] or Path(file).stem for _, row in table.rows()]
-    rows_by_key: dict[str, list[int]] = {}
-    for row, key in enumerate(keys):
-        rows_by_key.setdefault(key, []).append(row)
+    rows_by_key = _rows_by_key(table, len(values))
     n = len(joints)
     made = []
     for key, rows in rows_by_key.items():
@@ -178,6 +172,19 @@ def read_motions(
             raise InputError(f"{where}: time must increase from row to row")
         made.append(_Recorded(key, joints, values[rows, :n], count, times))
     return made
+
+
+def _rows_by_key(table: CsvTable, count: int) -> dict[str, list[int]]:
+    """List the rows of each motion of a table, by its strategy, else by the name of the file."""
+    stem = table.file.stem
+    keys = [stem] * count
+    if "strategy" in table.names:
+        at = table.names.index("strategy")
+        keys = [row[at] or stem for _, row in table.rows()]
+    rows_by_key: dict[str, list[int]] = {}
+    for row, key in enumerate(keys):
+        rows_by_key.setdefault(key, []).append(row)
+    return rows_by_key
 
 
 def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> int:

@@ -202,10 +202,9 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     if motion.first_violation is not None or motion.closes:
         return None
     task = motion.task
-    lower, upper = task.lower, task.upper
     last = motion.q[-motion.steps - 1 :]
     step = last[-1] - last[0]  # (n,), per cycle
-    margin = np.where(step > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
+    margin = np.where(step > 0, task.upper - last.max(axis=0), last.min(axis=0) - task.lower)
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(step != 0, margin / np.abs(step), np.inf)
     joint = int(np.argmin(left))

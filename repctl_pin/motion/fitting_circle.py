@@ -17,7 +17,7 @@ from ..paths.shapes import Normal, circle
 from ..paths.task_path import TaskPath, renamed
 from ..redundancy.inverses import inverse_condition_number
 from ..strategies import Bounded, Pseudoinverse, Strategy
-from .follow import follow
+from .follow import followed
 
 _RADII = (0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.02, 0.01)
 _SMALL = (0.005, 0.003, 0.002, 0.001)
@@ -67,7 +67,7 @@ def fitting_circle(
             for degrees in _DEGREES:
                 path = circle_at(task, q0, size, flat, degrees)
                 try:
-                    motion = follow(strategy, path, q0, cycles=1, steps=96)
+                    motion = followed(strategy, path, q0, cycles=1, steps=96)
                 except SingularityError:
                     continue
                 clear = min(dexterity_at(task, q) for q in motion.q[::2]) > needed

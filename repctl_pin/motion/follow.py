@@ -152,37 +152,71 @@ def follow(
     q = task.check(q0, "the start")
     if not isinstance(integrator, LeafLock):
         require_choice(integrator, _INTEGRATORS, "integrator")
-    cycles = as_int(cycles, "cycles", 1)
-    steps = as_int(steps, "steps", 1)
-    check_length(task, cycles, steps)
     period = positive((path.period or PERIOD) if period is None else period, "the period", "s")
-    feedback = positive(feedback, "the feedback gain", zero=True)
-    gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
+    return followed(
+        strategy,
+        path,
+        q,
+        cycles=as_int(cycles, "cycles", 1),
+        steps=as_int(steps, "steps", 1),
+        period=period,
+        integrator=integrator,
+        feedback=positive(feedback, "the feedback gain", zero=True),
+    )
+
+
+def followed(
+    strategy: Strategy,
+    path: TaskPath,
+    q0: Array,
+    *,
+    cycles: int,
+    steps: int = STEPS,
+    period: float | None = None,
+    integrator: str | LeafLock = "rk4",
+    feedback: float = 0.0,
+) -> Motion:
+    """Integrate as :func:`follow` does, from arguments that were checked before."""
+    task = strategy.task
+    period = period or path.period or PERIOD
+    check_length(task, cycles, steps)
+    gap = float(np.linalg.norm(task.error(q0, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
         raise InputError(
             f"the path starts {gap:.3g} m (or rad) away from the frame; "
             "use rp.solve_ik() first, or feedback"
         )
-
     grid = path_grid(path, steps)
     if isinstance(integrator, LeafLock):
-        if feedback:
-            raise InputError(
-                "feedback= and a leaf lock are mutually exclusive: "
-                "the leaf lock corrects the task error itself"
-            )
-        if not isinstance(strategy, RepeatableInverse):
-            raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
-        advance = locked_steps(strategy, path, grid, q, period, integrator)
-        method = _Method(advance)
+        method = _locked(strategy, path, grid, q0, period, integrator, feedback)
     else:
         method = _integrated(strategy, path, steps, period, integrator, feedback)
     targets = _kept(_placements, path)(path, steps)
     size = _size([target.translation for target in targets])
-    Q, Qdot, used = _run(method, task, path, (cycles, len(grid) - 1), size, q)
+    Q, Qdot, used = _run(method, task, path, (cycles, len(grid) - 1), size, q0)
 
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
     return motion_along(path, task, t, Q, Qdot, targets, damping=used)
+
+
+def _locked(
+    strategy: Strategy,
+    path: TaskPath,
+    grid: Array,
+    q0: Array,
+    period: float,
+    lock: LeafLock,
+    feedback: float,
+) -> _Method:
+    """Make the stepper of a motion on the leaf of q0 (n,); InputError without a repeatable law."""
+    if feedback:
+        raise InputError(
+            "feedback= and a leaf lock are mutually exclusive: "
+            "the leaf lock corrects the task error itself"
+        )
+    if not isinstance(strategy, RepeatableInverse):
+        raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
+    return _Method(locked_steps(strategy, path, grid, q0, period, lock))
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
@@ -303,22 +337,12 @@ def _integrated(
     places = sorted(set(nodes))
     sampled = _kept(_twists, path)(path, steps, tuple(places)) / period
     turning = task.kind.tool_axes
-    if not turning:
-        sampled = sampled[..., task.rows]
+    sampled = sampled if turning else sampled[..., task.rows]
     twists = [list(row) for row in sampled]
     stages = [(i, places.index(c), c) for i, c in enumerate(nodes)]
     b_T = np.array(weights)
     slopes = np.empty((len(nodes), task.n))
-
-    follow_twist = strategy.velocity
-
-    def velocity(q: Array, twist: Array, s: float) -> Array:
-        if not (turning or feedback):
-            return follow_twist(q, twist)
-        xdot = task.task_velocity(q, twist) if turning else twist
-        if feedback:
-            xdot = xdot + feedback * task.error(q, path.placement(s))
-        return strategy.velocity(q, xdot)
+    velocity = _velocity(strategy, path, feedback)
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         (s, s_end), here = ends[k], twists[k]
@@ -343,6 +367,27 @@ def _integrated(
         )
 
     return _Method(advance, at_end, compiled)
+
+
+def _velocity(
+    strategy: Strategy, path: TaskPath, feedback: float
+) -> Callable[[Array, Array, float], Array]:
+    """Make the function of q, the path's velocity and s that gives q̇, with feedback of a gain, 1/s.
+
+    The velocity is ẋ; for an axis task it is the twist, because ẋ depends on q.
+    """
+    task, own = strategy.task, strategy.velocity
+    turning = task.kind.tool_axes
+    if not (turning or feedback):
+        return lambda q, xdot, s: own(q, xdot)
+
+    def velocity(q: Array, twist: Array, s: float) -> Array:
+        xdot = task.task_velocity(q, twist) if turning else twist
+        if feedback:
+            xdot = xdot + feedback * task.error(q, path.placement(s))
+        return own(q, xdot)
+
+    return velocity
 
 
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:

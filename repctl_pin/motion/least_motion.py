@@ -236,11 +236,11 @@ class _Cost:
         If ``shifted``, the positions are those in the augmented Lagrangian: joint values plus the
         multiplier divided by the point's stiffness, λ_k / ρ_k.
         """
-        lower, upper, joints = self.task.lower, self.task.upper, Q
+        lower, upper = self.task.lower, self.task.upper
         if shifted:
-            joints = joints + self.multipliers / (self.stiffness * self.share[:, None])
+            Q = Q + self.multipliers / (self.stiffness * self.share[:, None])
         kept = np.minimum(self.margin, (upper - lower) / 2)
-        return joints - np.clip(joints, lower + kept, upper - kept)
+        return Q - np.clip(Q, lower + kept, upper - kept)
 
     def value(self, Q: Array) -> float:
         """Evaluate the augmented Lagrangian, up to a constant; the line search compares its values.
@@ -283,16 +283,23 @@ class _Cost:
         own = w + np.roll(w, 1) + _DAMPING * self.share
         diagonal = own[first:, None, None] * np.eye(N.shape[2])
         diagonal = diagonal + np.swapaxes(N, 1, 2) @ ((stiff * (beyond != 0))[:, :, None] * N)
-        forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
-        bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(free))
-        bent = np.swapaxes(N, 1, 2) @ bent @ N
-        bent = (bent + np.swapaxes(bent, 1, 2)) / 2
-        diagonal = diagonal + (bent if exact else _convex(bent))
+        diagonal = diagonal + self._bent(free, inverse, N, gradient, exact=exact)
         upper = -w[first:, None, None] * (np.swapaxes(N, 1, 2) @ np.roll(N, -1, axis=0))
         slope = np.einsum("knr,kn->kr", N, gradient)
         a = solve_block_tridiagonal(diagonal, upper, -slope, cyclic=not first)
         step = np.vstack([np.zeros((first, Q.shape[1])), (N @ a[:, :, None])[:, :, 0]])
         return step, -float((slope * a).sum()) / 2
+
+    def _bent(self, Q: Array, inverse: Array, N: Array, gradient: Array, *, exact: bool) -> Array:
+        """Evaluate the blocks ``−λᵀ (H N) N`` (K, r, r) at free configurations Q, or convex parts.
+
+        ``inverse`` is J⁺ (K, n, m), and ``gradient`` (K, n) that of the cost.
+        """
+        forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
+        bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(Q))
+        bent = np.swapaxes(N, 1, 2) @ bent @ N
+        bent = (bent + np.swapaxes(bent, 1, 2)) / 2
+        return bent if exact else _convex(bent)
 
 
 def _inverses(J: Array) -> tuple[Array, Array]:

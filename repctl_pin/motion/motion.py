@@ -154,11 +154,9 @@ class Motion(JointMotion):
         task = self.task
         own = task.velocity_limit
         most = per_joint(own if limit is None else limit, task.n, "a speed limit")
-        q = self.q
-        qdot = self.qdot
-        at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
+        at_ends = np.maximum((np.abs(self.qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)
-        between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)
+        between = (np.abs(np.diff(self.q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)
         stretch = np.maximum(np.maximum(at_ends[1:], at_ends[:-1]), between)
         t = self.t[0] + np.concatenate([[0.0], np.cumsum(times * stretch)])
         return replace(self, t=t, qdot=self.qdot / at_ends[:, None])

@@ -107,24 +107,23 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
     if kind == "square" and len(numbers) == 1:
         side = numbers[0]
         return _polygon([(side, 0), (side, side), (0, side)], f"square of side {side:g} m", blend)
-    if (
-        kind == "polygon"
-        and len(numbers) == 2
-        and numbers[0] >= 3
-        and numbers[0] == int(numbers[0])
-    ):
-        count = int(min(numbers[0], MOST_POINTS + 1))
-        radius = numbers[1]
-        if count > MOST_POINTS:
-            raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; draw a circle")
-        angles = 2 * np.pi * np.arange(1, count) / count
-        ring = [(radius * (np.cos(a) - 1), radius * np.sin(a)) for a in angles]
-        return _polygon(ring, f"{count}-gon of radius {radius:g} m", blend)
+    if kind == "polygon" and len(numbers) == 2 and numbers[0] >= 3 and numbers[0].is_integer():
+        return _regular_polygon(numbers[0], numbers[1], text, blend)
     others = registered("paths")
     if kind in others:
         return lambda task, q0, plane: plugin("paths", kind)(task, q0, *numbers, plane=plane)
     more = "".join(f", {name}" for name in others)
     raise InputError(f"no path {text!r}; give {_FORMS}{more}, lengths in m")
+
+
+def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
+    """Make a regular polygon whose corners lie on a circle of the radius, m."""
+    if corners > MOST_POINTS:
+        raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; draw a circle")
+    count = int(corners)
+    angles = 2 * np.pi * np.arange(1, count) / count
+    ring = [(radius * (np.cos(a) - 1), radius * np.sin(a)) for a in angles]
+    return _polygon(ring, f"{count}-gon of radius {radius:g} m", blend)
 
 
 def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Drawn:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ..base.arguments import Array
@@ -121,22 +121,8 @@ def smooth_turning(
             f"points {at + 1} and {at + 2} differ by half a turn, so the direction is ambiguous; "
             "add a point between them"
         )
-    count = len(s) - 1
-    k = np.arange(-_WRAP, count + _WRAP + 1)
-    spline = RotationSpline(s[k % count] + k // count, Rotation.from_matrix(R[k % count]))
-    rates = spline(s[:-1], 1)  # (P − 1, 3), in the rotating frame
-    held = angles < 1e-9
-    rates[held | np.roll(held, 1)] = 0.0
-    rates = np.vstack([rates, rates[:1]])
-
     steps = np.diff(s)[:, None]
-    begin = rates[:-1] * steps
-    end = np.array(
-        [pin.Jlog3(pin.exp3(t)) @ w for t, w in zip(theta, rates[1:] * steps, strict=True)]
-    )
-    # (P − 1, 3, 3)
-    cubic = np.stack([begin, 3 * theta - 2 * begin - end, begin + end - 2 * theta], axis=1)
-
+    cubic = _cubics(theta, _rates(s, R, angles < 1e-9), steps)
     piece = piece_finder(s, steps[:, 0])
 
     def rotation(x: float) -> Array:
@@ -153,6 +139,31 @@ def smooth_turning(
     # |ω| ds ≤ |v′(u)| du, because no singular value of Jexp3 is above 1
     most = np.linalg.norm(cubic, axis=2) @ [1.0, 2.0, 3.0]
     return rotation, spin, np.concatenate([[0.0], np.cumsum(most)])
+
+
+def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
+    """Evaluate the rates (P, 3) of a periodic spline through R (P, 3, 3), in the rotating frame.
+
+    They are 0 beside the intervals that are ``held`` (P - 1,), over which R does not change.
+    """
+    count = len(s) - 1
+    k = np.arange(-_WRAP, count + _WRAP + 1)
+    spline = RotationSpline(s[k % count] + k // count, Rotation.from_matrix(R[k % count]))
+    rates = spline(s[:-1], 1)
+    rates[held | np.roll(held, 1)] = 0.0
+    return np.vstack([rates, rates[:1]])
+
+
+def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
+    """Create the cubics v(u) of R exp(v) on each interval: (P - 1, 3, 3), coefficients by power.
+
+    ``theta`` (P - 1, 3) are the rotations over the intervals, whose lengths are ``steps``.
+    """
+    begin = rates[:-1] * steps
+    end = np.array(
+        [pin.Jlog3(pin.exp3(t)) @ w for t, w in zip(theta, rates[1:] * steps, strict=True)]
+    )
+    return np.stack([begin, 3 * theta - 2 * begin - end, begin + end - 2 * theta], axis=1)
 
 
 def facing(
@@ -200,11 +211,18 @@ def facing(
         return np.cross(d, ddot) - np.cross(d0, d) @ ddot / (1 + d0 @ d) * d
 
     def turn(s: float, length: float) -> float:
-        d, distance = direction(s)
-        if length >= distance:
-            return np.inf
-        swing = length / (distance - length)
-        theta = np.arctan2(float(np.linalg.norm(np.cross(d0, d))), float(d0 @ d)) + swing
-        return float(swing / np.cos(theta / 2)) if theta < np.pi else np.inf
+        return _most_turn(d0, *direction(s), length)
 
     return rotation, spin, turn
+
+
+def _most_turn(d0: Array, d: Array, distance: float, length: float) -> float:
+    """Bound the rotation, rad, of a frame that faces a point, on an arc of a length, m.
+
+    The arc begins where the point is at the distance, m, in the direction d; d₀ is that of R(0).
+    """
+    if length >= distance:
+        return np.inf
+    swing = length / (distance - length)
+    theta = np.arctan2(float(np.linalg.norm(np.cross(d0, d))), float(d0 @ d)) + swing
+    return float(swing / np.cos(theta / 2)) if theta < np.pi else np.inf

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError
-from .task_path import TaskPath, with_arc
+from .task_path import ArcBound, TaskPath, with_arc
 
 _DEGREES = (1, 2, 4, 8, 16, 32, 64)
 _EXACT = 1e-12
@@ -82,7 +82,8 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
     """
     ends = np.array([piece.end for piece in pieces])
     slopes = [
-        chebyshev.chebder(piece.coefficients) * (2 / (piece.end - piece.begin)) for piece in pieces
+        np.asarray(chebyshev.chebder(piece.coefficients) * (2 / (piece.end - piece.begin)), float)
+        for piece in pieces
     ]
 
     def at(s: float, *, slope: bool = False) -> Array:
@@ -99,6 +100,14 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
     turning: dict[str, Any] = {"rotation": rotation}
     if pieces[0].coefficients.shape[1] == 7:
         turning = {"rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(), "spin": spin}
+    path = TaskPath(
+        point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **what
+    )
+    return with_arc(path, _arc(ends, slopes, at))
+
+
+def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
+    """Make the bounds of arcs of a path of polynomial pieces ``at(s)``, with their slopes."""
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
         [
@@ -116,10 +125,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
         least = float(np.linalg.norm(at(a)[3:])) - turned
         return length, 2 * turned / least if least > 0 else np.inf
 
-    path = TaskPath(
-        point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **what
-    )
-    return with_arc(path, arc)
+    return arc
 
 
 def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
@@ -146,21 +152,7 @@ def _fitted(
     errors are relative, and ``depth`` the number of halvings so far. InputError is raised after the
     last one if the fit is still too rough.
     """
-    inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
-
-    def values(u: Array) -> Array:
-        middles = (begin + end + u * (end - begin)) / 2
-        inside = np.clip(middles, begin + inner, end - inner)
-        placed = [path.placement(float(s)) for s in inside]
-        points = np.array([M.translation for M in placed])
-        if not turns:
-            return points
-        order = np.argsort(u)
-        quaternions = Rotation.from_matrix([placed[i].rotation for i in order]).as_quat()
-        for i in range(1, len(quaternions)):
-            quaternions[i] *= -1 if quaternions[i] @ quaternions[i - 1] < 0 else 1
-        return np.hstack([points, quaternions[np.argsort(order)]])
-
+    values = partial(_placed, path, begin, end, turns)
     worst = np.inf
     for degree in _DEGREES:
         u = chebyshev.chebpts2(degree + 1)
@@ -187,3 +179,22 @@ def _fitted(
         for a, b in ((begin, middle), (middle, end))
         for piece in _fitted(path, a, b, turns, size, depth + 1)
     ]
+
+
+def _placed(path: TaskPath, begin: float, end: float, turns: bool, u: Array) -> Array:
+    """Evaluate the path at u (K,) from -1 to 1, of the piece from s = ``begin`` to ``end``.
+
+    The result (K, 3) or, if it ``turns``, (K, 7) are positions and quaternions, whose sign does not
+    change along the piece.
+    """
+    inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
+    middles = (begin + end + u * (end - begin)) / 2
+    placed = [path.placement(float(s)) for s in np.clip(middles, begin + inner, end - inner)]
+    points = np.array([M.translation for M in placed])
+    if not turns:
+        return points
+    order = np.argsort(u)
+    quaternions = Rotation.from_matrix([placed[i].rotation for i in order]).as_quat()
+    for i in range(1, len(quaternions)):
+        quaternions[i] *= -1 if quaternions[i] @ quaternions[i - 1] < 0 else 1
+    return np.hstack([points, quaternions[np.argsort(order)]])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -179,32 +179,7 @@ def waypoints(
         times = points.times if times is None else times
         rotation = points.rotations if rotation is None else rotation
         points = points.points
-    if not isinstance(points, np.ndarray):
-        points = list_of(points, "waypoints", "rows of three numbers")
-    if _are_placements(points):
-        if rotation is not None:
-            raise InputError(
-                "the waypoints are placements and already have orientations; omit rotation="
-            )
-        placements = as_placements(points, "waypoint", "a list of placements")
-        corners = np.array([x.translation for x in placements])
-        turns = [x.rotation for x in placements]
-    else:
-        corners = _points(points, "waypoints")
-        if rotation is None:
-            raise InputError(
-                "waypoints without orientations require rotation=, "
-                "such as rotation=task.placement(q0).rotation"
-            )
-        if isinstance(rotation, Rotation):
-            rotation = rotation.as_matrix()
-        listed = isinstance(rotation, (list, tuple, np.ndarray))
-        several = listed and ((matrix := _doubles(rotation)) is None or matrix.ndim > 2)
-        turns = [rotation_matrix(R) for R in (rotation if several else [rotation])]
-        if len(turns) not in (1, len(corners)):
-            raise InputError(
-                f"{len(corners)} waypoints require 1 or {len(corners)} rotations, not {len(turns)}"
-            )
+    corners, turns = _placed(points, rotation)
     if len(corners) < 3:
         raise InputError(
             "a closed path requires at least 3 waypoints (the last repeats the first), "
@@ -220,6 +195,36 @@ def waypoints(
     return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
 
 
+def _placed(points: Any, rotation: Any) -> tuple[Array, list[Array]]:
+    """Convert waypoints to corners (P, 3), m, and one orientation, or P of them."""
+    if not isinstance(points, np.ndarray):
+        points = list_of(points, "waypoints", "rows of three numbers")
+    if _are_placements(points):
+        if rotation is not None:
+            raise InputError(
+                "the waypoints are placements and already have orientations; omit rotation="
+            )
+        placements = as_placements(points, "waypoint", "a list of placements")
+        corners = np.array([x.translation for x in placements])
+        return corners, [x.rotation for x in placements]
+    corners = _points(points, "waypoints")
+    if rotation is None:
+        raise InputError(
+            "waypoints without orientations require rotation=, "
+            "such as rotation=task.placement(q0).rotation"
+        )
+    if isinstance(rotation, Rotation):
+        rotation = rotation.as_matrix()
+    listed = isinstance(rotation, (list, tuple, np.ndarray))
+    several = listed and ((matrix := _doubles(rotation)) is None or matrix.ndim > 2)
+    turns = [rotation_matrix(R) for R in (rotation if several else [rotation])]
+    if len(turns) not in (1, len(corners)):
+        raise InputError(
+            f"{len(corners)} waypoints require 1 or {len(corners)} rotations, not {len(turns)}"
+        )
+    return corners, turns
+
+
 def _polyline(
     corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
 ) -> TaskPath:
@@ -229,40 +234,16 @@ def _polyline(
     (P,), s, give the speed, else it is constant; ``blend`` is the radius, m, of the rounded
     corners; ``name`` is the display name.
     """
-    if len(corners) - 1 > MOST_POINTS:
-        raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
-    turns = np.zeros(len(corners) - 1)
-    if isinstance(rotation, list):
-        turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])
-    edges = np.diff(corners, axis=0)
-    sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
-    stays = sizes < 1e-9
-    if stays.all():
-        raise InputError(f"{name}: all points are the same; give at least two different points")
-    blend = positive(blend, "blend", "m", zero=True)
-    if blend and times is not None:
-        raise InputError(
-            "times= and blend= are mutually exclusive: blended paths have constant speed"
-        )
+    sizes = _edge_sizes(corners, rotation, name)
+    blend = _blend_radius(blend, times)
     period = None
     if times is not None:
-        t = _doubles(times)
-        if (
-            t is None
-            or t.shape != (len(corners),)
-            or not np.isfinite(t).all()
-            or not (np.diff(t) > 0).all()
-        ):
-            raise InputError(
-                f"times must be {len(corners)} increasing finite numbers, s, one per waypoint"
-            )
+        at_corners = knots = _times(times, len(corners))
+        edges = np.diff(corners, axis=0)
         pieces = [_line(*ends) for ends in zip(corners[:-1], edges, strict=True)]
-        at_corners = knots = t - t[0]
         period = float(knots[-1])
     else:
-        pieces, knots, at_corners = _rounded(
-            corners, np.where(stays, sizes[~stays].mean(), sizes), blend, name
-        )
+        pieces, knots, at_corners = _rounded(corners, sizes, blend, name)
     s = knots / knots[-1]
     widths = np.diff(knots) / knots[-1]
 
@@ -286,6 +267,42 @@ def _polyline(
         raise InputError(f"{name}: {error}") from None
     path = TaskPath(name, point, slope, R, breaks, spin=spin, period=period)
     return with_arc(path, _arc(pieces, s, (at_corners / knots[-1], turned)))
+
+
+def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Array:
+    """Measure the edges between corners (P, 3) with their turns, m: (P - 1,); a pause is as a mean.
+
+    InputError is raised for too many corners, and if all of them are the same.
+    """
+    if len(corners) - 1 > MOST_POINTS:
+        raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
+    turns = np.zeros(len(corners) - 1)
+    if isinstance(rotation, list):
+        turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])
+    edges = np.diff(corners, axis=0)
+    sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
+    stays = sizes < 1e-9
+    if stays.all():
+        raise InputError(f"{name}: all points are the same; give at least two different points")
+    return np.where(stays, sizes[~stays].mean(), sizes)
+
+
+def _blend_radius(blend: float, times: ArrayLike | None) -> float:
+    """Check the radius of the rounded corners, m; InputError if there are times, too."""
+    blend = positive(blend, "blend", "m", zero=True)
+    if blend and times is not None:
+        raise InputError(
+            "times= and blend= are mutually exclusive: blended paths have constant speed"
+        )
+    return blend
+
+
+def _times(times: ArrayLike, count: int) -> Array:
+    """Check the times of ``count`` waypoints, s, and count them from 0."""
+    t = _doubles(times)
+    if t is None or t.shape != (count,) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+        raise InputError(f"times must be {count} increasing finite numbers, s, one per waypoint")
+    return t - t[0]
 
 
 def _arc(pieces: list[_Curve], s: Array, turns: tuple[Array, Array] | None) -> ArcBound:
@@ -350,50 +367,78 @@ def _rounded(
     (the midpoints of their bends). The knots begin at 0 and grow by ``sizes`` along a full edge,
     and by the arc length, m, along a bend: they are times at constant speed.
     """
-    edges = np.diff(corners, axis=0)
-    lengths = np.linalg.norm(edges, axis=1)
-    units = edges / np.maximum(lengths, 1e-300)[:, None]
-    # direction into corner i; units[i] is the direction out of it
-    before = np.roll(units, 1, axis=0)
-    inward = units - np.einsum("ij,ij->i", units, before)[:, None] * before
-    across = np.linalg.norm(inward, axis=1)
-    phi = np.arctan2(across, np.einsum("ij,ij->i", units, before))
-    moving = lengths > 1e-9
-    phi[~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9) | (radius == 0)] = 0.0
-    cut = radius * np.tan(phi / 2)  # length cut off both edges of corner i
-    straight = lengths - cut - np.roll(cut, -1)
-    if (straight < -1e-12).any():
-        at = int(np.argmin(straight))
-        most = radius * lengths[at] / (lengths[at] - straight[at])
-        raise InputError(
-            f"{name}: blends of radius {radius:g} m do not fit the edge of {lengths[at]:.3g} m "
-            f"from point {at + 1} to {at + 2}; use a blend radius of at most {most:.2g} m"
-        )
+    at = _Corners.of(corners, radius, name)
     pieces: list[_Curve] = []
     took: list[float] = []
     upto = [0]  # number of pieces before the midpoint of each corner
 
-    bends = [Bend.of(float(turn)) if turn > 0 else None for turn in phi]
-
     def half(i: int, begin: float) -> None:
-        bend = bends[i]
+        bend = at.bends[i]
         if bend is not None:
-            start = corners[i] - cut[i] * before[i]
-            length = bend.length(cut[i])
-            pieces.append(_bend(bend, start, before[i], inward[i] / across[i], length, begin))
+            start = corners[i] - at.cut[i] * at.before[i]
+            length = bend.length(at.cut[i])
+            pieces.append(_bend(bend, start, at.before[i], at.inward[i], length, begin))
             took.append(length / 2)
 
-    for i, edge in enumerate(edges):
+    for i, edge in enumerate(np.diff(corners, axis=0)):
         half(i, 0.5)
-        share = straight[i] / lengths[i] if moving[i] else 1.0
+        share = at.straight[i]
         if share > 1e-9:
-            pieces.append(_line(corners[i] + cut[i] * units[i], share * edge))
+            pieces.append(_line(corners[i] + at.cut[i] * at.units[i], share * edge))
             took.append(share * sizes[i])
-        following = (i + 1) % len(edges)
-        half(following, 0.0)
+        half((i + 1) % len(at.units), 0.0)
         upto.append(len(pieces))
     knots = np.concatenate([[0.0], np.cumsum(took)])
     return pieces, knots, knots[upto]
+
+
+def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> InputError:
+    """Name the edge that is too short for its bends, and the largest radius that fits."""
+    at = int(np.argmin(straight))
+    most = radius * lengths[at] / (lengths[at] - straight[at])
+    return InputError(
+        f"{name}: blends of radius {radius:g} m do not fit the edge of {lengths[at]:.3g} m "
+        f"from point {at + 1} to {at + 2}; use a blend radius of at most {most:.2g} m"
+    )
+
+
+class _Corners(NamedTuple):
+    """Corners of a closed polyline, with the edge out of each, and what a bend there cuts off.
+
+    ``units`` (P, 3) are the directions of the edges out of the corners, ``before`` of those into
+    them, and ``inward`` the unit vectors towards which the path turns. ``cut`` (P,) is the length
+    cut off both edges at a corner, m, and ``straight`` (P,) the share of each edge that is left.
+    """
+
+    units: Array
+    before: Array
+    inward: Array
+    bends: list[Bend | None]
+    cut: Array
+    straight: Array
+
+    @classmethod
+    def of(cls, corners: Array, radius: float, name: str) -> _Corners:
+        """Find the bends of a radius, m, at corners; InputError if an edge is too short."""
+        edges = np.diff(corners, axis=0)
+        lengths = np.linalg.norm(edges, axis=1)
+        units = edges / np.maximum(lengths, 1e-300)[:, None]
+        before = np.roll(units, 1, axis=0)
+        inward = units - np.einsum("ij,ij->i", units, before)[:, None] * before
+        across = np.linalg.norm(inward, axis=1)
+        phi = np.arctan2(across, np.einsum("ij,ij->i", units, before))
+        moving = lengths > 1e-9
+        sharp = ~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9)
+        phi[sharp | (radius == 0)] = 0.0
+        cut = radius * np.tan(phi / 2)
+        straight = lengths - cut - np.roll(cut, -1)
+        if (straight < -1e-12).any():
+            raise _too_short(lengths, straight, radius, name)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inward = inward / across[:, None]
+            straight = np.where(moving, straight / lengths, 1.0)
+        bends = [Bend.of(float(turn)) if turn > 0 else None for turn in phi]
+        return cls(units, before, inward, bends, cut, straight)
 
 
 _FARTHEST = 1e9

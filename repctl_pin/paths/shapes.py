@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Literal, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +19,7 @@ Normal = Literal["x", "y", "z", "-x", "-y", "-z", "xy", "yz", "xz", "-xy", "-yz"
 """Normal of a path's plane, or the plane itself; a minus sign reverses the normal."""
 
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+_Curve: TypeAlias = Callable[[float], Array]
 _MOST_PETALS = 1001
 _RADIUS = "the radius of a path"
 _NORMALS = {"z": "xy", "x": "yz", "y": "-xz"}  # about y, from z to x
@@ -69,10 +71,8 @@ def circle(
     >>> round(path.length, 3)  # m
     1.257
     """
-    radius, start_angle = (
-        positive(radius, _RADIUS, "m"),
-        finite(start_angle, "start_angle", "rad"),
-    )
+    radius = positive(radius, _RADIUS, "m")
+    start_angle = finite(start_angle, "start_angle", "rad")
     here, e1, e2, plane = _frame(task, q0, normal)
 
     def around(angle: float) -> Array:
@@ -84,33 +84,40 @@ def circle(
     def slope(s: float) -> Array:
         return 2 * np.pi * around(start_angle + 2 * np.pi * s + np.pi / 2)
 
-    def length(a: float, b: float) -> float:
-        return 2 * np.pi * radius * (b - a)
-
     center = here.translation - around(start_angle)
     name = f"circle of radius {radius:g} m in {plane}"
-    if isinstance(rotation, str):
-        if rotation not in ("fixed", "tangent"):
-            raise InputError(
-                f"rotation must be 'fixed', 'tangent' or a point to face, not {rotation!r}"
-            )
-        if rotation == "fixed":
-            fixed = TaskPath(name, point, slope, here.rotation)
-            return with_arc(fixed, lambda a, b: (length(a, b), 0.0))
-        axis = np.cross(e1, e2)
-        turning = TaskPath(
-            f"{name}, tangent orientation",
-            point,
-            slope,
-            lambda s: pin.exp3(2 * np.pi * s * axis) @ here.rotation,
-            spin=lambda s: 2 * np.pi * axis,
+    if not isinstance(rotation, str):
+        return _facing(name, point, slope, here.rotation, rotation, 2 * np.pi * radius)
+    if rotation not in ("fixed", "tangent"):
+        raise InputError(
+            f"rotation must be 'fixed', 'tangent' or a point to face, not {rotation!r}"
         )
-        return with_arc(turning, lambda a, b: (length(a, b), 2 * np.pi * (b - a)))
-    target = vector(rotation, 3, "rotation, as a point to face,")
-    R, spin, turn = facing(target, point, slope, here.rotation)
+    if rotation == "fixed":
+        fixed = TaskPath(name, point, slope, here.rotation)
+        return with_arc(fixed, lambda a, b: (2 * np.pi * radius * (b - a), 0.0))
+    axis = np.cross(e1, e2)
+    turning = TaskPath(
+        f"{name}, tangent orientation",
+        point,
+        slope,
+        lambda s: pin.exp3(2 * np.pi * s * axis) @ here.rotation,
+        spin=lambda s: 2 * np.pi * axis,
+    )
+    return with_arc(turning, lambda a, b: (2 * np.pi * radius * (b - a), 2 * np.pi * (b - a)))
+
+
+def _facing(
+    name: str, point: _Curve, slope: _Curve, start: Array, target: ArrayLike, length: float
+) -> TaskPath:
+    """Create a path of a length, m, run at constant speed, whose frame keeps facing a point (3,).
+
+    ``start`` is the orientation at the beginning.
+    """
+    target = vector(target, 3, "rotation, as a point to face,")
+    R, spin, turn = facing(target, point, slope, start)
     to = ", ".join(f"{v:g}" for v in target)
     path = TaskPath(f"{name}, facing ({to})", point, slope, R, spin=spin)
-    return with_arc(path, lambda a, b: (length(a, b), turn(a, length(a, b))))
+    return with_arc(path, lambda a, b: (length * (b - a), turn(a, length * (b - a))))
 
 
 def figure_eight(

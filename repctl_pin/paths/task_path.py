@@ -234,21 +234,16 @@ def _check(path: TaskPath) -> None:
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
         raise InputError(f"{path.name}: breaks must increase between 0 and 1")
-    samples = []
-    for j in range(16):  # inside the pieces, where everything is smooth
-        i = j * (len(knots) - 1) // 16
-        width = knots[i + 1] - knots[i]
-        samples.append((knots[i] + width * (0.1 + 0.8 * (0.618 * j % 1)), 1e-5 * width))
+    samples = _inner_points(knots)
     for s in (0.0, *(s + x for s, e in samples for x in (-e, 0.0, e)), 1.0):
         _require_values(path, s)
     twists = np.array([path.twist(s) for s, _ in samples])
     differences = np.array(
         [_difference(path.placement(s - e), path.placement(s + e)) / (2 * e) for s, e in samples]
     )
-    first = path.placement(0.0)
-    last = path.placement(1.0)
-    size = max(float(np.abs([path.point(s) - first.translation for s, _ in samples]).max()), 1e-3)
-    gap = _difference(first, last)
+    start = path.point(0.0)
+    size = max(float(np.abs([path.point(s) - start for s, _ in samples]).max()), 1e-3)
+    gap = _difference(path.placement(0.0), path.placement(1.0))
     for part, unit, curve, most in (
         (slice(3), "m", "p", 1e-6 * size),
         (slice(3, 6), "rad", "R", 1e-6),
@@ -266,6 +261,16 @@ def _check(path: TaskPath) -> None:
                 f"{row(twists[worst, part])} {unit} per cycle, but the derivative of the curve "
                 f"is {row(differences[worst, part])}; correct the slope"
             )
+
+
+def _inner_points(knots: Array) -> list[tuple[float, float]]:
+    """Choose 16 points s inside the pieces between knots, where all is smooth, and steps there."""
+    samples = []
+    for j in range(16):
+        i = j * (len(knots) - 1) // 16
+        width = knots[i + 1] - knots[i]
+        samples.append((knots[i] + width * (0.1 + 0.8 * (0.618 * j % 1)), 1e-5 * width))
+    return samples
 
 
 def _require_values(path: TaskPath, s: float) -> None:

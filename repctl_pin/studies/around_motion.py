@@ -20,7 +20,7 @@ from ..base.errors import SingularityError
 from ..base.fit_options import FitOptions
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..model.task import Task
-from ..motion import Motion, follow
+from ..motion import Motion, followed
 from ..paths import TaskPath
 from ..paths.task_path import Cycle
 from ..regions import Region, Tube
@@ -241,11 +241,11 @@ def _tube_of_linear(
     SingularityError
         If the desired inverse cannot follow the path once.
     """
-    tube = tube_around(follow(desired, path, q0, cycles=1), width)
+    tube = tube_around(followed(desired, path, q0, cycles=1), width)
     few = FitOptions(samples=4096, held_out=1024, seed=seed)
     linear = nearest_repeatable(desired, None, tube, degree=1, shrink=True, options=few)
     try:
-        return tube_around(follow(linear.inverse, path, q0, cycles=1), width)
+        return tube_around(followed(linear.inverse, path, q0, cycles=1), width)
     except SingularityError:
         return tube
 
@@ -260,6 +260,6 @@ def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Mot
         :func:`own_failure`).
     """
     try:
-        return follow(design.inverse, path, q0, cycles=1, **options)
+        return followed(design.inverse, path, q0, cycles=1, **options)
     except SingularityError as error:
         raise own_failure(design.task, path, q0) or error from error

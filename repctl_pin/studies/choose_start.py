@@ -18,7 +18,7 @@ from ..base.arguments import Array
 from ..base.errors import InputError, RepctlError, SingularityError, unknown
 from ..model.bodies import bodies_of
 from ..model.task import Task
-from ..motion import Motion, check_reach, follow, reach_start
+from ..motion import Motion, check_reach, followed, reach_start
 from ..motion.displacement import farthest_link
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
@@ -170,7 +170,7 @@ def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
     The motion is the reference by which starts and designs are compared.
     """
     try:
-        return follow(Pseudoinverse(task), path, q0, cycles=1, steps=96)
+        return followed(Pseudoinverse(task), path, q0, cycles=1, steps=96)
     except SingularityError:
         return None
 

@@ -29,7 +29,7 @@ from ..base.arguments import (
 from ..base.errors import InputError
 from ..model.robot import Robot
 from ..model.task import Task
-from ..motion import Motion, fitting_circle, follow
+from ..motion import Motion, fitting_circle, followed
 from ..paths import ClosedPath, TaskPath, closed_path
 from ..paths.shapes import PLANES
 from ..regions import Box, Region, Tube
@@ -176,7 +176,7 @@ class Problem:
             return require_type(made, Region, "the result of region", "a region of joint space")
         if asked is not None:
             return asked
-        return tube_around(follow(Pseudoinverse(self.task), self.cycle, self.start, cycles=1))
+        return tube_around(followed(Pseudoinverse(self.task), self.cycle, self.start, cycles=1))
 
     @property
     def cycle(self) -> TaskPath:

@@ -24,11 +24,11 @@ from ..design import Design, nearest_repeatable
 from ..model.bodies import bodies_of
 from ..model.robot import Robot
 from ..model.task import Task
-from ..motion import Motion, check_length, follow, unresolved
+from ..motion import Motion, check_length, followed, unresolved
 from ..paths import Cycle, TaskPath
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
-from ..strategies import PostureControl, Pseudoinverse, Strategy
+from ..strategies import Inverse, PostureControl, Pseudoinverse, Strategy
 from .around_motion import design_for, own_failure, shrunk_note
 from .design_choice import choose_degree, choose_desired
 from .period import choose_period
@@ -119,14 +119,12 @@ def study(
     'circle of radius 0.2 m in xy'
     """
     begun = thread_time()
-    if progress is not None:
-        function(progress, "progress", "a function that takes the step that begins")
+    say = _reporter(progress)
     cycles = as_int(cycles, "cycles", 1)
     steps = as_int(steps, "steps", 1)
     options = fit_options(options)
     if period is not None:
         period = positive(period, "period", "s")
-    say = progress or (lambda text: None)
     say("loading the robot and finding a start and a path")
     problem = robot if isinstance(robot, Problem) else Problem(robot)
     task = problem.task
@@ -139,6 +137,48 @@ def study(
     desired, name = choose_desired(task, weight)
     if weight is not None:
         custom = {name: desired} | custom
+    problem, design = _designed(problem, desired, degree, options, say, quiet=progress is None)
+    design = replace(design, cycle=Cycle(problem.start, problem.cycle, period or PERIOD))
+    for addition in parts("study_design"):
+        design = addition(design, thread_time() - begun, say)
+    say(f"following the path for {cycles} cycles")
+    rows, time, slower = _rows(problem, design, custom, cycles=cycles, steps=steps, period=period)
+    say("evaluating body distances and fastest cycles")
+    rows = [_evaluated(row) for row in rows]
+    design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
+    return Study(
+        task=task,
+        q0=problem.start,
+        path=problem.cycle,
+        region=design.region,
+        design=design,
+        rows=tuple(rows),
+        notes=tuple(_notes(problem, design, rows, long, slower)),
+        period=time,
+    )
+
+
+def _reporter(progress: Callable[[str], None] | None) -> Callable[[str], None]:
+    """Check the callback that receives the description of each step; without one, do nothing."""
+    if progress is None:
+        return lambda text: None
+    function(progress, "progress", "a function that takes the step that begins")
+    return progress
+
+
+def _designed(
+    problem: Problem,
+    desired: Inverse,
+    degree: int,
+    options: FitOptions,
+    say: Callable[[str], None],
+    *,
+    quiet: bool,
+) -> tuple[Problem, Design]:
+    """Design the repeatable inverse nearest to ``desired``, and complete the problem by its region.
+
+    If ``quiet``, the steps of the fit are not reported.
+    """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
     def report(step: str, fraction: float) -> None:
@@ -153,23 +193,26 @@ def study(
             degree=degree,
             options=options,
             shrink="region" not in problem.given,
-            progress=report if progress is not None else False,
+            progress=False if quiet else report,
         )
 
-    problem, design = design_for(problem, desired, make, seed=options.seed, say=say)
-    design = replace(design, cycle=Cycle(problem.start, problem.cycle, period or PERIOD))
-    for addition in parts("study_design"):
-        design = addition(design, thread_time() - begun, say)
-    say(f"following the path for {cycles} cycles")
-    rows, time, slower = _followed(
-        problem, design, custom, cycles=cycles, steps=steps, period=period
-    )
-    say("evaluating body distances and fastest cycles")
-    rows = [evaluated(row) for row in rows]
+    return design_for(problem, desired, make, seed=options.seed, say=say)
+
+
+def _evaluated(row: Row) -> Row:
+    """Evaluate the motion of a row, and add what extensions know of it."""
+    row = evaluated(row)
     for addition in parts("study_row"):
-        rows = [addition(row) for row in rows]
-    design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
-    notes = [
+        row = addition(row)
+    return row
+
+
+def _notes(
+    problem: Problem, design: Design, rows: list[Row], long: list[str], slower: list[str]
+) -> list[str]:
+    """Collect the notes of a study; ``long`` is that on the degree, ``slower`` on the period."""
+    task = problem.task
+    return [
         *problem.warnings,
         *(note for found in parts("study_notes") for note in found(design)),
         *([] if "kind" in problem.given else kind_note(task)),
@@ -182,19 +225,9 @@ def study(
         *motion_notes(task, problem.start, rows),
         *least_motion_notes(design, problem.cycle, problem.start),
     ]
-    return Study(
-        task=task,
-        q0=problem.start,
-        path=problem.cycle,
-        region=design.region,
-        design=design,
-        rows=tuple(rows),
-        notes=tuple(notes),
-        period=time,
-    )
 
 
-def _followed(
+def _rows(
     problem: Problem,
     design: Design,
     custom: Mapping[str, Strategy],
@@ -230,9 +263,7 @@ def _followed(
             replace(row, motion=row.motion.slowed(factor)) if row.motion else row
             for row in (first, last)
         )
-    N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
-    away = np.clip(q0 + _POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
-    near, other = (PostureControl(task, posture, _POSTURE_GAIN) for posture in (q0, away))
+    near, other = _postures(task, q0)
     margin = _leaf_margin(design, last.motion)
     rows = [
         first,
@@ -246,6 +277,14 @@ def _followed(
         *edge_warning(last, design.inverse, path, q0, options),
     ]
     return rows, options["period"], [*slower, *edges]
+
+
+def _postures(task: Task, q0: Array) -> tuple[PostureControl, PostureControl]:
+    """Make J⁺ with the posture q0 (n,), and with one beside it on the self-motion."""
+    N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
+    away = np.clip(q0 + _POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
+    near, other = (PostureControl(task, posture, _POSTURE_GAIN) for posture in (q0, away))
+    return near, other
 
 
 def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
@@ -339,7 +378,7 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
     """
     label = LABELS.get(key, key)
     try:
-        return Row(key, label, follow(strategy, path, q0, **options))
+        return Row(key, label, followed(strategy, path, q0, **options))
     except SingularityError as error:
         return Row(key, label, None, stopped=str(error))
 

@@ -14,7 +14,7 @@ from ..base.arguments import Array, ratio_in_percent
 from ..base.errors import InputError, SingularityError
 from ..design import Design
 from ..model.task import Task
-from ..motion import LeafLock, Motion, follow, least_closed_motion
+from ..motion import LeafLock, Motion, followed, least_closed_motion
 from ..motion.fitting_circle import fitting_circle
 from ..motion.joint_motion import TOO_FAST, checked_words, cycle_of
 from ..motion.motion import ON_PATH
@@ -157,7 +157,7 @@ def _other_circle(plain: Pseudoinverse, q0: Array, motion: Motion) -> tuple[str,
         try:
             radius = float(size.partition(":")[0])
             other = fitting_circle(task, q0, plane=plane, radius=radius)
-            again = follow(plain, other, q0, cycles=motion.cycles, steps=_FEW)
+            again = followed(plain, other, q0, cycles=motion.cycles, steps=_FEW)
         except (InputError, SingularityError):
             continue
         found.append((plane, *farthest_link(task, again.q[[0, -1]])))
@@ -198,7 +198,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     """
     lock = LeafLock(4)
     try:
-        own = follow(design.inverse, path, q0, cycles=1, steps=_POINTS, integrator=lock)
+        own = followed(design.inverse, path, q0, cycles=1, steps=_POINTS, integrator=lock)
         if not own.closes or own.path_loss or own.first_violation:
             return []
         least = least_closed_motion(design.task, path, q0, steps=_POINTS, guess=own)

@@ -154,7 +154,7 @@ def test_the_walk_alone_tells_stable_from_candidate(
     """Were ∇s along G to look like 0 everywhere, a walk along G would still leave (15), and stay on
     (14)."""
     # the name at the door is the function's
-    module = import_module("repctl_pin.integrability.stable_surface")
+    module = import_module(rp.stable_surface.__module__)
     monkeypatch.setattr(
         module, "_rates", lambda strategy, function, Q: (np.zeros(len(Q)), np.ones(len(Q)))
     )

@@ -12,7 +12,7 @@ from arms import planar_task
 
 import repctl_pin as rp
 
-BEST_LEAF = importlib.import_module("repctl_pin.motion.best_leaf")
+BEST_LEAF = importlib.import_module(rp.best_leaf.__module__)
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
     refused."""
     module = BEST_LEAF
     path = rp.circle(panda_design.task, q_panda, 0.02)
-    judged, seen = module._evaluated, []
+    judged, seen = module._Search.evaluated, []
 
     def rigged(*given):
         """Every other start has a larger margin, and a leaf margin of next to nothing."""
@@ -138,7 +138,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
         seen.append(candidate)
         return candidate
 
-    monkeypatch.setattr(module, "_evaluated", rigged)
+    monkeypatch.setattr(module._Search, "evaluated", rigged)
     found = rp.best_leaf(panda_design.inverse, path, q_panda, steps=8)
     assert len(seen) > 10 and found.given.leaf_margin > 0.1
     assert found.best is found.given

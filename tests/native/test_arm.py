@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from controls import CONTROLS, some, target_at
+from native_library import REQUIRED
 
-from repctl_pin.native import library
 from repctl_pin.strategies import native_arm, native_law
 
-pytestmark = pytest.mark.skipif(library() is None, reason="there is no native library")
+pytestmark = REQUIRED
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,12 @@ import pytest
 from arms import Q_PANDA
 from codegen.test_codegen import answer
 from controls import in_numpy
+from native_library import REQUIRED
 from strategies.test_control_step import BAD_STEPS
 
 import repctl_pin as rp
-from repctl_pin.native import library
 
-pytestmark = pytest.mark.skipif(library() is None, reason="there is no native library")
+pytestmark = REQUIRED
 
 
 def test_a_copy_has_the_same_law(panda_design: rp.Design, panda_pose: rp.Task) -> None:

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from arms import spatial_task
 from commands import told
+from inside import arm_angle, leaf_margin_bounds
 from kernels import kernels, use
 from mimic_arm import MIMICS, arm
 from mutants import ARM, ARM_C, wrong
 from proofs import design_of, margins
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import arm_angle, leaf_margin_bounds
 
 PANDA = ("panda_link2", "panda_link4", "panda_link6")
 UNDEFINED = "the arm angle is not defined there"

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_task, sliding_task, spatial_task
+from inside import boxes, chain, leaf_margin_bounds
 from kernels import columns, expanded, expansion, kernels, remainders
 from mimic_arm import MIMICS, arm
 from mutants import EXPANSION, POTENTIALS, POTENTIALS_C, SCREWS, C, wrong
@@ -19,7 +20,6 @@ from second_order import crossed, made_up, ratios
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.extensions.proof import boxes, chain, leaf_margin_bounds
 
 FILE = "leaf_margin_bounds.c"
 

@@ -13,13 +13,12 @@ import pinocchio as pin
 import pytest
 from arms import spatial_task
 from cell_functions import cell_of, chart_of, middle, panda
+from inside import cells, margins
 from kernels import kernels
 from mutants import CELL_V
 from proofs import regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.evaluate import margins
-from repctl_pin.extensions.proof import cells
 from repctl_pin.redundancy import leaf_margin, nullspace
 
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])

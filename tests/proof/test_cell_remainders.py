@@ -14,12 +14,12 @@ import pinocchio as pin
 import pytest
 from arms import planar_task, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, panda
+from inside import cells, chain
 from kernels import at, kernels, screws
 from mutants import CELL_C, COMMUTATOR
 from proofs import regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import cells, chain
 
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
 """A configuration of the panda in the middle of the cell."""

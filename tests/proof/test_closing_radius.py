@@ -12,11 +12,11 @@ import pinocchio as pin
 import pytest
 from arms import planar_task, sliding_task, spatial_task
 from closed_paths import lifted_round
+from inside import leaf_margin_bounds, lifts
 from mimic_arm import arm
 from proofs import design_of, near_null_space, regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import leaf_margin_bounds, lifts
 
 
 def rates(design: rp.Design, Q: np.ndarray, ratio: float) -> np.ndarray:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_task, sliding_task, spatial_task
+from inside import leaf_margin_bounds, lifts
 from kernels import expansion, kernels, screws, use
 from mutants import INVERSE_C
 from proofs import design_of, near_null_space, regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import leaf_margin_bounds, lifts
 
 
 def cases(folder: Path) -> list[tuple[leaf_margin_bounds.LeafMarginProblem, rp.Task, rp.Box]]:

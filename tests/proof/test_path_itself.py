@@ -13,12 +13,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from inside import boxes, enclosure, leaf_margin_bounds
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof.boxes import cover, enclosing
-from repctl_pin.extensions.proof.enclosure import Enclosure, enclosed
-from repctl_pin.extensions.proof.leaf_margin_bounds import leaf_margin_of
-from repctl_pin.paths.task_path import TaskPath, with_arc
+from repctl_pin.paths.task_path import with_arc
 
 FEW = rp.FitOptions(samples=256, held_out=64)
 Q = np.array([0.3, 0.9, 0.9])
@@ -30,7 +28,7 @@ def planar(degree: int = 3) -> rp.Design:
     return rp.nearest_repeatable(rp.Pseudoinverse(task), None, rp.Box(Q, 0.5), degree=degree)
 
 
-def turned_in_a_moment(task: rp.Task) -> TaskPath:
+def turned_in_a_moment(task: rp.Task) -> rp.TaskPath:
     """A circle of 5 cm whose plane makes a full turn around the base within 1/480 of the cycle."""
     loop, width = rp.circle(task, Q, 0.05), 1 / 480
 
@@ -96,10 +94,10 @@ def test_the_motion_is_in_its_boxes_between_the_samples(name: str) -> None:
         assert found.half.max() < 0.01
 
 
-def around(design: rp.Design, path: TaskPath, q: np.ndarray) -> Enclosure:
-    low, high = cover(design.region)
-    problem = leaf_margin_of(design.task, design.inverse.potentials, enclosing(low, high))
-    return enclosed(design.inverse, problem, path, q)
+def around(design: rp.Design, path: rp.TaskPath, q: np.ndarray) -> enclosure.Enclosure:
+    box = boxes.enclosing(*boxes.cover(design.region))
+    problem = leaf_margin_bounds.leaf_margin_of(design.task, design.inverse.potentials, box)
+    return enclosure.enclosed(design.inverse, problem, path, q)
 
 
 def test_a_path_round_the_base_is_not_proved(tmp_path: Path) -> None:

@@ -242,7 +242,7 @@ def test_the_commands_prove_and_check_what_they_saved(
 def test_a_study_says_that_its_time_did_not_suffice_for_a_proof(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from repctl_pin.extensions.proof import study
+    from inside import study
 
     monkeypatch.setattr(study, "with_certificate", lambda design, spent, say: design)
     found = rp.study("planar3r", cycles=1)

@@ -11,10 +11,9 @@ import pinocchio as pin
 import pytest
 import sectors
 from arms import spatial_task
+from inside import cells, margins
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.evaluate.margins import leaf_margins
-from repctl_pin.extensions.proof import cells
 
 
 def function_over(
@@ -60,7 +59,7 @@ def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> flo
         used = max(used, float(inside.max()))
         assert (inside <= 1 + 1e-9).all()
         assert (np.abs(points.Q - points.q_ref)[good] <= problem.near).all()
-        assert (leaf_margins(chart, points) >= bounds.leaf_margin - 1e-9).all()
+        assert (margins.leaf_margins(chart, points) >= bounds.leaf_margin - 1e-9).all()
         sigma = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)[:, -1]
         assert (sigma >= bounds.sigma_min - 1e-9).all()
         assert (task.limit_margin(points.Q).min(axis=1) >= bounds.limit_margin - 1e-9).all()
@@ -170,7 +169,7 @@ def test_a_sector_is_proved_at_every_angle_and_spin() -> None:
     others = whole.limit_margin(Q)[:, 1:]  # the first joint goes as far as it can
     assert others.min() >= proof.limit_margin - 1e-9
     points = chart.solve(rng.uniform(-1, 1, (400, chart.cell.k)), np.zeros((400, 1)))
-    assert leaf_margins(chart, points).min() >= proof.leaf_margin
+    assert margins.leaf_margins(chart, points).min() >= proof.leaf_margin
     assert not rp.prove(design, margin=0, limit_margin=asked + 0.2)
 
 
@@ -216,7 +215,7 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
         assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
         s = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)
         assert s[:, -1].min() >= proof.sigma_min
-        assert leaf_margins(chart, points).min() >= proof.leaf_margin
+        assert margins.leaf_margins(chart, points).min() >= proof.leaf_margin
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
 
 
@@ -252,7 +251,7 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
         assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
         s = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)
         assert s[:, -1].min() >= proof.sigma_min
-        assert leaf_margins(chart, points).min() >= proof.leaf_margin
+        assert margins.leaf_margins(chart, points).min() >= proof.leaf_margin
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
 
 

@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from cell_functions import cell_of, chart_of
+from inside import cells, taylor
 from kernels import at, kernels
 from mutants import TAYLOR
 from second_order import monomials
-
-from repctl_pin.extensions.proof import cells, taylor
 
 T = np.linspace(-1, 1, 201)
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])

@@ -44,7 +44,7 @@ def start(command: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     script, *arguments = shlex.split(command.removeprefix("python "))
     monkeypatch.setattr(sys, "argv", [script, *arguments])
     # where python looks first when it runs a script from there
-    monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.syspath_prepend(str((ROOT / script).parent))
     return runpy.run_path(str(ROOT / script), run_name="__main__")
 
 

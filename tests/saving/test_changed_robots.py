@@ -13,12 +13,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from design_file import checksum
-from designs import with_potentials
+from designs import Cycle, with_potentials
 from mimic_arm import MIMICS, arm
 from proofs import design_of
 
 import repctl_pin as rp
-from repctl_pin.paths import Cycle
 
 FEW = rp.FitOptions(samples=64, held_out=64)
 

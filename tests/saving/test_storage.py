@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from design_file import checksum
-from designs import with_potentials
+from designs import Cycle, with_potentials
 from numpy.polynomial.chebyshev import chebval
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.paths import Cycle
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,7 @@ from matplotlib.figure import Figure
 from page_file import COLOURS
 
 import repctl_pin as rp
-from repctl_pin.show.plots.cycles import margin_over_cycles
-from repctl_pin.show.plots.designs import joint_map, maps_that_vary, varies
-from repctl_pin.show.plots.motions import drift_over_cycles, joints_figure
+from repctl_pin.show.plots import cycles, designs, motions
 
 NAMES = ("drift", "joints", "still", "drift again", "joints again", "orbits", "cycle", "maps")
 """The figures of a report, as they are written."""
@@ -220,12 +218,12 @@ def test_a_control_that_goes_away_at_once_does_not_hide_the_drift(
     study, _ = mixed
     away = study.row("posture_off").motion
     rest = [row.motion for row in study.rows if row.motion is not away]
-    ax = drift_over_cycles(axes(), rows_of(study))
+    ax = motions.drift_over_cycles(axes(), rows_of(study))
     assert max(m.drift.max() for m in rest) < ax.get_ylim()[1] < away.drift.min() / 2
     (beyond,) = [note.get_text() for note in ax.texts if "↑" in note.get_text()]
     assert beyond == f"J⁺ + other posture: {away.drift[-1]:.3g} rad and m ↑"
     both = [row for row in rows_of(study) if row[1] in (rest[0], rest[-1])]
-    ax = drift_over_cycles(axes(), both)  # J⁺ and ours: nothing is left out
+    ax = motions.drift_over_cycles(axes(), both)  # J⁺ and ours: nothing is left out
     assert not any("↑" in note.get_text() for note in ax.texts)
 
 
@@ -246,7 +244,7 @@ def test_the_joints_shown_are_the_four_that_drift_most() -> None:
         (name, rp.follow(control, path, q0, cycles=3, steps=40), "#000000")
         for name, control in controls.items()
     ]
-    seen = [ax.get_title(loc="left") for ax in joints_figure(shown, "").axes]
+    seen = [ax.get_title(loc="left") for ax in motions.joints_figure(shown, "").axes]
     most = drifting_most(shown[0][1], 4)
     assert seen == [task.joint_names[joint] for joint in most]
 
@@ -256,19 +254,20 @@ def test_joints_without_limits_are_said(study: rp.Study) -> None:
     robot.lower, robot.upper = np.full(4, -np.inf), np.full(4, np.inf)
     motion = study.row("pseudoinverse").motion
     free = [("a", replace(motion, task=robot.task(kind="xy")), "#000000")]
-    (said,) = margin_over_cycles(axes(), free).texts
+    (said,) = cycles.margin_over_cycles(axes(), free).texts
     assert said.get_text() == "no joint limits"
-    for ax in joints_figure(free, "").axes:
+    for ax in motions.joints_figure(free, "").axes:
         assert ax.get_title(loc="right") == "no limits"
 
 
 def test_maps_that_hardly_vary_are_not_drawn() -> None:
     """Against the colour scale: 5 % of the largest value, or of the best one."""
     flat, slope = np.full((3, 3), 2.0), np.linspace(0.8, 1.0, 9).reshape(3, 3)
-    assert not varies(flat) and varies(slope) and not varies(0.96 + 0.04 * slope, 1.0)
-    kept = maps_that_vary((flat, "flat", None), (slope, "slope", 1.0))
+    assert [designs.varies(values) for values in (flat, slope)] == [False, True]
+    assert not designs.varies(0.96 + 0.04 * slope, 1.0)
+    kept = designs.maps_that_vary((flat, "flat", None), (slope, "slope", 1.0))
     assert [label for _, label, _ in kept] == ["slope"]
-    assert maps_that_vary((flat, "flat", None)) == [(flat, "flat", None)]
+    assert designs.maps_that_vary((flat, "flat", None)) == [(flat, "flat", None)]
 
 
 def test_a_map_leaves_what_is_undefined_blank(study: rp.Study) -> None:
@@ -276,7 +275,7 @@ def test_a_map_leaves_what_is_undefined_blank(study: rp.Study) -> None:
     grid = SimpleNamespace(joints=(0, 2), x=at, y=at)
     values = np.outer(1 + at, 2 + at)
     values[0, 0] = np.nan
-    ax = joint_map(axes(), study.design, grid, values, "defect", 1.0)
+    ax = designs.joint_map(axes(), study.design, grid, values, "defect", 1.0)
     mesh, names = ax.collections[0], study.task.joint_names
     assert mesh.get_clim() == (0.0, 1.0)
     np.testing.assert_array_equal(np.ma.getmaskarray(mesh.get_array()), np.isnan(values))

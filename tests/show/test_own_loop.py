@@ -17,6 +17,7 @@ from browser import asleep, errors, open_page, schemes, wait_until_drawn
 from page_file import read
 
 import repctl_pin as rp
+from repctl_pin.show.page.own_loop import own_loop
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
 NODE = shutil.which("node")
@@ -42,8 +43,6 @@ console.log(JSON.stringify({ at, ends }));
 
 def numbers(task: rp.Task, q0: Any, strategies: Sequence[Any]) -> dict[str, Any] | None:
     """What the page of an animation with these controllers holds for own loops."""
-    from repctl_pin.show.page.own_loop import own_loop
-
     path = rp.circle(task, q0, 0.05, normal=PLANES.get(task.kind, "xy"))
     motion = rp.follow(strategies[0], path, q0, cycles=1, steps=400, period=3.0)
     return own_loop(motion, strategies)
@@ -164,8 +163,6 @@ def test_the_page_computes_two_hands_as_python_does(mirrored: bool, tmp_path: Pa
     listed = [points if points is None else rp.waypoints(points, x.rotation)
               for points, x in zip((loop, other), start, strict=True)]  # fmt: skip
     path = rp.several_paths(task, q0, listed)
-    from repctl_pin.show.page.own_loop import own_loop
-
     motion = rp.follow(laws[0], path, q0, cycles=1, steps=100, period=3.0)
     own = own_loop(motion, laws)
     assert own is not None and [f["hand"] for f in own["frames"]] == ["left hand", "right hand"]

@@ -16,8 +16,7 @@ from page_file import COLOURS, matrices, summed
 
 import repctl_pin as rp
 from repctl_pin.model.surfaces import distinct, read_surface, smooth
-from repctl_pin.show.page.html import SCRIPTS, differences, pack
-from repctl_pin.show.page.scene import choose_frames, poses_of
+from repctl_pin.show.page import html, scene
 from repctl_pin.show.palette import luminance, readable
 
 
@@ -262,7 +261,7 @@ def test_equal_rows_are_one_row_the_first_of_them() -> None:
     ("samples", "cycles"), [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)]
 )
 def test_choose_frames(samples: int, cycles: int) -> None:
-    frames = choose_frames(samples, cycles)
+    frames = scene.choose_frames(samples, cycles)
     steps = (samples - 1) // cycles
     numbers = np.array(frames.cycles)
     assert (np.diff(numbers) > 0).all()
@@ -279,7 +278,7 @@ def test_choose_frames(samples: int, cycles: int) -> None:
 
 def test_choose_frames_wants_whole_cycles() -> None:
     with pytest.raises(rp.InputError, match="equal steps"):
-        choose_frames(102, 3)
+        scene.choose_frames(102, 3)
 
 
 def test_poses_are_exact_and_do_not_jump() -> None:
@@ -289,13 +288,13 @@ def test_poses_are_exact_and_do_not_jump() -> None:
     M = np.tile(np.eye(4), (len(turns), 1, 1, 1))
     M[:, 0, :3, :3] = turns
     M[:, 0, :3, 3] = rng.normal(size=(len(turns), 3))
-    np.testing.assert_allclose(matrices(poses_of(M)), M, atol=1e-14)
+    np.testing.assert_allclose(matrices(scene.poses_of(M)), M, atol=1e-14)
     # a steady turn of two revolutions: the quaternion never changes sign
     steady = np.tile(np.eye(4), (400, 1, 1, 1))
     steady[:, 0, :3, :3] = [
         pin.exp3(a * np.array([0.6, 0, 0.8])) for a in np.linspace(0, 4 * np.pi, 400)
     ]
-    q = poses_of(steady)[:, 0, 3:]
+    q = scene.poses_of(steady)[:, 0, 3:]
     assert np.abs(np.diff(q, axis=0)).max() < 0.02
 
 
@@ -303,14 +302,15 @@ def test_poses_are_exact_and_do_not_jump() -> None:
 def test_numbers_of_a_page_come_back(size: float) -> None:
     rng = np.random.default_rng(0)
     series = [rng.uniform(-size, size, shape) for shape in ((50, 7), (0, 3), (2, 3))]
-    data, unit = differences(series)
+    data, unit = html.differences(series)
     back = summed(data, [list(s.shape) for s in series], unit)
     assert unit <= max(1e-7, 2e-9 * size)
     np.testing.assert_allclose(
         back, np.concatenate([s.ravel() for s in series]), atol=0.51 * unit, rtol=0
     )
     smooth = np.sin(np.linspace(0, 6, 501))[:, None]
-    assert len(pack(differences([smooth])[0])) < 0.25 * len(pack(smooth.astype("<f4")))
+    packed = html.pack(html.differences([smooth])[0])
+    assert len(packed) < 0.25 * len(html.pack(smooth.astype("<f4")))
 
 
 def test_text_in_a_colour_can_be_read() -> None:
@@ -340,15 +340,15 @@ def test_each_script_follows_the_scripts_it_imports() -> None:
     way: the chrome the arm, the own loop and the live viewer both, and nothing imports these."""
     scripts = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
     stems = [file.relative_to(scripts).with_suffix("").as_posix() for file in scripts.rglob("*.js")]
-    assert sorted(stems) == sorted(SCRIPTS)
+    assert sorted(stems) == sorted(html.SCRIPTS)
     both = {"arm", "chrome"}
     allowed = {"arm": set(), "chrome": {"arm"}, "own": both, "live": both}
-    for script in SCRIPTS:
+    for script in html.SCRIPTS:
         text = (scripts / f"{script}.js").read_text("utf-8")
         folder = Path(script).parent
         for name in re.findall(r'(?m)^(?:import .*|}) from "(.*?)\.js"', text):
             target = Path(os.path.normpath(folder / name)).as_posix()
-            assert SCRIPTS.index(target) < SCRIPTS.index(script), (script, target)
+            assert html.SCRIPTS.index(target) < html.SCRIPTS.index(script), (script, target)
             if folder.name and "/" in target:
                 room = Path(target).parent.name
                 assert room in allowed[folder.name] | {folder.name}, (script, target)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from native_library import REQUIRED
 
 import repctl_pin as rp
-from repctl_pin.native import library
 
-pytestmark = pytest.mark.skipif(library() is None, reason="there is no native library")
+pytestmark = REQUIRED
 
 TASKS = {
     "panda": ("panda_hand_tcp",),

@@ -180,7 +180,7 @@ def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
             raise rp.SingularityError("the path is out of reach")
         return real(strategy, *args, **options)
 
-    monkeypatch.setattr("repctl_pin.studies.around_motion.follow", failing)
+    monkeypatch.setattr("repctl_pin.studies.around_motion.followed", failing)
     why = (
         "^the design fails on its own cycle, which J⁺ can follow; "
         "choose another start, a smaller path or another degree$"

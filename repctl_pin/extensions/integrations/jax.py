@@ -78,20 +78,46 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     >>> Q = f(X)  # X (K, 4, 4) → (K, n)
     """
     require_type(F, InverseFunction, "F", "a cell's function, such as found.function")
-    r, frame, reference = F.task.r, _kinematics(F), _reference(F)
+    r, solution = F.task.r, _solution(F)
+
+    def function(x: Numbers, leaf: Numbers | None = None) -> Numbers:
+        x = _pose(x)
+        c = jnp.zeros(r, x.dtype) if leaf is None else jnp.asarray(leaf, x.dtype).reshape(r)
+        q = solution(x, c)
+        within = ((q >= F.task.lower) & (q <= F.task.upper)).all()
+        if not F.keep_limits:
+            within |= (c == 0).all()
+        good = _rigid(F.task, x) & _inside(F.cell, x) & within
+        return jnp.where(good, q, jnp.nan)
+
+    return jax.jit(function)
+
+
+def _system(F: InverseFunction) -> Callable[..., tuple[Numbers, Numbers]]:
+    """Create the linear system of Newton's method: ``J_V = [J; n_refᵀ]`` (n, n) and g (n,).
+
+    ``g = [x − f(q); c − n_refᵀ (q − q_ref)]`` is the error of the pose x and of the level c at q.
+    The function's last argument ``chart`` are q_ref (n,) and n_ref (n, r), F's polynomials at x.
+    """
+    frame = _kinematics(F)
 
     def system(
         x: Numbers, c: Numbers, q: Numbers, chart: tuple[Numbers, Numbers]
     ) -> tuple[Numbers, Numbers]:
-        """Evaluate the linear system of Newton's method: ``J_V = [J; n_refᵀ]`` (n, n) and g (n,).
-
-        ``g = [x − f(q); c − n_refᵀ (q − q_ref)]`` is the error of the pose x and of the level c at
-        q; ``chart`` are q_ref (n,) and n_ref (n, r), the polynomials of F at x.
-        """
         p, R, J = frame(q)
         q_ref, n_ref = chart
         g = jnp.concatenate([_error(F.cell, x, p, R), c - n_ref.T @ (q - q_ref)])
         return jnp.concatenate([J, n_ref.T]), g
+
+    return system
+
+
+def _solution(F: InverseFunction) -> Callable[[Numbers, Numbers], Numbers]:
+    """Create the function from a pose x and a level c to q, by Newton's method.
+
+    q is NaN where the iterations do not converge. The derivative is that of the implicit function.
+    """
+    system, reference = _system(F), _reference(F)
 
     @jax.custom_jvp
     def solution(x: Numbers, c: Numbers) -> Numbers:
@@ -124,17 +150,7 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
         _, dg, J_V = jax.jvp(residual, at, along, has_aux=True)
         return q, jnp.linalg.solve(J_V, dg)
 
-    def function(x: Numbers, leaf: Numbers | None = None) -> Numbers:
-        x = _pose(x)
-        c = jnp.zeros(r, x.dtype) if leaf is None else jnp.asarray(leaf, x.dtype).reshape(r)
-        q = solution(x, c)
-        within = ((q >= F.task.lower) & (q <= F.task.upper)).all()
-        if not F.keep_limits:
-            within |= (c == 0).all()
-        good = _rigid(F.task, x) & _inside(F.cell, x) & within
-        return jnp.where(good, q, jnp.nan)
-
-    return jax.jit(function)
+    return solution
 
 
 def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
@@ -182,6 +198,16 @@ def _pose(x: Numbers) -> Numbers:
     return x if jnp.issubdtype(x.dtype, jnp.floating) else x.astype(float)
 
 
+def _link(at: tuple[Numbers, Numbers], joint: Any) -> Any:
+    """Go from one joint's frame (p, R) past the next joint, whose axis z passes through o."""
+    (p, R), (theta, R_0, p_0, axis, hat, turning) = at, joint
+    p, R = p + R @ p_0, R @ R_0
+    z, o = R @ axis, p
+    turn = jnp.sin(theta) * hat + (1 - jnp.cos(theta)) * (hat @ hat)
+    R = jnp.where(turning, R + R @ turn, R)
+    return (jnp.where(turning, p, p + z * theta), R), (z, o)
+
+
 def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
     """Create the function from q (n,) to p (3,), m, and R (3, 3) of the frame, and J (m, n).
 
@@ -192,18 +218,10 @@ def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Number
     links = (chain.R, chain.p, chain.a, skew(chain.a), chain.revolute)
 
     def frame(q: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        def link(at: tuple[Numbers, Numbers], joint: Any) -> Any:
-            (p, R), (theta, R_0, p_0, axis, hat, turning) = at, joint
-            p, R = p + R @ p_0, R @ R_0
-            z, o = R @ axis, p
-            turn = jnp.sin(theta) * hat + (1 - jnp.cos(theta)) * (hat @ hat)
-            R = jnp.where(turning, R + R @ turn, R)
-            return (jnp.where(turning, p, p + z * theta), R), (z, o)
-
         theta = S.astype(q.dtype) @ q + chain.o.astype(q.dtype)
         base = (jnp.zeros(3, q.dtype), jnp.eye(3, dtype=q.dtype))
         typed = [a if a.dtype == bool else a.astype(q.dtype) for a in links]
-        (p, R), (z, o) = jax.lax.scan(link, base, (theta, *typed))
+        (p, R), (z, o) = jax.lax.scan(_link, base, (theta, *typed))
         v, omega = jnp.where(turns, jnp.cross(z, p - o), z), jnp.where(turns, z, 0)
         if task.kind.tool_axes:  # ω along the frame's own x and y
             J = jnp.concatenate([v, omega @ R[:, :2]], axis=1)

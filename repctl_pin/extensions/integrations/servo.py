@@ -144,7 +144,8 @@ class Servo:
         self._commands: list[Array] = []
         self._leaf: Array | None = None
         self._piece: list[Array] = []
-        self._held, self._fault = "", False
+        self._held = ""
+        self._fault = False
         self._target: pin.SE3 | None = None
         self._twist: Array | None = None
         self._heard = 0.0

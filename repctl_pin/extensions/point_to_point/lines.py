@@ -173,6 +173,15 @@ class Blend:
     cut_out: float
 
 
+def _angle(into: Line, out: Line) -> float | None:
+    """Compute the angle by which the direction turns between two lines; None without a bend."""
+    v_in, v_out = into.velocity(1.0), out.velocity(0.0)
+    if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:
+        return None
+    d_in, d_out = (v / np.linalg.norm(v) for v, _ in (v_in, v_out))
+    return float(2 * np.arctan2(np.linalg.norm(d_out - d_in), np.linalg.norm(d_out + d_in)))
+
+
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
@@ -183,14 +192,12 @@ def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """
     if into.turns or out.turns or not radius:
         return None
-    v_in, v_out = into.velocity(1.0), out.velocity(0.0)
-    if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:
+    phi = _angle(into, out)
+    if phi is None:
         return Blend(into.at, 0.0, 0.0, 0.0)
-    d_in, d_out = (v / np.linalg.norm(v) for v, _ in (v_in, v_out))
-    phi = 2 * np.arctan2(np.linalg.norm(d_out - d_in), np.linalg.norm(d_out + d_in))
     if not _GENTLEST < phi < _SHARPEST:
         return None
-    bend, cut = Bend.of(float(phi)), radius * np.tan(phi / 2)
+    bend, cut = Bend.of(phi), radius * np.tan(phi / 2)
     cut_in, cut_out = cut / into.length, cut / out.length
     if cut < _LEAST_CUT or max(cut_in, cut_out) > 0.5:
         return None

@@ -17,15 +17,15 @@ from ...base.progress import reporter
 from ...model.chain_formulas import Placement, as_placements
 from ...model.task import Task
 from ...motion.joint_motion import JointMotion
-from ...motion.limits import Limits, joint_limits
+from ...motion.limits import JointLimits, Limits, joint_limits
 from ...motion.timed_motion import TimedMotion
 from ..cells.function import InverseFunction
 from ..cells.geometry.cell_arguments import stacked
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
-from ..timing.profile import Course, require_possible, require_samples
+from ..timing.profile import Course, Segment, require_possible, require_samples
 from .lines import Function
-from .parts import parts_of
+from .parts import Part, parts_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -185,14 +185,11 @@ def between(
     ends = _configurations(F, X, names)
     require_possible(ends, kept, rate)
     lines, parts = parts_of(F, X, names, blend)
-    segments, durations = [], []
     with reporter(progress) as report:
-        for k, part in enumerate(parts):
-            report("timing the motion", k / len(parts))
-            segment, duration = part.timed(kept)
-            segments.append(segment)
-            durations.append(duration)
+        segments, durations = _timed_parts(parts, kept, report)
     require_samples(sum(durations) * rate, sum(durations), rate)
+
+    # each part takes a whole number of samples, and the poses at rest are met exactly
     samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
     rows = np.concatenate([[0], np.cumsum(samples)])
     t = np.arange(rows[-1] + 1) / rate
@@ -200,11 +197,6 @@ def between(
     q, qdot, qddot, _ = course.derivatives(t)
     rests = [0, *(part.last for part in parts)]
     q[rows], qdot[rows], qddot[rows] = ends[rests], 0.0, 0.0
-    passed = [np.zeros(1)]
-    for part, segment, ends_at in zip(parts, segments, pairwise(t[rows]), strict=True):
-        share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]
-        passed.append(ends_at[0] + share * (ends_at[1] - ends_at[0]))
-    times = np.concatenate(passed)
     return MotionBetween(
         joints=F.task.joint_names,
         t=t,
@@ -222,9 +214,31 @@ def between(
         trajectory=course,
         poses=X,
         lines=tuple(line.kind for line in lines),
-        times=times,
+        times=_times_at_poses(parts, segments, t[rows]),
         rests=tuple(rests),
     )
+
+
+def _timed_parts(
+    parts: Sequence[Part], limits: JointLimits, report: Callable[[str, float], None]
+) -> tuple[list[Segment], list[float]]:
+    """Time each part between two rests on its own: the segments, and their durations, s."""
+    segments, durations = [], []
+    for k, part in enumerate(parts):
+        report("timing the motion", k / len(parts))
+        segment, duration = part.timed(limits)
+        segments.append(segment)
+        durations.append(duration)
+    return segments, durations
+
+
+def _times_at_poses(parts: Sequence[Part], segments: Sequence[Segment], rests: Array) -> Array:
+    """Compute the times (P,) at which the poses are passed, s, from those of the rests."""
+    passed = [np.zeros(1)]
+    for part, segment, ends in zip(parts, segments, pairwise(rests), strict=True):
+        share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]
+        passed.append(ends[0] + share * (ends[1] - ends[0]))
+    return np.concatenate(passed)
 
 
 def _poses(task: Task, poses: Any) -> tuple[Array, Array]:

@@ -88,7 +88,7 @@ class ArmAngleChain:
 
         An InputError is raised if it depends on no joint, or on more than 10.
         """
-        model, task = angle.task.model, angle.task
+        model = angle.task.model
         data, neutral = model.createData(), pin.neutral(model)
 
         def screw(j: int) -> Array:
@@ -107,7 +107,7 @@ class ArmAngleChain:
             axes,
             np.array([at.get(int(model.parents[j]), -1) for j in ids], np.int32),
             revolute,
-            *joint_coupling(task, ids),
+            *joint_coupling(angle.task, ids),
             np.array([at.get(j, -1) for j, _ in carried], np.int32),
             np.array([place for _, place in carried]),
             angle.reference if sideways is None else sideways,

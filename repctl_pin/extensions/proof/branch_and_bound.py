@@ -107,12 +107,7 @@ class _Search:
 
         With a goal, the newest boxes are taken; without one, those with the smallest bounds.
         """
-        if len(self.low) <= _BATCH:
-            take = np.arange(len(self.low))
-        elif self.goal is not None:
-            take = np.arange(len(self.low) - _BATCH, len(self.low))
-        else:
-            take = np.argpartition(self.bound, _BATCH)[:_BATCH]
+        take = self._next()
         low, high, _ = halved(self.low[take], self.high[take], self.split[take])
         Q, half = centered(low, high)
         found = self.problem.bounds(Q, half)
@@ -134,6 +129,15 @@ class _Search:
         small = left & (half.max(axis=1) < _SMALLEST)
         if small.any() and not self.reason:
             self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
+
+    def _next(self) -> NDArray[np.intp]:
+        """Choose the undecided boxes to halve next."""
+        count = len(self.low)
+        if count <= _BATCH:
+            return np.arange(count)
+        if self.goal is not None:
+            return np.arange(count - _BATCH, count)
+        return np.argpartition(self.bound, _BATCH)[:_BATCH]
 
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
         """Return the bound of the leaf margin from which a box counts as decided.

@@ -394,27 +394,35 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     along : (n, l) array
         Motion of the joints along the coordinates that symmetries remove.
     """
-    m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
-    o, a = np.zeros(3), np.array([0.0, 0.0, 1.0])
-    rates = np.zeros((6, 8))  # of a coordinate: way, turn, around, twirl
-    if isinstance(cell, Sector):
-        o, a = cell.axis
-        outward, _, up = cell.directions
-        rates[RADIUS, :3], rates[HEIGHT, :3] = outward, up
-        rates[_TILT : _TILT + 2, 3:6] = R0[:, :2].T
-        rates[ANGLE, 6] = rates[SPIN, 7] = 1.0
-    else:
-        rates[:rows, :3] = np.eye(3)[cell.task.rows[:rows]]
-        about = np.eye(3) if cell.task.kind == "pose" else R0.T
-        rates[rows:m, 3:6] = about[: m - rows]
+    o, a, rates = _coordinate_rates(cell)
     moved, removed = cell.moved, np.array(cell._removed, int)
-    others = np.setdiff1d(np.arange(m), np.concatenate([moved, removed]))
+    others = np.setdiff1d(np.arange(cell.task.m), np.concatenate([moved, removed]))
     rates = rates[np.concatenate([moved, removed, others])]
     widths = cell.widths[moved]
     own = widths[:, None] * rates[: cell.k]
+    R0 = cell.placement.rotation
     tables = {"o": o, "a": a, "d": cell.placement.translation - o, "R0": R0}
     tables |= {"D": own[:, :3].T, "Omega": own[:, 3:6].T}
     tables |= {"angle": own[:, 6], "spin": own[:, 7]}
     tables |= {"way": rates[:, :3], "turn": rates[:, 3:6]}
     tables |= {"around": rates[:, 6], "twirl": rates[:, 7]}
     return tables | {"widths": widths, "along": cell.along}
+
+
+def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
+    """Return the axis of a sector, a point (3,) and a direction (3,), and rates (6, 8).
+
+    A row of the rates has the way (3), turn (3), around and twirl of one coordinate of the task.
+    """
+    m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
+    rates = np.zeros((6, 8))
+    if isinstance(cell, Sector):
+        outward, _, up = cell.directions
+        rates[RADIUS, :3], rates[HEIGHT, :3] = outward, up
+        rates[_TILT : _TILT + 2, 3:6] = R0[:, :2].T
+        rates[ANGLE, 6] = rates[SPIN, 7] = 1.0
+        return *cell.axis, rates
+    rates[:rows, :3] = np.eye(3)[cell.task.rows[:rows]]
+    about = np.eye(3) if cell.task.kind == "pose" else R0.T
+    rates[rows:m, 3:6] = about[: m - rows]
+    return np.zeros(3), np.array([0.0, 0.0, 1.0]), rates

@@ -293,14 +293,26 @@ def _opposite_signs(
     a, b = (Q[int(f(sign * values))] for f in (np.argmax, np.argmin))
     if not sign * values.min() * sign * values.max() < 0:
         return None
-    if np.abs(_determinants(task, field, np.array([a, b]))).min() < _CERTAIN:
+
+    def value(q: Array) -> float:
+        return float(sign * _determinants(task, field, q[None])[0])
+
+    return _close_pair(value, region, a, b)
+
+
+def _close_pair(
+    value: Callable[[Array], float], region: Region, a: Array, b: Array
+) -> tuple[Array, Array] | None:
+    """Bring two configurations of opposite values close to each other; None if one is uncertain."""
+    half = region.bounds.half_width
+    if min(abs(value(a)), abs(value(b))) < _CERTAIN:
         return None
     while (np.abs(a - b) / half).max() > _APART:  # as long as both signs are certain
         middle = (a + b) / 2
-        value = float(sign * _determinants(task, field, middle[None])[0])
-        if abs(value) < 1e3 * _CERTAIN or region.ratio(middle[None])[0] > 1:
+        there = value(middle)
+        if abs(there) < 1e3 * _CERTAIN or region.ratio(middle[None])[0] > 1:
             break
-        a, b = (middle, b) if value > 0 else (a, middle)
+        a, b = (middle, b) if there > 0 else (a, middle)
     return a, b
 
 

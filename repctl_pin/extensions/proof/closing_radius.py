@@ -60,51 +60,54 @@ def closing_radius(
         motion = Enclosure(start[None], np.zeros((1, task.n)), True, "")
     else:
         motion = enclosed(design.inverse, problem, closed_path(path), start)
-    Q, why = motion.Q, motion.reason
+    Q = motion.Q
     around = "start" if path is None else "path"
-    shown = np.unique(np.linspace(0, len(Q) - 1, _POSES + 1).astype(int))
-    poses = [task.placements(q) for q in Q[shown]]
-    radius, boxes, complete = 0.0, 0, True
+    radius, boxes, complete, why = 0.0, 0, True, motion.reason
     if not why:
-        clearance = _clearance(region, Q)
-        places = _places(Q, clearance, motion.half)
-        if not (places.clearance > 0).all():
-            why = f"the {around} is not inside Ω"
+        places = _places(Q, _clearance(region, Q), motion.half)
+        most = np.inf if goal is not None else _MOST[around]
+        why = "" if (places.clearance > 0).all() else f"the {around} is not inside Ω"
+    if not why:
+        potentials = design.inverse.potentials
+        try:
+            found = bound_reach(problem, task, potentials, places, ratio, goal, seconds, most)
+        except SingularityError as error:
+            why = str(error)
         else:
-            try:
-                found = bound_reach(
-                    problem,
-                    task,
-                    design.inverse.potentials,
-                    places,
-                    ratio,
-                    goal,
-                    seconds,
-                    np.inf if goal is not None else _MOST[around],
-                )
-            except SingularityError as error:
-                why = str(error)
-            else:
-                radius, boxes, complete = found.radius, found.boxes, found.complete
-                if goal is not None and radius >= goal:
-                    why, complete = "no larger one was asked for", True
-                else:
-                    undecided = f"not all of Ω was decided in {boxes} boxes; "
-                    where = _edge(task, places, found)
-                    why = where if complete else undecided + where
+            radius, boxes = found.radius, found.boxes
+            complete, why = _end(task, places, found, goal)
     return ClosingRadius(
         radius,
         ratio * radius if turns else None,
         around,
         str(task.kind),
         Q[0],
-        np.array([[x.translation for x in pose] for pose in poses]).reshape(len(poses), -1),
-        np.array([[x.rotation for x in pose] for pose in poses]).reshape(len(poses), -1, 3),
+        *_shown(task, Q),
         boxes,
         complete,
         why,
         0 if motion.proved else len(Q) - 1,
     )
+
+
+def _shown(task: Task, Q: Array) -> tuple[Array, Array]:
+    """Compute positions (P, 3 F), m, and rotations (P, 3 F, 3) of some poses along a motion Q."""
+    shown = np.unique(np.linspace(0, len(Q) - 1, _POSES + 1).astype(int))
+    poses = [task.placements(q) for q in Q[shown]]
+    return (
+        np.array([[x.translation for x in pose] for pose in poses]).reshape(len(poses), -1),
+        np.array([[x.rotation for x in pose] for pose in poses]).reshape(len(poses), -1, 3),
+    )
+
+
+def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
+    """Tell whether a radius is the largest that can be proved, and why none beyond it is."""
+    if goal is not None and found.radius >= goal:
+        return True, "no larger one was asked for"
+    where = _edge(task, places, found)
+    if found.complete:
+        return True, where
+    return False, f"not all of Ω was decided in {found.boxes} boxes; {where}"
 
 
 def _edge(task: Task, places: Places, found: Reach) -> str:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,55 +136,109 @@ def _boxes(
 
     The last row is that of the first sample, in which the path ends.
     """
-    task, frames = inverse.task, frames_of(inverse.task)
     K = len(s) - 1
-    # Arcs: length, m, and rotation, rad, of each frame; and the error of the samples.
-    arcs = np.array(
-        [[one.arc(a, b) for one in paths_of(path) if one.arc] for a, b in pairwise(s.tolist())]
-    ) * (1 + _ROUND)
-    if not np.isfinite(arcs).all():
+    samples = _Samples.of(inverse, problem, path, s, Q[:-1])
+    if not np.isfinite(samples.arcs).all():
         return None
-    reach = max(float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames)
-    errors = task.errors(Q[:-1], [path.placement(float(x)) for x in s[:-1]])
-    off = np.linalg.norm(errors, axis=1) + _ROUND * (1 + reach + np.abs(Q[:-1]).max(axis=1))
-    levels = np.array([inverse.leaf(q) for q in Q[:-1]])
-    size = problem.features.size + problem.round[-task.r :]
-    level_off = (
-        np.abs(levels - levels[0]) + _ROUND * size * (1 + np.abs(Q[:-1]).sum(axis=1))[:, None]
-    )
-
-    half, narrow, shifts = (np.empty((K, task.n)) for _ in range(3))
+    found = []
     for first in range(0, K, _BATCH):
-        part = slice(first, min(first + _BATCH, K))
-        after = np.arange(part.start + 1, part.stop + 1) % K
-        box = _Boxes(inverse, problem, Q[part])
-        # Where the lift can be: the sample's own error counts twice, for it and its target.
-        error = box.moved(np.repeat(off[part, None, None], 2, 2), level_off[part])
-        arc = box.moved(arcs[part] + off[part, None, None], level_off[part])
-        h = 1.5 * arc
-        for _ in range(3):
-            h = _WIDER * (arc + box.bent(h))
-            h = np.maximum(h, _LEAST * h.max(axis=1)[:, None])
-        bent = box.bent(h)
-        half[part] = (arc + bent) * (1 + 1e-9)
-        if not (half[part] < h).all():
+        at = np.arange(first, min(first + _BATCH, K))
+        arcs = _proved_arcs(inverse, problem, samples.part(at), samples.part((at + 1) % K))
+        if arcs is None:
             return None
-        # The one solution near the next sample, as a share of this box.
-        both = np.repeat((off[part] + off[after])[:, None, None], 2, 2)
-        next_error = box.moved(both, level_off[part] + level_off[after])
-        share = np.max(next_error / h, axis=1) / (1 - np.max(bent / h, axis=1))
-        if not (np.abs(Q[after] - Q[part]) + share[:, None] * h < h).all():
-            return None
-        narrow[part], shifts[part] = h, share[:, None] * h
-        if first == 0:
-            begin = (error[0] / h[0]).max() / (1 - (bent[0] / h[0]).max()) * h[0]
+        found.append(arcs)
+    half, box, start, end = map(np.concatenate, zip(*found, strict=True))
     # What the end of an arc may be off its sample must fit into the next box; so must the start,
     # in the last box, where start and end have one pose and one level.
-    if not (np.roll(shifts, 1, axis=0) < narrow).all():
+    if not (np.roll(end, 1, axis=0) < box).all():
         return None
-    if not (np.abs(Q[0] - Q[K - 1]) + begin < narrow[K - 1]).all():
+    if not (np.abs(Q[0] - Q[K - 1]) + start[0] < box[K - 1]).all():
         return None
     return np.concatenate([half, half[:1]])
+
+
+class _Samples(NamedTuple):
+    """K samples Q (K, n) of a lift, their errors, and the arcs of the path after each.
+
+    ``arcs`` (K, F, 2) are the length, m, and the rotation, rad, of each frame until the next
+    sample; ``off`` (K,) bounds the error of the pose, and ``level_off`` (K, r) that of the level.
+    """
+
+    Q: Array
+    arcs: Array
+    off: Array
+    level_off: Array
+
+    @classmethod
+    def of(
+        cls,
+        inverse: RepeatableInverse,
+        problem: LeafMarginProblem,
+        path: TaskPath,
+        s: Array,
+        Q: Array,
+    ) -> _Samples:
+        """Bound the arcs of a path from s_i to s_(i+1), and the errors of its samples Q_i."""
+        task = inverse.task
+        arcs = np.array(
+            [[one.arc(a, b) for one in paths_of(path) if one.arc] for a, b in pairwise(s.tolist())]
+        )
+        reach = max(
+            float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames_of(task)
+        )
+        errors = task.errors(Q, [path.placement(float(x)) for x in s[:-1]])
+        off = np.linalg.norm(errors, axis=1) + _ROUND * (1 + reach + np.abs(Q).max(axis=1))
+        levels = np.array([inverse.leaf(q) for q in Q])
+        size = problem.features.size + problem.round[-task.r :]
+        rounding = _ROUND * size * (1 + np.abs(Q).sum(axis=1))[:, None]
+        return cls(Q, arcs * (1 + _ROUND), off, np.abs(levels - levels[0]) + rounding)
+
+    def part(self, at: NDArray[np.intp]) -> _Samples:
+        """Select the samples with these indices."""
+        return _Samples._make(values[at] for values in self)
+
+
+class _ProvedArcs(NamedTuple):
+    """Proved bounds of the lift on K arcs, each from a sample, as half-widths of boxes (K, n).
+
+    The lift stays within ``half`` of the sample, in the wider ``box``, in which Φ is injective.
+    ``start`` and ``end`` bound how far its ends are from this sample and from the next one.
+    """
+
+    half: Array
+    box: Array
+    start: Array
+    end: Array
+
+
+def _proved_arcs(
+    inverse: RepeatableInverse, problem: LeafMarginProblem, here: _Samples, after: _Samples
+) -> _ProvedArcs | None:
+    """Bound the lift on the arcs from samples ``here`` to those ``after``; None if not proved."""
+    bounds = _Boxes(inverse, problem, here.Q)
+
+    # A box that contains the motion along the arc.
+    arc = bounds.moved(here.arcs + here.off[:, None, None], here.level_off)
+    h = 1.5 * arc
+    for _ in range(3):
+        h = _WIDER * (arc + bounds.bent(h))
+        h = np.maximum(h, _LEAST * h.max(axis=1)[:, None])
+    bent = bounds.bent(h)
+    half = (arc + bent) * (1 + 1e-9)
+    if not (half < h).all():
+        return None
+
+    def shift(off: Array, level_off: Array) -> Array:
+        """Bound how far the one solution with these errors is from the sample: a share of h."""
+        moved = bounds.moved(np.repeat(off[:, None, None], 2, 2), level_off)
+        share = np.max(moved / h, axis=1) / (1 - np.max(bent / h, axis=1))
+        return np.asarray(share[:, None] * h)
+
+    # Where the lift can be: the sample's own error counts twice, for it and its target.
+    end = shift(here.off + after.off, here.level_off + after.level_off)
+    if not (np.abs(after.Q - here.Q) + end < h).all():
+        return None
+    return _ProvedArcs(half, h, shift(here.off, here.level_off), end)
 
 
 class _Boxes:

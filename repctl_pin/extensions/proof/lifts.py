@@ -334,22 +334,22 @@ def _sampled(
     """
     K, n = places.center.shape
     signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))
-    rates = _rates(task, field, places.center[:, None], ratio).max(axis=1)  # (K, n)
-    if not rates.max() < _SINGULAR:
-        raise SingularityError("J_V is singular at the start")
-    rates = np.maximum(rates, 1e-9 * rates.max(axis=1)[:, None])  # joints that rest
+
+    def largest(Q: Array) -> Array:
+        """Evaluate the largest rates (K, n) at configurations (K, S, n)."""
+        return _rates(task, field, Q, ratio).max(axis=1)
+
+    rates = _rates_at_start(largest(places.center[:, None]))
     whole = float((places.clearance / rates).min())
     free = _FREE * places.clearance / whole  # whatever the goal, or Ω would be filled
     step = (whole if goal is None else min(whole, goal)) / _STEPS
     width, length = np.zeros((K, n)), 0.0
-    widths: list[Array] = []
-    allowed: list[Array] = []
-    while len(widths) < _MOST_STEPS:
+    boxes: list[tuple[Array, Array]] = []
+    while len(boxes) < _MOST_STEPS:
         slack = 1 + np.interp(length, [0, 0.7 * _STEPS * step], slacks)
         for _ in range(2):
             wide = width + step * np.maximum(slack * rates, free) + places.extent
-            corners = places.center[:, None] + signs * wide[:, None]
-            rates = np.maximum(rates, _rates(task, field, corners, ratio).max(axis=1))
+            rates = np.maximum(rates, largest(places.center[:, None] + signs * wide[:, None]))
         T = np.maximum(slack * rates, free)
         part = float(((places.clearance - width) / (step * T)).min())
         if goal is not None:
@@ -358,13 +358,20 @@ def _sampled(
             break
         width = width + min(1.0, part) * step * T
         length += min(1.0, part) * step
-        widths.append(width)
-        allowed.append(T)
+        boxes.append((width, T))
         if part <= 1:
             break
-    if not widths:
+    if not boxes:
         raise SingularityError("there is no clearance around the start")
+    widths, allowed = zip(*boxes, strict=True)
     return np.stack(widths, axis=1), np.stack(allowed, axis=1), length
+
+
+def _rates_at_start(rates: Array) -> Array:
+    """Give joints that rest a small rate, (K, n); SingularityError if J_V is singular."""
+    if not rates.max() < _SINGULAR:
+        raise SingularityError("J_V is singular at the start")
+    return np.maximum(rates, 1e-9 * rates.max(axis=1)[:, None])
 
 
 def rate_bounds(

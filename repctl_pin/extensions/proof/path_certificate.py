@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import require_type, vector
+from ...base.arguments import Array, require_type, vector
 from ...base.errors import InputError, SingularityError
+from ...model.task import Task
 from ...motion import LeafLock, follow
 from ...motion.follow import path_grid
 from ...paths import ClosedPath
-from ...paths.task_path import closed_path
+from ...paths.task_path import TaskPath, closed_path
 from ...strategies.repeatable import RepeatableInverse
 
 _RAYS, _STEPS = 120, 4
@@ -119,16 +120,10 @@ def path_certificate(
     require_type(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     path = closed_path(path)
     q0 = vector(q0, inverse.task.n, "q0")
-    off = np.abs(inverse.task.error(q0, path.placement(0.0))).max()
-    if off > _SAME:
-        raise InputError(
-            f"q0 is {off:.2g} m or rad off the start of the path",
-            remedy="reach it with rp.solve_ik, or let the path begin at q0",
-        )
+    _require_start(inverse.task, path, q0)
     # Rays end at the very values of s at which the motion is known, the corners among them.
     grid = path_grid(path, _RAYS * _STEPS)
     ends = np.union1d(np.arange(0, len(grid), _STEPS), np.searchsorted(grid, [*path.breaks, 1.0]))
-    shares = grid[ends]
     count = len(ends)
     try:
         motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS, integrator=_LOCK)
@@ -137,18 +132,39 @@ def path_certificate(
         return PathCertificate(False, np.nan, np.nan, why, count)
     along = motion.q[ends]
     gap = float(np.abs(along[-1] - along[0]).max())
-    reached = np.empty_like(along)
-    for k, s in enumerate(shares):
-        try:
-            reached[k] = inverse.solve(path.placement(s % 1.0), along[0])
-        except InputError as error:
-            why = f"the straight line to {s:.0%} of it stops ({error})"
-            return PathCertificate(False, gap, np.nan, why, count)
+    try:
+        reached = _ray_ends(inverse, path, grid[ends], along[0])
+    except InputError as error:
+        return PathCertificate(False, gap, np.nan, str(error), count)
     away = np.abs(reached - along).max(axis=1)
     worst = int(away.argmax())
-    mismatch, at = float(away[worst]), float(shares[worst])
+    mismatch, at = float(away[worst]), float(grid[ends[worst]])
     if mismatch <= _SAME:
         return PathCertificate(True, gap, mismatch, "", count)
     where = f"the straight line to {at:.0%} of it ends {mismatch:.2g} {inverse.task.unit} away"
     why = f"{where} from the motion, so something singular is inside the path, such as the base"
     return PathCertificate(False, gap, mismatch, why, count)
+
+
+def _require_start(task: Task, path: TaskPath, q0: Array) -> None:
+    """Raise InputError unless q0 (n,) is at the beginning of the path."""
+    off = np.abs(task.error(q0, path.placement(0.0))).max()
+    if off > _SAME:
+        raise InputError(
+            f"q0 is {off:.2g} m or rad off the start of the path",
+            remedy="reach it with rp.solve_ik, or let the path begin at q0",
+        )
+
+
+def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Array) -> Array:
+    """Reach the poses at s = ``shares`` (P,) along straight lines from q0 (n,): (P, n).
+
+    InputError names the pose before which the line stops.
+    """
+    reached = []
+    for s in shares:
+        try:
+            reached.append(inverse.solve(path.placement(s % 1.0), q0))
+        except InputError as error:
+            raise InputError(f"the straight line to {s:.0%} of it stops ({error})") from None
+    return np.array(reached)

@@ -210,11 +210,7 @@ class _Builder:
         β are the exponents. Every monomial that occurs in h or its derivatives becomes a feature.
         """
         scale, joints = field.scale, field.joints
-        rows = np.zeros((len(joints), self.n))
-        rows[np.arange(len(joints)), joints] = 1 / scale
-        z = [
-            self._argument(row, c / s) for row, c, s in zip(rows, field.center, scale, strict=True)
-        ]
+        z = self._variables(field)
         most = [self.arguments[v].most for v in z]
         known: dict[_Exponents, int] = {}
 
@@ -236,15 +232,15 @@ class _Builder:
                         if sum(beta) == 3:
                             T[:, joints[i], joints[j], joints[l]] += np.abs(cubic)
                         elif i <= j <= l:
-                            self._third(
-                                three,
-                                cubic,
-                                tuple(joints[[i, j, l]].tolist()),
-                                joints,
-                                most,
-                                scale,
-                                monomial,
-                            )
+                            ijl = tuple(joints[[i, j, l]].tolist())
+                            self._third(three, cubic, ijl, joints, most, scale, monomial)
+
+    def _variables(self, field: PolynomialMap) -> list[int]:
+        """Add the variables u of polynomials as linear functions of q; return their indices."""
+        rows = np.zeros((len(field.joints), self.n))
+        rows[np.arange(len(field.joints)), field.joints] = 1 / field.scale
+        offsets = field.center / field.scale
+        return [self._argument(row, c) for row, c in zip(rows, offsets, strict=True)]
 
     def _third(
         self,
@@ -318,14 +314,8 @@ class _Builder:
     def features(self) -> Features:
         """Create the arrays of all features, with bounds of the rounding in their sums."""
         assert self.T is not None, "a field has at least one term"
-        r, n, F = len(self.T), self.n, len(self.found)
-        G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))
-        for i, f, c in self.G:
-            G[:, i, f] += c
-        for i, j, f, c in self.C:
-            C[:, i, j, f] += c
-            if i != j:
-                C[:, j, i, f] += c
+        F = len(self.found)
+        G, C = self._first_and_second()
         kinds = np.array([one[:3] for one in self.found], np.int32).reshape(-1, 3)
         bounds = np.array([one[3:] for one in self.found]).reshape(-1, 2)
         kind, parent, variable = kinds.T
@@ -340,7 +330,7 @@ class _Builder:
         third, C3, T4 = self._third_and_fourth()
         E += 0.5 * ((np.abs(C3) @ wrong[third]) @ half) @ half
         return Features(
-            np.array([one.row for one in self.arguments]).reshape(-1, n),
+            np.array([one.row for one in self.arguments]).reshape(-1, self.n),
             np.array([one.z0 for one in self.arguments]),
             kind,
             parent,
@@ -355,6 +345,19 @@ class _Builder:
             size,
             tuple(self.arms),
         )
+
+    def _first_and_second(self) -> tuple[Array, Array]:
+        """Create the coefficients of the first and second derivatives: (r, n, F), (r, n, n, F)."""
+        assert self.T is not None
+        r, n, F = len(self.T), self.n, len(self.found)
+        G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))
+        for i, f, c in self.G:
+            G[:, i, f] += c
+        for i, j, f, c in self.C:
+            C[:, i, j, f] += c
+            if i != j:
+                C[:, j, i, f] += c
+        return G, C
 
     def _third_and_fourth(self) -> tuple[NDArray[np.int32], Array, Array]:
         """Create the arrays of the third derivatives, and the bounds of the fourth.

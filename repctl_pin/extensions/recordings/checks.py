@@ -7,6 +7,7 @@ wrong joints without an error later, so each check raises an InputError that nam
 from __future__ import annotations
 
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -165,35 +166,54 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     p_own, R_own, _ = placed(task, Q)
     rows = list(task.rows[: min(3, task.m)])
     without = _miss(task, p, R, p_own, R_own)
-    back = np.swapaxes(R_own, 1, 2)
-    # another frame of the tool: p = p_own + R_own d, R = R_own D
-    d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
-    D = mean_rotation(back @ R) if task.kind.turns else np.eye(3)
-    at = row(np.round(d, 3) + 0.0)
-    tool = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
-    moved = p_own + R_own @ d
-    found = [(tool, "name that frame", _miss(task, p, R, moved, R_own @ D))]
-    # another base: p = B p_own + t, R = B R_own
-    for B in (np.eye(3), _base_rotation(task, p, R, p_own, R_own, rows)):
-        t = np.zeros(3)
-        t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]
-        at = row(np.round(t, 3) + 0.0)
-        base = f": the poses are in another base frame, shifted by {at} m{_turned(B)}"
-        left = _miss(task, p, R, p_own @ B.T + t, B @ R_own)
-        found.append((base, "name that base", left))
+    found = [
+        _other_frame(task, p, R, p_own, R_own, rows),
+        _other_base(task, p, R, p_own, R_own, rows, np.eye(3)),
+        _other_base(task, p, R, p_own, R_own, rows, _base_rotation(task, p, R, p_own, R_own, rows)),
+    ]
     best = found[0]
     for other in found[1:]:
-        if 1.05 * _size(other[2]) + 1e-3 < _size(best[2]):
+        if 1.05 * _size(other.miss) + 1e-3 < _size(best.miss):
             best = other
     free = len(Q) * len(rows)
     least = _EXPLAINED * np.sqrt(free / (free - min(6, 2 * len(rows))))  # an offset fits noise
-    shifted = without[0] > max(_CALIBRATED_M, least * best[2][0])
-    turned = without[1] > max(_CALIBRATED_RAD, least * best[2][1])
+    shifted = without[0] > max(_CALIBRATED_M, least * best.miss[0])
+    turned = without[1] > max(_CALIBRATED_RAD, least * best.miss[1])
     if not (shifted or turned):
         return None
-    if best[2][0] > _APART_M or best[2][1] > _APART_RAD:
+    if best.miss[0] > _APART_M or best.miss[1] > _APART_RAD:
         return _OTHERS
-    return best[:2]
+    return best.why, best.remedy
+
+
+class _Explanation(NamedTuple):
+    """Explanation of a constant offset, its remedy, and the differences that remain, m and rad."""
+
+    why: str
+    remedy: str
+    miss: tuple[float, float]
+
+
+def _other_frame(
+    task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
+) -> _Explanation:
+    """Fit another frame of the tool: ``p = p_own + R_own d``, ``R = R_own D``."""
+    d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
+    D = mean_rotation(np.swapaxes(R_own, 1, 2) @ R) if task.kind.turns else np.eye(3)
+    at = row(np.round(d, 3) + 0.0)
+    why = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
+    return _Explanation(why, "name that frame", _miss(task, p, R, p_own + R_own @ d, R_own @ D))
+
+
+def _other_base(
+    task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int], B: Array
+) -> _Explanation:
+    """Fit another base with the rotation B: ``p = B p_own + t``, ``R = B R_own``."""
+    t = np.zeros(3)
+    t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]
+    at = row(np.round(t, 3) + 0.0)
+    why = f": the poses are in another base frame, shifted by {at} m{_turned(B)}"
+    return _Explanation(why, "name that base", _miss(task, p, R, p_own @ B.T + t, B @ R_own))
 
 
 def _size(miss: tuple[float, float]) -> float:

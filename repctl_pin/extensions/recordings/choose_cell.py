@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from ...base.arguments import Array
 from ...base.errors import InputError
 from ...base.fit_options import FitOptions
+from ...model.task import Task
 from ...strategies import Pseudoinverse
 from ..cells.cell_design import CellDesign
 from ..cells.fit.nearest_function import nearest_inverse_function
@@ -187,10 +188,7 @@ def _sector(recording: Recording, share: float) -> Cell:
     rho, z = float(np.median(away)), float(np.median(p[:, 2]))
     for _ in range(2):
         point = np.array([rho * np.cos(mean), rho * np.sin(mean), z])
-        sizes = {"height": 1.0 if task.m > 2 else 0.0, "angle": np.pi}
-        sizes |= {"half_angle": 1.0} if task.m > 3 else {}
-        sizes |= {"spin": np.pi} if task.m == 6 else {}
-        probe = Sector(task, pin.SE3(turned, point), radius=0.5 * rho, **sizes)
+        probe = _wide_sector(task, pin.SE3(turned, point), 0.5 * rho)
         Y = _within(_measured(probe, p, R), share)
         between = (Y.max(axis=0) + Y.min(axis=0)) / 2
         found, middle = probe, _widths(Y, 3)
@@ -202,6 +200,14 @@ def _sector(recording: Recording, share: float) -> Cell:
         if task.m > SPIN:
             turned = turned @ pin.exp3(np.array([0.0, 0.0, between[SPIN]]))
     return _sector_of(found, middle)
+
+
+def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:
+    """Make a sector with a radius, m, around the middle, whose other coordinates are unbounded."""
+    sizes = {"height": 1.0 if task.m > 2 else 0.0, "angle": np.pi}
+    sizes |= {"half_angle": 1.0} if task.m > 3 else {}
+    sizes |= {"spin": np.pi} if task.m == 6 else {}
+    return Sector(task, middle, radius=radius, **sizes)
 
 
 def _sector_of(probe: Sector, w: Array) -> Sector:

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...base.arguments import Array
+from ...model.task import Task
 from ...show.palette import BLUE, INK, VERMILLION
 from ...show.plots.motions import axis_label, quiet, titled
 from .relabel import Relabeled
@@ -37,10 +38,7 @@ def joints_figure(relabeled: Relabeled) -> Figure:
     for joint, ax in zip(range(task.n), axes, strict=False):
         old = None if before is None else before[order, joint]
         _series(ax, old, relabeled.joints[order, joint], borders)
-        low, high = ax.get_ylim()
-        for limit in (task.lower[joint], task.upper[joint]):
-            if low < limit < high:
-                ax.axhline(limit, color=INK, lw=0.9, ls="--")
+        _limits(ax, task, joint)
         ax.set_ylabel(axis_label(task, joint), fontsize=8)
     if relabeled.recorded_leaves is not None:
         new = np.where(relabeled.found, relabeled.leaf[0], np.nan)[order]
@@ -49,11 +47,17 @@ def joints_figure(relabeled: Relabeled) -> Figure:
     for ax in axes[max(0, panels - _COLUMNS) : panels]:
         ax.set_xlabel("frames, by session", fontsize=9)
         ax.set_xticks([])
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=2, markerscale=5, frameon=False
-    )
+    lines = axes[0].get_legend_handles_labels()
+    figure.legend(*lines, loc="outside lower center", ncols=2, markerscale=5, frameon=False)
     return figure
+
+
+def _limits(ax: Axes, task: Task, joint: int) -> None:
+    """Draw the limits of a joint that lie within its panel."""
+    low, high = ax.get_ylim()
+    for limit in (task.lower[joint], task.upper[joint]):
+        if low < limit < high:
+            ax.axhline(limit, color=INK, lw=0.9, ls="--")
 
 
 def _series(ax: Axes, old: Array | None, new: Array, borders: Array) -> None:

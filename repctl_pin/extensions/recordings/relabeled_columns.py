@@ -6,7 +6,7 @@ and are removed; those of the gripper, of cameras and of times stay.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -75,11 +75,7 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
         name: NewCells(q[:, None], (0,), every)
         for name, q in zip(task.joint_names, Q.T, strict=True)
     }
-    p, R = _poses(recording, Q)
-    X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
-    poses = dict(zip(POSITION + QUATERNION, np.split(X, 7, axis=1), strict=True))
-    arrays = {3: p, 7: X, 16: homogeneous(p, R).reshape(-1, 16)}
-    poses |= {name: arrays[w] for name in POSES if (w := source.widths.get(name, 0)) in arrays}
+    poses = _pose_columns(recording, Q, source.widths)
     new = dict[str, NewCells]()
     removed, recomputed = list[str](), list[str]()
     for name in source.widths:
@@ -174,3 +170,12 @@ def _beside(recording: Recording) -> dict[str, Column]:
     if len(recording.names) > 1:
         columns["session"] = np.array(recording.names, dtype=object)[recording.session]
     return columns
+
+
+def _pose_columns(recording: Recording, Q: Array, widths: Mapping[str, int]) -> dict[str, Array]:
+    """Compute the columns of poses of a file with these columns, by name, from the joints Q."""
+    p, R = _poses(recording, Q)
+    X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
+    poses = dict(zip(POSITION + QUATERNION, np.split(X, 7, axis=1), strict=True))
+    arrays = {3: p, 7: X, 16: homogeneous(p, R).reshape(-1, 16)}
+    return poses | {name: arrays[w] for name in POSES if (w := widths.get(name, 0)) in arrays}

@@ -7,6 +7,7 @@ the scatter of a reading, and a bias, a bound on its systematic errors. Creep is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,37 +122,56 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     groups = _groups(q, r)
     within = groups.max() == 0
     least = np.maximum(np.median(np.maximum(deviation, bias), axis=0), floor)
-
-    def creep(first: int, confidence: float = _CONFIDENCE) -> Trend:
-        return trend(t[first:], q[first:], least, 1 - (1 - confidence) / n)
-
-    def steady(first: int, confidence: float) -> NDArray[np.bool_]:
-        return _steady(t[first:], q[first:], r[first:], creep(first, confidence))
-
+    visits = _Visits(t, q, r, least)
     kind, begins = SCATTERS, 0
     if N < ENOUGH:
         kind = INCONCLUSIVE
-    elif within and _significant(creep(0, _SURE)).any():
+    elif within and _significant(visits.creep(0, _SURE)).any():
         kind = CREEPS
     elif within:
         blind = (np.median(r, axis=0) > _BLIND * scale).any()
         alike = _groups(q, sharp).max() == 0
         kind = REPEATS if alike and not blind else INCONCLUSIVE
-    else:
+    elif begins := visits.later(groups):
+        kind = LATER
+    elif _few(q, sharp, _groups(q, sharp)):
+        kind, groups = JUMPS, _groups(q, sharp)
+    elif visits.steady(0, _STEADY).any():
+        kind = CREEPS
+    elif visits.steady(0, _CONFIDENCE).any():
+        kind = INCONCLUSIVE
+    return Verdict(kind, visits.creep(begins), begins, groups, bool(within))
+
+
+class _Visits(NamedTuple):
+    """Configurations q (N, n) of the visits at times t (N,), s, with the half-widths r (N, n).
+
+    ``least`` (n,) is the smallest noise that a trend is compared with.
+    """
+
+    t: Array
+    q: Array
+    r: Array
+    least: Array
+
+    def creep(self, first: int, confidence: float = _CONFIDENCE) -> Trend:
+        """Fit the trend of the joints over the visits from ``first`` on."""
+        share = 1 - (1 - confidence) / self.q.shape[1]
+        return trend(self.t[first:], self.q[first:], self.least, share)
+
+    def steady(self, first: int, confidence: float) -> NDArray[np.bool_]:
+        """Test which joints creep steadily over the visits from ``first`` on: (n,)."""
+        line = self.creep(first, confidence)
+        return _steady(self.t[first:], self.q[first:], self.r[first:], line)
+
+    def later(self, groups: NDArray[np.intp]) -> int:
+        """Find the visit from which on the arm creeps, after it has repeated; 0 without one."""
         head = int(np.argmax(groups != 0))
-        if ENOUGH <= head <= N - _LATER:
-            lasted = np.abs(creep(head).rate) * (t[head - 1] - t[0])
-            quiet = lasted > 2 * _QUIET * np.median(r, axis=0)
-            begins = head if (steady(head, _CONFIDENCE) & quiet).any() else 0
-        if begins:
-            kind = LATER
-        elif _few(q, sharp, _groups(q, sharp)):
-            kind, groups = JUMPS, _groups(q, sharp)
-        elif steady(0, _STEADY).any():
-            kind = CREEPS
-        elif steady(0, _CONFIDENCE).any():
-            kind = INCONCLUSIVE
-    return Verdict(kind, creep(begins), begins, groups, bool(within))
+        if not ENOUGH <= head <= len(self.t) - _LATER:
+            return 0
+        lasted = np.abs(self.creep(head).rate) * (self.t[head - 1] - self.t[0])
+        quiet = lasted > 2 * _QUIET * np.median(self.r, axis=0)
+        return head if (self.steady(head, _CONFIDENCE) & quiet).any() else 0
 
 
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:

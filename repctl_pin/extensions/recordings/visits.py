@@ -141,20 +141,25 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         found = [_closest(X, X[row], run, whole, tolerance) for run in runs]
         nearest = min(nearest, _second(X, row, found))
         there = [one for one in found if one.distance <= tolerance]
-        stays = each * np.array([len(one.rows) for one in there])
-        rests = len(there) > 2 and np.mean(stays >= _REST) > 0.8
-        sure = sum(one.distance <= _AT * tolerance for one in there)
-        score = sure * (1.0 + rests), float(stays.sum())
-        if score > rank:
-            best = there
-            chosen = int(row)
-            rank = score
+        if (score := _score(there, each, tolerance)) > rank:
+            best, chosen, rank = there, int(row), score
     target = task.as_target(task.placements(Q[chosen]))
     made = [_configuration(task, t, Q, one, target, noise) for one in best]
     times = np.array([float(_at(t, one.at)) for one in best])
     deviation, bias = _errors(task, made, noise, _quantum(Q))
     q = np.array([one.q for one in made])
     return Visits(times, q, tolerance, noise, nearest, deviation, bias)
+
+
+def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, float]:
+    """Score a pose by its sure visits, twice if they are rests, then by the time spent there, s.
+
+    ``each`` is the time between two rows of the log, s.
+    """
+    stays = each * np.array([len(one.rows) for one in there])
+    rests = len(there) > 2 and np.mean(stays >= _REST) > 0.8
+    sure = sum(one.distance <= _AT * tolerance for one in there)
+    return sure * (1.0 + rests), float(stays.sum())
 
 
 class _Pass(NamedTuple):
@@ -408,8 +413,7 @@ def _interpolated(
     """
     low = min(int(at), len(Q) - 2)
     step = t[low + 1] - t[low]
-    near = np.arange(max(low - 2, 0), min(low + 4, len(Q)))
-    near = near[np.abs(t[near] - t[low] - step / 2) < 0.5 * step * _GAP]
+    near = _near(t, low)
     few = near[(near >= low - 1) & (near <= low + 2)]
     u = (t[few] - t[low]) / step
     powers = np.arange(len(few))
@@ -427,11 +431,21 @@ def _interpolated(
         x = float(np.clip(x + d @ task.error(q, target) / square, first, last))
     d = J @ slope
     A = np.eye(task.n) - np.outer(slope, d @ J) / max(float(d @ d), _EXACT**2)
-    if len(near) == 6:
-        bend = np.abs(np.diff(Q[near], 4, axis=0)).max(axis=0) * 3 / 128
-    else:
-        bend = np.abs(np.diff(Q[near], 2, axis=0)).max(axis=0, initial=0.0) / 8
-    return np.asarray(x**powers @ c, float), A, np.asarray(bend, float)
+    return np.asarray(x**powers @ c, float), A, _bend(Q[near])
+
+
+def _near(t: Array, low: int) -> NDArray[np.intp]:
+    """List up to six rows around the interval that begins at row ``low``, on one side of gaps."""
+    step = t[low + 1] - t[low]
+    near = np.arange(max(low - 2, 0), min(low + 4, len(t)))
+    return near[np.abs(t[near] - t[low] - step / 2) < 0.5 * step * _GAP]
+
+
+def _bend(Q: Array) -> Array:
+    """Estimate the error (n,) of interpolation between neighbouring rows Q, six if all are near."""
+    if len(Q) == 6:
+        return np.asarray(np.abs(np.diff(Q, 4, axis=0)).max(axis=0) * 3 / 128, float)
+    return np.asarray(np.abs(np.diff(Q, 2, axis=0)).max(axis=0, initial=0.0) / 8, float)
 
 
 def _onto(task: Task, q: Array, target: pin.SE3) -> Array:

@@ -107,30 +107,39 @@ class BodyGuard:
 
         self._model = collision_model(self._bodies.task)
         self._drive = self._bodies.task.bodies_model()[1]
-        self._reach = reach = self._model.reach()
+        self._reach = self._model.reach()
         self._kept = self._model.kept(self._distance)
-        pairs, joints = reach.shape
+        self._outside = False
+        self._measure = _MEASURE(self._measured)
+        self._error: BaseException = RuntimeError("no distance was measured")
+        self._own = filled_struct(BODY_GUARD, *self._arrays(), self._scalars())[0]
+        self._address = ctypes.addressof(self._own)
+        self._native = required_library("a governor with bodies", holds=True)
+
+    def _arrays(self) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Create the arrays of the struct: those of integers, and those of numbers."""
+        pairs, joints = self._reach.shape
         most = min(pairs, _OPEN)
         ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}
         ints |= {"exact": np.zeros((most, ROOM)), "failed": np.zeros((most, ROOM))}
         ints |= {"settled": np.zeros(most)}
-        reals = {"reach": reach, "turned": reach.T, "kept": self._kept, "rest": self._kept.copy()}
+        reals = {"reach": self._reach, "turned": self._reach.T}
+        reals |= {"kept": self._kept, "rest": self._kept.copy()}
         reals |= {"anchor": np.zeros((_ANCHORS, joints)), "bound": np.zeros((_ANCHORS, pairs))}
         reals |= {"far": np.zeros(pairs), "found": np.zeros(pairs)}
         reals |= {"lower": np.zeros((most, ROOM)), "way": np.zeros((most, ROOM))}
         reals |= {"rows": np.zeros(pairs)}
-        scalars = {"pairs": pairs, "joints": joints, "anchors": _ANCHORS, "room": ROOM}
+        return ints, reals
+
+    def _scalars(self) -> dict[str, Any]:
+        """Collect the sizes and constants of the struct, its tables, and the function to call."""
+        pairs, joints = self._reach.shape
         move = int(_MOVE[0] + _MOVE[1] * self._model.tables.bodies)
-        scalars |= {"most": most, "at_once": _AT_ONCE, "move": move, "nodes": _NODES}
-        scalars |= {"stop": _STOP, "noise": _NOISE, "telling": TELLING}
+        scalars: dict[str, Any] = {"pairs": pairs, "joints": joints, "anchors": _ANCHORS}
+        scalars |= {"room": ROOM, "most": min(pairs, _OPEN), "at_once": _AT_ONCE, "move": move}
+        scalars |= {"nodes": _NODES, "stop": _STOP, "noise": _NOISE, "telling": TELLING}
         scalars |= {"tables": ctypes.addressof(self._model.tables)}
-        self._outside = False
-        self._measure = _MEASURE(self._measured)
-        scalars |= {"measure": ctypes.cast(self._measure, ctypes.c_void_p)}
-        self._error: BaseException = RuntimeError("no distance was measured")
-        self._own = filled_struct(BODY_GUARD, ints, reals, scalars)[0]
-        self._address = ctypes.addressof(self._own)
-        self._native = required_library("a governor with bodies", holds=True)
+        return scalars | {"measure": ctypes.cast(self._measure, ctypes.c_void_p)}
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs; the collision model, which cannot be copied, is found again."""

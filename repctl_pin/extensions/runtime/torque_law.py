@@ -120,8 +120,7 @@ class NumPyTorques:
         d = np.zeros(task.n)
         if observer is not None:
             d[m:] = gains.observer_rate * (hdot - observer.state)
-        if not (np.isfinite(desired).all() and np.isfinite(d).all()):
-            raise _not_finite()
+        _require_finite(desired, d)
         try:
             inverse = augmented_inverse(J_V[:m], J_V[m:].T)
         except SingularityError:
@@ -129,12 +128,10 @@ class NumPyTorques:
         opposed = M @ inverse @ d
         share = 1 / max(1.0, np.abs(opposed / gains.observer_limit).max())
         tau = M @ inverse @ desired + b - share * opposed
-        if not np.isfinite(tau).all():
-            raise _not_finite()
+        _require_finite(tau)
         if observer is not None:
             state = hdot - share / gains.observer_rate * d[m:] + observer.dt * hddot
-            if not np.isfinite(state).all():
-                raise _not_finite()
+            _require_finite(state)
             observer.state[:] = state
         return np.asarray(tau, float)
 
@@ -258,3 +255,9 @@ def _not_finite() -> InputError:
     return InputError(
         "the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large"
     )
+
+
+def _require_finite(*arrays: Array) -> None:
+    """Raise InputError unless all numbers are finite."""
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise _not_finite()

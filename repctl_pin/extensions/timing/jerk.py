@@ -100,15 +100,8 @@ class _JerkSegment(Segment):
         for k, rest, sign in ((0, 0.0, 1.0), (len(self.s) - 2, self.s[-1], -1.0)):
             rows = i == k
             T = self.t[k + 1] - self.t[k]
-            since = np.clip((tau if sign > 0 else T - tau)[rows], 0.0, T)  # since rest, or until it
-            jerk = 6 * h[rows] / T**3
-            cubic = (
-                rest + sign * jerk * since**3 / 6,
-                jerk * since**2 / 2,
-                sign * jerk * since,
-                jerk,
-            )
-            for values, new in zip(found, cubic, strict=True):
+            since = (tau if sign > 0 else T - tau)[rows]  # since rest, or until it
+            for values, new in zip(found, _cubic(rest, sign, h[rows], T, since), strict=True):
                 values[rows] = new
         return found
 
@@ -370,19 +363,28 @@ def _solved(
     parts = zip(*_rows(path, limits, near, tight), strict=True)
     rows = _Rows(*map(np.concatenate, parts)).scaled(np.concatenate([x0, unit]))
     equal = _equalities(path.s, x0, unit, ties)
-    most = np.minimum(path.most[inner], 3 * x0) / x0
-    for end, step in ((0, h[0]), (-1, -h[-1])):
-        beside = _most_beside_rest(path, limits, end, step) / tight[end]
-        most[end] = min(most[end], beside / x0[end])
     spent = weights * h
     cost = np.concatenate([-(spent[1:] + spent[:-1]) / np.sqrt(x0), np.zeros(m)])
     guess = np.concatenate([np.ones(m), near_slope[inner] / unit])
     lower = np.repeat([1e-9, -np.inf], m)
+    most = _most_speed(path, limits, x0, tight)
     between = np.stack([lower, np.append(most, np.full(m, np.inf))], axis=1)
     z = _optimum(cost / np.abs(cost).max(), rows, equal, between, guess)
     x, slope = np.zeros(m + 2), np.zeros(m + 2)
     x[inner], slope[inner] = z[:m] * x0, z[m:] * unit
     return x, slope
+
+
+def _cubic(
+    rest: float, sign: float, h: Array, T: float, since: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Evaluate s, ṡ, s̈, s⃛ of an interval of length h and time T that begins or ends at rest.
+
+    ``since`` is the time since rest, or until it if ``sign`` is -1; s is ``rest`` there.
+    """
+    since = np.clip(since, 0.0, T)
+    jerk = 6 * h / T**3
+    return (rest + sign * jerk * since**3 / 6, jerk * since**2 / 2, sign * jerk * since, jerk)
 
 
 class _Rows(NamedTuple):
@@ -468,43 +470,70 @@ def _rows(
     linearised; limits are divided by ``tight`` (K - 1,).
     """
     assert limits.jerk is not None
-    h, tight = np.diff(path.s)[1:-1, None], tight[1:-1, None]
-    i = np.arange(len(h))
-    m = len(h) + 1
-    ends = np.stack([i, i + 1, m + i, m + i + 1], axis=1)
-    columns = np.repeat(ends, len(limits.acceleration), axis=0)
+    tight = tight[1:-1, None]
+    stages = _Stages(np.diff(path.s)[1:-1, None], len(limits.acceleration))
+    whole = 1 / path.most_between[1:-1, None]
+    yield stages.rows(0.5, whole, np.zeros_like(whole)), stages.ends, np.ones(len(stages.ends))
+    most = limits.acceleration / tight
+    for share, q1, q2, torque in path.points:
+        q1, q2 = q1[1:-1], q2[1:-1]
+        A = stages.rows(share, q2 / most, q1 / 2 / most)
+        yield from stages.both_signs(A, 0.0, np.ones(len(A)))
+        if torque is not None and limits.torque is not None:
+            a, b, g = (part[1:-1] / limits.torque for part in torque)
+            A = stages.rows(share, b, a / 2)
+            yield A, stages.columns, (1 - g).ravel()
+            yield -A, stages.columns, (1 + g).ravel()
+        # jerk, at the stages only
+        if share in (0.0, 1.0):
+            x = (near[1:-2] if share == 0 else near[2:-1])[:, None]
+            scale = np.sqrt(x) / limits.jerk * tight
+            A = stages.rows(share, scale * path.third[1:-1], scale * 1.5 * q2, scale * q1 / 2)
+            tangent = stages.rows(share, np.broadcast_to(0.5 / x, q1.shape), np.zeros_like(q1))
+            yield from stages.both_signs(A, tangent, np.full(len(A), 1.5))
 
-    def rows(share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
+
+class _Stages:
+    """Intervals of length h (I, 1) between stages, at whose ends x = ṡ² and x′ are unknowns.
+
+    ``ends`` (I, 4) are the indices of x and x′ at both ends of each interval, and ``columns`` the
+    same, repeated for each joint.
+    """
+
+    def __init__(self, h: Array, joints: int) -> None:
+        self.h = h
+        i = np.arange(len(h))
+        m = len(h) + 1
+        self.ends = np.stack([i, i + 1, m + i, m + i + 1], axis=1)
+        self.columns = np.repeat(self.ends, joints, axis=0)
+
+    def both_signs(
+        self, A: Array, more: Array | float, bounds: Array
+    ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
+        """Generate the rows ``±A z + more z ≤ bounds``."""
+        for sign in (1, -1):
+            yield sign * A + more, self.columns, bounds
+
+    def rows(self, share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
         """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4).
 
         x = ṡ² is a parabola between stages. ``share`` is the place in the interval, from 0 to 1; x,
         slope and bend are the weights of x, x′ and x″, per interval and joint.
         """
-        k = bend / h - share * (1 - share) / 2 * h * x
+        k = bend / self.h - share * (1 - share) / 2 * self.h * x
         return np.stack(
             [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k], axis=-1
         ).reshape(-1, 4)
 
-    whole = 1 / path.most_between[1:-1, None]
-    yield rows(0.5, whole, np.zeros_like(whole)), ends, np.ones(len(ends))
-    for share, q1, q2, torque in path.points:
-        q1, q2 = q1[1:-1], q2[1:-1]
-        most = limits.acceleration / tight
-        A = rows(share, q2 / most, q1 / 2 / most)
-        for sign in (1, -1):
-            yield sign * A, columns, np.ones(len(A))
-        if torque is not None and limits.torque is not None:
-            a, b, g = (part[1:-1] / limits.torque for part in torque)
-            A = rows(share, b, a / 2)
-            for sign in (1, -1):
-                yield sign * A, columns, (1 - sign * g).ravel()
-        if share in (0.0, 1.0):
-            x = (near[1:-2] if share == 0 else near[2:-1])[:, None]
-            scale = np.sqrt(x) / limits.jerk * tight
-            A = rows(share, scale * path.third[1:-1], scale * 1.5 * q2, scale * q1 / 2)
-            tangent = rows(share, np.broadcast_to(0.5 / x, q1.shape), np.zeros_like(q1))
-            for sign in (1, -1):
-                yield sign * A + tangent, columns, np.full(len(A), 1.5)
+
+def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Array:
+    """Compute the largest x at the inner stages, in units of x̄ = ``x0``, for one program."""
+    most = np.minimum(path.most[1:-1], 3 * x0) / x0
+    h = np.diff(path.s)
+    for end, step in ((0, h[0]), (-1, -h[-1])):
+        beside = _most_beside_rest(path, limits, end, step) / tight[end]
+        most[end] = min(most[end], beside / x0[end])
+    return most
 
 
 def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:

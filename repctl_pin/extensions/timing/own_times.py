@@ -91,17 +91,13 @@ def with_own_times(
     InputError
         If the motion's own times do not keep the limits.
     """
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
+    s = _summed(np.linalg.norm(np.diff(Q, axis=0), axis=1))
     from scipy.interpolate import CubicSpline  # slow to import
 
     curve = CubicSpline(s, Q, bc_type="not-a-knot")
     own = clock - clock[0]
-    D = float(own[-1])
-    fastest = curve(s, 1) * np.gradient(s, own)[:, None]
-    r = float((np.abs(fastest[[0, -1]]) / limits.acceleration).max())
-    if limits.jerk is not None:
-        r = max(r, 2 * float(np.sqrt((np.abs(fastest[[0, -1]]) / limits.jerk).max())))
-    most = min(most, D * (0.5 if added < 2 else 1.0))
+    most = min(most, float(own[-1]) * (0.5 if added < 2 else 1.0))
+    r = _least_smoothing(curve(s, 1) * np.gradient(s, own)[:, None], limits)
     short, r, nearest, why = 0.0, min(max(r, _SHORTEST), most), np.inf, ""
 
     def tried(r: float) -> _OwnTimes | None:
@@ -130,6 +126,15 @@ def with_own_times(
         else:
             r, found = between, shorter
     return found
+
+
+def _least_smoothing(rates: Array, limits: JointLimits) -> float:
+    """Bound from below the smoothing time, s, in which the arm reaches its rates at the ends."""
+    ends = np.abs(rates[[0, -1]])
+    r = float((ends / limits.acceleration).max())
+    if limits.jerk is not None:
+        r = max(r, 2 * float(np.sqrt((ends / limits.jerk).max())))
+    return r
 
 
 def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
@@ -161,9 +166,9 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear between the
     shifted points of the law.
     """
-    h, D = r / 2, own[-1]
-    T = D + added * h
-    own = own * ((T - r) / D)  # begins at h and ends at T − h
+    h = r / 2
+    T = own[-1] + added * h
+    own = own * ((T - r) / own[-1])  # begins at h and ends at T − h
     breaks = np.unique(np.concatenate([own, own + h, own + r]))
     breaks = breaks[np.concatenate([[True], np.diff(breaks) > 1e-12 * T])]
     breaks[[0, -1]] = 0.0, T
@@ -174,10 +179,8 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     push = (law(breaks + h) - 2 * law(breaks) + law(breaks - h)) / h**2
     dt = np.diff(breaks)
     jerk = np.diff(push) / dt
-    speed = np.concatenate([[0.0], np.cumsum((push[1:] + push[:-1]) / 2 * dt)])
-    way = np.concatenate(
-        [[0.0], np.cumsum(speed[:-1] * dt + push[:-1] * dt**2 / 2 + jerk * dt**3 / 6)]
-    )
+    speed = _summed((push[1:] + push[:-1]) / 2 * dt)
+    way = _summed(speed[:-1] * dt + push[:-1] * dt**2 / 2 + jerk * dt**3 / 6)
     from scipy.interpolate import PPoly
 
     smooth = PPoly(np.stack([jerk / 6, push[:-1] / 2, speed[:-1], way[:-1]]), breaks)
@@ -185,3 +188,8 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     t[[0, -1]] = 0.0, T
     rate = np.maximum(smooth(t, 1), 0.0)
     return _OwnTimes(curve, smooth(t), rate, t, t, smooth)
+
+
+def _summed(steps: Array) -> Array:
+    """Sum up steps (T,) from 0: (T + 1,)."""
+    return np.concatenate([[0.0], np.cumsum(steps)])

@@ -546,19 +546,30 @@ def _sides_that_bound(
     touches = np.zeros((*along.shape, 2), bool)
     for side, bound in enumerate((low, high)):
         for j in range(along.shape[1]):
-            # A point of the side at τ is foot + τ way; each strip cuts an interval from it.
+            # A point of the side at τ is foot + τ way.
             n_u, n_x = a[:, [j]] / size[:, [j]], b[:, [j]] / size[:, [j]]
             foot = (a * n_u + b * n_x) * bound[:, [j]] / size[:, [j]]
             way = b * n_u - a * n_x
-            parallel = np.abs(way) < 1e-12 * size
-            inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)
-            everywhere = np.where(parallel & inside, np.inf, -np.inf)
-            safe = np.where(parallel, 1.0, way)
-            ends = np.stack([(low - foot) / safe, (high - foot) / safe])
-            first = np.where(parallel, -everywhere, ends.min(axis=0)).max(axis=1)
-            last = np.where(parallel, everywhere, ends.max(axis=0)).min(axis=1)
+            first, last = _inside_strips(foot, way, low, high, size)
             touches[:, j, side] = first - last <= _TOUCHING * (1 + np.minimum(np.abs(last), 1e300))
     return touches & (size[:, :-1, None] > 1e-300)
+
+
+def _inside_strips(
+    foot: Array, way: Array, low: Array, high: Array, size: Array
+) -> tuple[Array, Array]:
+    """Find the interval of τ in which ``low ≤ foot + τ way ≤ high`` for all strips: (K,), (K,).
+
+    The arguments are (K, n); ``size`` is that of ``way`` if a line crosses a strip at a right
+    angle. The interval is empty if the first end is above the second.
+    """
+    parallel = np.abs(way) < 1e-12 * size
+    inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)
+    everywhere = np.where(parallel & inside, np.inf, -np.inf)
+    safe = np.where(parallel, 1.0, way)
+    ends = np.stack([(low - foot) / safe, (high - foot) / safe])
+    first = np.where(parallel, -everywhere, ends.min(axis=0)).max(axis=1)
+    return first, np.where(parallel, everywhere, ends.max(axis=0)).min(axis=1)
 
 
 def torques_along(

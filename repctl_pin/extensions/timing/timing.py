@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import Array, flag, positive, read_only, require_choice, require_type
 from ...base.errors import InputError
 from ...model.bodies import bodies_of, named_links
-from ...model.task import RECOVERABLE
+from ...model.task import RECOVERABLE, Task
 from ...motion.joint_motion import JointMotion
 from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration
 from ...motion.motion import CLOSED, Motion
@@ -84,12 +84,9 @@ def timed(
     kept = joint_limits(motion.task, limits)
     rate = positive(rate, "rate", "samples per second")
     keep_times = flag(keep_times, "keep_times")
-    Q, steps = motion.q, motion.steps
+    Q = motion.q
     require_possible(Q, kept, rate)
-    once = Q[: steps + 1]
-    if (kept.jerk is not None or keep_times) and np.linalg.norm(once[-1] - once[0]) < CLOSED:
-        # jerk feels 1e-9 rad
-        once = once + np.linspace(0.0, 1.0, steps + 1)[:, None] * (once[0] - once[-1])
+    once = _first_lap(motion, smooth=kept.jerk is not None or keep_times)
 
     def repeated(cycles: int) -> Array:
         return np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
@@ -113,6 +110,15 @@ def timed(
     joints = motion.task.joint_names
     timed = _sampled(profile, joints, motion.cycles - cycles, rate, kept, len(stops))
     return replace(timed, motion=motion)
+
+
+def _first_lap(motion: Motion, *, smooth: bool) -> Array:
+    """Return the first cycle of a motion, (steps + 1, n), closed exactly if it is ``smooth``."""
+    once = motion.q[: motion.steps + 1]
+    if smooth and np.linalg.norm(once[-1] - once[0]) < CLOSED:
+        # jerk feels 1e-9 rad
+        once = once + np.linspace(0.0, 1.0, len(once))[:, None] * (once[0] - once[-1])
+    return once
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,33 +279,26 @@ def _sampled(
     of samples.
     """
     dt = 1.0 / rate
-    marks, factor = profile.marks * profile.stretch, profile.stretch
-    period = 0
-    if len(marks) > 3:  # a steady cycle takes a whole number of samples
-        steady = float(marks[2] - marks[1])
-        if not steady / dt < MOST_SAMPLES:
-            raise InputError(
-                f"a cycle of {steady:.3g} s at {rate:g} samples per second is too long; "
-                "lower the rate"
-            )
-        period = int(np.ceil(steady / dt - 1e-6))
-        factor *= period * dt / steady
-        marks = profile.marks * factor
+    period, factor = _whole_period(profile, dt, rate)
+    marks = profile.marks * factor
     moment = min(dt, _MOMENT)
     lead = int(np.ceil(2 * moment / dt - 1e-9))
     require_samples(marks[-1] / dt + more * period + 2 * lead, marks[-1], rate)
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
+
+    # the joints and their rates, by central differences
     clock = np.arange(-lead, samples - lead, dtype=float) * dt
     course = profile.course.stretched(factor)
     back, before, q, after, beyond = (course.positions(clock + k * moment) for k in range(-2, 3))
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)
+
+    # the second cycle, again and again
     rows, starts = np.arange(samples + more * period), marks
     if more:
         begin = int(np.ceil(marks[1] / dt - 1e-6)) + lead
         rows -= period * np.clip((rows - begin) // period, 0, more)
-        turns = marks[1] + period * dt * np.arange(more + 2)
-        starts = np.concatenate([marks[:1], turns, marks[3:] + more * period * dt])
+        starts = _repeated_starts(marks, period * dt, more)
     length, speed = profile.phase
     return TimedMotion(
         joints=joints,
@@ -316,6 +315,29 @@ def _sampled(
         jerk=limits.jerk,
         trajectory=Trajectory(course, lead * dt, float(marks[1]), period * dt, more),
     )
+
+
+def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]:
+    """Stretch a profile so that a steady cycle takes a whole number of samples.
+
+    Return this number, 0 without a steady cycle, and the factor of all times.
+    """
+    if not len(profile.marks) > 3:
+        return 0, profile.stretch
+    marks = profile.marks * profile.stretch
+    steady = float(marks[2] - marks[1])
+    if not steady / dt < MOST_SAMPLES:
+        raise InputError(
+            f"a cycle of {steady:.3g} s at {rate:g} samples per second is too long; lower the rate"
+        )
+    period = int(np.ceil(steady / dt - 1e-6))
+    return period, profile.stretch * (period * dt / steady)
+
+
+def _repeated_starts(marks: Array, period: float, more: int) -> Array:
+    """List the starts of the cycles, s, with the second cycle repeated ``more`` times."""
+    turns = marks[1] + period * np.arange(more + 2)
+    return np.concatenate([marks[:1], turns, marks[3:] + more * period])
 
 
 _LOOKED_AT = 101
@@ -385,23 +407,9 @@ def approach(
         where = "at the start of the motion" if to == "start" else "on the motion's path"
         raise InputError(f"the arm is {where} already; there is nothing to approach")
     require_possible(np.array([begin, end]), kept, rate)
-    share = np.linspace(0, 1, _LOOKED_AT)[:, None]
+    line = begin + np.linspace(0, 1, _LOOKED_AT)[:, None] * (end - begin)
     if bodies:
-        straight = ends[0] + share * (ends[1] - ends[0])
-        known = bodies_of(task)
-        touch = known._along(straight, np.arange(_LOOKED_AT)).touch
-        if touch is not None:
-            at, (one, other) = touch
-            percent = 100 * at / (_LOOKED_AT - 1)
-            raise InputError(
-                f"{one!r} and {other!r} collide at {percent:.0f} % of the straight "
-                "joint-space path: go through an intermediate configuration, or pass "
-                "bodies=False if this contact is not real"
-            )
-        if known.unchecked:
-            lacking = named_links(known.unchecked)
-            warnings.warn(f"collisions are not checked: no shape of {lacking}", stacklevel=2)
-    line = begin + share * (end - begin)
+        _check_bodies(task, line)
     segment = fastest(line, kept)
     if kept.jerk is not None:
         from .jerk import with_jerk
@@ -410,6 +418,23 @@ def approach(
     ends_of_line = [0, len(line) - 1]
     profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
     return _sampled(profile, task.joint_names, 0, rate, kept, 0)
+
+
+def _check_bodies(task: Task, line: Array) -> None:
+    """Raise InputError if bodies collide on a line of joints; warn of links without a body."""
+    known = bodies_of(task)
+    touch = known._along(line, np.arange(len(line))).touch
+    if touch is not None:
+        at, (one, other) = touch
+        percent = 100 * at / (len(line) - 1)
+        raise InputError(
+            f"{one!r} and {other!r} collide at {percent:.0f} % of the straight "
+            "joint-space path: go through an intermediate configuration, or pass "
+            "bodies=False if this contact is not real"
+        )
+    if known.unchecked:
+        lacking = named_links(known.unchecked)
+        warnings.warn(f"collisions are not checked: no shape of {lacking}", stacklevel=3)
 
 
 def with_cycle_time(row: Row) -> Row:

@@ -323,32 +323,13 @@ def evaluate_cell(
     held_out = rows_of(at, slice(count))
     inside = rows_of(held_out, held_out.covered)
     if not len(inside.U):
-        figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
-        figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
-        return Evaluation(**figures)
+        return _nothing_covered(failures)
     distance, links, stop = _bodies(candidate, at, count, quick)
-    worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
-    lowest = int(np.argmin(np.where(held_out.sheet, held_out.limit_margin, np.inf)))
-    least = float(held_out.limit_margin[lowest])
-    ends = candidate.at(np.stack([U[lowest], low.U[worst]]))
-    most = limits_of(cell).attainable(chart, ends, far=True)
     tested = joined([at, low])
     tested = rows_of(tested, tested.covered)
-    root = np.sqrt(len(inside.U))
-    desired_square = inside.desired_square.mean()
-    ratio = inside.own.mean() / desired_square
-    # of a ratio of means
-    spread = (inside.own - ratio * inside.desired_square).std() / desired_square / root
     return Evaluation(
-        cost=float(inside.difference.mean()),
-        cost_error=float(inside.difference.std() / root),
-        extra_speed=float(np.sqrt(ratio) - 1),
-        extra_speed_error=float(spread / (2 * np.sqrt(ratio))),
-        extra_speed_worst=float(np.sqrt(tested.ratio.max()) - 1),
-        extra_speed_direction=float(np.sqrt(tested.direction.max()) - 1),
-        limit_margin=least,
-        attainable_margin=float(most[0]),
-        attainable_margin_worst=float(most[1]),
+        **_speed_figures(inside, tested),
+        **_limit_figures(candidate, held_out, low),
         smallest_singular_value=float(tested.smallest.min()),
         body_distance=distance,
         nearest_bodies=links,
@@ -356,8 +337,53 @@ def evaluate_cell(
         residual=float(inside.residual.max()),
         coverage=float(held_out.covered.mean()),
         failures=failures if stop is None else (*failures, stop),
-        limit_margin_worst=min(least, float(low.limit_margin[worst])),
     )
+
+
+def _nothing_covered(failures: tuple[FailureReason, ...]) -> Evaluation:
+    """Make the evaluation of a function that covers no held-out pose: it has no figures."""
+    figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
+    figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
+    return Evaluation(**figures)
+
+
+def _speed_figures(inside: _Sample, tested: _Sample) -> dict[str, Any]:
+    """Evaluate cost and extra joint speed: means over the poses ``inside``, maxima of ``tested``.
+
+    Both are covered poses: the held-out ones, and all that were sampled or found by search.
+    """
+    root = np.sqrt(len(inside.U))
+    desired_square = inside.desired_square.mean()
+    ratio = inside.own.mean() / desired_square
+    # of a ratio of means
+    spread = (inside.own - ratio * inside.desired_square).std() / desired_square / root
+    return {
+        "cost": float(inside.difference.mean()),
+        "cost_error": float(inside.difference.std() / root),
+        "extra_speed": float(np.sqrt(ratio) - 1),
+        "extra_speed_error": float(spread / (2 * np.sqrt(ratio))),
+        "extra_speed_worst": float(np.sqrt(tested.ratio.max()) - 1),
+        "extra_speed_direction": float(np.sqrt(tested.direction.max()) - 1),
+    }
+
+
+def _limit_figures(candidate: CandidateFunction, held_out: _Sample, low: _Sample) -> dict[str, Any]:
+    """Evaluate the smallest limit margins, at held-out poses and at those found by search (low).
+
+    With each comes the largest margin that any leaf attains at that pose.
+    """
+    chart = candidate.chart
+    worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
+    lowest = int(np.argmin(np.where(held_out.sheet, held_out.limit_margin, np.inf)))
+    least = float(held_out.limit_margin[lowest])
+    ends = candidate.at(np.stack([held_out.U[lowest], low.U[worst]]))
+    most = limits_of(chart.cell).attainable(chart, ends, far=True)
+    return {
+        "limit_margin": least,
+        "attainable_margin": float(most[0]),
+        "attainable_margin_worst": float(most[1]),
+        "limit_margin_worst": min(least, float(low.limit_margin[worst])),
+    }
 
 
 def _searched(desired: Inverse, candidate: CandidateFunction, at: _Sample, quick: bool) -> Array:

@@ -153,8 +153,7 @@ def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
     """Return the lower and the upper limit of a joint of the task, rad; infinite without limits."""
-    lower, upper = task.lower, task.upper
-    return float(lower[joint]), float(upper[joint])
+    return float(task.lower[joint]), float(task.upper[joint])
 
 
 def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:

@@ -158,20 +158,17 @@ class CellFit:
         design from the same configuration, with which the fit with penalties begins.
         """
         self.report("the reference", 0.1)
-        edge = cell.corners()
         count = self.samples or (
             128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
         )
-        U = cell.sample(count, self.seed + 1)
+        U, edge = cell.sample(count, self.seed + 1), cell.corners()
         ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
         good = ends.reached == 1
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
         hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
         chart = self._first_chart(cell, q, rows_of(ends, good))
-        U, edge = U[good[:count]], edge[good[count:]]
-        at_rest = chart.solve(np.concatenate([U, edge])).found
-        U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
+        U, edge = _where_found(chart, U[good[:count]], edge[good[count:]])
         if len(U) < count / 4:
             return _why(cell, ends, count)
         rounds = 0 if hopeless else 3 if quick else 7
@@ -185,16 +182,28 @@ class CellFit:
         chart, turns = centred(_recharted(cell, chart, descent, terms, quick))
         if any(turn.reach <= 0 for turn in turns):
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
+        return self._evaluated(chart, turns, descent, degrees, samples=len(U), quick=quick)
+
+    def _evaluated(
+        self,
+        chart: Chart,
+        turns: tuple[Turn, ...],
+        descent: Descent,
+        degrees: tuple[tuple[int, float], ...],
+        *,
+        samples: int,
+        quick: bool,
+    ) -> CellDesign:
+        """Evaluate the function s = 0 of the last chart, and make its design."""
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out
         evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
-        evaluation = replace(evaluation, turns=turns)
         return CellDesign.of(
             self.desired,
             chart,
-            evaluation,
+            replace(evaluation, turns=turns),
             degrees=degrees,
-            samples=len(U),
+            samples=samples,
             held_out=held_out,
             seed=self.seed,
             requested_limit_margin=self.limit_margin,
@@ -316,16 +325,21 @@ class CellFit:
                 richest = Cost(self.desired, chart, most, _nodes(U, most))
                 if predicted_gain(richest, padded(best[-1].a, most)) < _WORTHWHILE:
                     break
-        watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
-        constraints = [
-            ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
-            for m in self.margins(cell, quick=quick)
-        ]
-        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds)
+        penalties = PenaltyMethod(
+            self.desired, chart, nodes, self._constraints(cell, edge, quick), rounds
+        )
         kept = penalties.kept(
             best, terms, self.report, enough=1e-2 if quick else 1e-3, guess=_labels(guess, chart, U)
         )
         return kept, terms, tuple(tried)
+
+    def _constraints(self, cell: Cell, edge: Array, quick: bool) -> list[ActiveConstraint]:
+        """Make the constraints on margins, at sampled poses and at corners ``edge`` (L, k)."""
+        watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
+        return [
+            ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
+            for m in self.margins(cell, quick=quick)
+        ]
 
     def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
         """Make the margins that the fit keeps: joint limits, and others if they are requested.
@@ -492,3 +506,9 @@ def _terms(cell: Cell, degree: int) -> int:
 def _power_of_two(count: int) -> int:
     """Return the smallest power of two that is at least ``count``, for Sobol points."""
     return 1 << max(0, int(np.ceil(np.log2(max(count, 1)))))
+
+
+def _where_found(chart: Chart, U: Array, edge: Array) -> tuple[Array, Array]:
+    """Select the poses of U and ``edge``, (K, k) and (L, k), at which the chart has a solution."""
+    found = chart.solve(np.concatenate([U, edge])).found
+    return U[found[: len(U)]], edge[found[len(U) :]]

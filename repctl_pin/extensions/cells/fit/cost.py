@@ -166,52 +166,77 @@ class Cost:
         ∂s/∂u at that node, where s is the position along the self-motion. It is linear in ∂s/∂u,
         with the matrix B = ∂F/∂s. The derivative with respect to s is taken by central differences.
         A margin depends on s only."""
-        chart, r = self.chart, self.chart.cell.task.r
-        points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
-        own, desired, B = self._joint_speeds(points, ds)
-        residual = own - desired
-        K, n, k = residual.shape  # here k counts the coordinates removed by a symmetry, too
-        s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
-        M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
-        goals = rows_of(self.goals, self.inner)
-        for j in range(r):
-            step = _DIFFERENCE * np.eye(r)[j]
-            ends = [
-                chart.solve(
-                    points.U, s + w * step, points.Q + w * B @ step, goals=goals, iterations=3
-                )
-                for w in (1.0, -1.0)
-            ]
-            up, down = (self._residual(end, ds) for end in ends)
-            M[:, :, :, j, 0] = (up - down) / (2 * _DIFFERENCE)
-        for c in range(k):
-            M[:, :, c, :, 1 + c] = B
-        flat = M.reshape(K, n * k, r * (1 + k))
-        gram = np.zeros((len(self.U), r * (1 + k), r * (1 + k)))
-        slope = np.zeros((len(self.U), r * (1 + k)))
-        gram[self.inner] = np.swapaxes(flat, 1, 2) @ flat / K
-        slope[self.inner] = np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
-        features = np.zeros((len(self.U), 1 + k, self.T.shape[1]))
-        features[:, 0] = self.T
-        features[self.inner, 1:] = np.swapaxes(
-            self.dT[self.inner] @ self.C[:, : chart.cell.k], 1, 2
-        )
+        r = self.r
+        k = self.C.shape[2]  # the coordinates removed by a symmetry count, too
+        p = r * (1 + k)
+        gram = np.zeros((len(self.U), p, p))
+        slope = np.zeros((len(self.U), p))
+        gram[self.inner], slope[self.inner] = self._nearness_terms(at)
         at_s = np.arange(r) * (1 + k)
         for part, where in self.kept:
-            there = rows_of(at.points, where)
-            hinge = _hinge(part, there.Q)
-            onto = chart.derivative(there, at.ds[where])[1]
-            D = -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]  # ∂hinge/∂s
-            share = self.weight / len(hinge)
-            gram[where, at_s[:, None], at_s] = share * np.swapaxes(D, 1, 2) @ D
-            slope[where, at_s] = share * np.einsum("KPr,KP->Kr", D, hinge)
+            squares, slopes = self._penalty_terms(at, part, where)
+            gram[where, at_s[:, None], at_s] = squares
+            slope[where, at_s] = slopes
+        features = self._features()
         gradient = 2 * np.einsum(
             "KpN,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
         )
-        L = np.linalg.cholesky(
-            gram + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
-        )
+        L = np.linalg.cholesky(gram + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(p))
         return gradient.ravel(), 2 * _products(features, L, r)
+
+    def _features(self) -> Array:
+        """Collect the monomials and their slopes (K, 1 + k, N), by which a gives s and ∂s/∂u C."""
+        features = np.zeros((len(self.U), 1 + self.C.shape[2], self.T.shape[1]))
+        features[:, 0] = self.T
+        onto = self.C[:, : self.chart.cell.k]
+        features[self.inner, 1:] = np.swapaxes(self.dT[self.inner] @ onto, 1, 2)
+        return features
+
+    def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
+        """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the nodes, each divided by K.
+
+        M are the derivatives of the residual with respect to the p = r (1 + k) numbers
+        (s_j, (∂s_j C)_c) of a node.
+        """
+        points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
+        own, desired, B = self._joint_speeds(points, ds)
+        residual = own - desired
+        K, n, k = residual.shape
+        M = np.zeros((K, n, k, self.r, 1 + k))
+        M[..., 0] = self._slopes_along_s(points, ds, B)
+        for c in range(k):
+            M[:, :, c, :, 1 + c] = B
+        flat = M.reshape(K, n * k, self.r * (1 + k))
+        gram = np.swapaxes(flat, 1, 2) @ flat / K
+        return gram, np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
+
+    def _slopes_along_s(self, points: Points, ds: Array, B: Array) -> Array:
+        """Evaluate ∂(residual)/∂s_j (K, n, k, r) by central differences along the self-motion."""
+        s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
+        goals = rows_of(self.goals, self.inner)
+        slopes = []
+        for step in _DIFFERENCE * np.eye(self.r):
+            up, down = (
+                self.chart.solve(
+                    points.U, s + w * step, points.Q + w * B @ step, goals=goals, iterations=3
+                )
+                for w in (1.0, -1.0)
+            )
+            change = self._residual(up, ds) - self._residual(down, ds)
+            slopes.append(change / (2 * _DIFFERENCE))
+        return np.stack(slopes, axis=-1)
+
+    def _penalty_terms(self, at: _Value, part: Penalty, where: slice) -> tuple[Array, Array]:
+        """Evaluate DᵀD (L, r, r) and Dᵀ hinge (L, r) of one penalty, by its share of the cost.
+
+        D are the derivatives of the hinges with respect to s.
+        """
+        there = rows_of(at.points, where)
+        hinge = _hinge(part, there.Q)
+        onto = self.chart.derivative(there, at.ds[where])[1]
+        D = -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]
+        share = self.weight / len(hinge)
+        return share * np.swapaxes(D, 1, 2) @ D, share * np.einsum("KPr,KP->Kr", D, hinge)
 
     def _joint_speeds(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
         """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r).

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from math import comb
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -186,28 +186,36 @@ def nearest_inverse_function(
         keep=incomplete == "keep",
     )
     with reporting.reporter(progress) as report:
-        fit = replace(fit, report=report)
-        report("the middle posture", 0.0)
-        postures = (
-            searched(desired, cell, fit.seed)
-            if posture is None
-            else [Candidate(given(cell, posture), 1.0, np.inf, np.inf, np.inf)]
-        )
-        q, found = fit.best(cell, postures)
-        partly = isinstance(found, CellDesign) and found.coverage > 0
-        if isinstance(found, CellDesign) and (
-            found.evaluation.everywhere or (partly and incomplete == "keep")
-        ):
-            return fit.priced(ended_at_bodies(fit, found), q)
-        failures = found.failures if isinstance(found, CellDesign) else found
-        if incomplete == "shrink":
-            part = trimmed(fit, cell, q, Required())
-            if part is not None:
-                return ended_at_bodies(fit, part.design)
-        fits, smaller = _largest(fit, cell, q, quick=incomplete != "shrink")
-        if incomplete == "shrink" and smaller is not None:
-            return smaller
-        raise _refusal(cell, failures, fits, keep=partly)
+        return _found(replace(fit, report=report), cell, posture, incomplete)
+
+
+def _found(fit: CellFit, cell: Cell, posture: Any, incomplete: str) -> CellDesign:
+    """Find the function over the cell, or over the part that ``incomplete`` allows.
+
+    ``posture`` is the configuration in the middle; None to search for it. NoFunctionError is raised
+    if there is no such function.
+    """
+    fit.report("the middle posture", 0.0)
+    postures = (
+        searched(fit.desired, cell, fit.seed)
+        if posture is None
+        else [Candidate(given(cell, posture), 1.0, np.inf, np.inf, np.inf)]
+    )
+    q, found = fit.best(cell, postures)
+    partly = isinstance(found, CellDesign) and found.coverage > 0
+    if isinstance(found, CellDesign) and (
+        found.evaluation.everywhere or (partly and incomplete == "keep")
+    ):
+        return fit.priced(ended_at_bodies(fit, found), q)
+    failures = found.failures if isinstance(found, CellDesign) else found
+    if incomplete == "shrink":
+        part = trimmed(fit, cell, q, Required())
+        if part is not None:
+            return ended_at_bodies(fit, part.design)
+    fits, smaller = _largest(fit, cell, q, quick=incomplete != "shrink")
+    if incomplete == "shrink" and smaller is not None:
+        return smaller
+    raise _refusal(cell, failures, fits, keep=partly)
 
 
 def _require_one_task(desired: Inverse, cell: Cell) -> None:

@@ -27,7 +27,7 @@ from ...cells.function import InverseFunction
 from ...cells.geometry.cell import Cell
 from ...cells.geometry.sector import Sector
 from .kdl import kdl_header, quoted
-from .source import about, region_of, write_source
+from .source import Source, about, region_of, write_source
 from .text import checked_name, filled, initialiser
 from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
 
@@ -97,6 +97,26 @@ def export_c(
     if closes is not None:
         require_type(closes, ClosingRadius, "closes", "design.proof.closes")
     source = write_source(control, name, region, governor=True, closes=closes)
+    texts = _texts(control, name, source, region)
+    where = Path(folder)
+    for other in where.glob("*.hpp"):
+        stem = other.stem.removesuffix("_kdl")
+        if name not in (stem, other.stem) and where.joinpath("test_vectors.h").exists():
+            raise InputError(
+                f"{where} already contains the inverse {stem!r}; choose another folder"
+            )
+    for file in texts:
+        _refuse_foreign(where / file)
+    with written_together(where) as staged:
+        for file, text in texts.items():
+            write_whole(staged / file, _signed(file, text))
+    return [where / file for file in texts]
+
+
+def _texts(
+    control: RepeatableInverse | InverseFunction, name: str, source: Source, region: Region | None
+) -> dict[str, str]:
+    """Write the texts of all files, by file name: ``source``, its interfaces, check and example."""
     if isinstance(control, InverseFunction):
         inverse = control.inverse
         declared, functions = (filled("function.hpp", name, {}), _function_vectors(control, name))
@@ -118,7 +138,7 @@ def export_c(
         "names": "{" + ", ".join(map(quoted, control.task.joint_names)) + "}",
         "frame": quoted(control.task.frame),
     }
-    texts = {
+    return {
         f"{name}.h": source.header,
         f"{name}.c": source.code,
         f"{name}.hpp": filled("arm.hpp", name, parts),
@@ -128,19 +148,6 @@ def export_c(
         "loop.c": filled("loop.c", name, {"start": initialiser(start)} | _loop(inverse, kept)),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
-    where = Path(folder)
-    for other in where.glob("*.hpp"):
-        stem = other.stem.removesuffix("_kdl")
-        if name not in (stem, other.stem) and where.joinpath("test_vectors.h").exists():
-            raise InputError(
-                f"{where} already contains the inverse {stem!r}; choose another folder"
-            )
-    for file in texts:
-        _refuse_foreign(where / file)
-    with written_together(where) as staged:
-        for file, text in texts.items():
-            write_whole(staged / file, _signed(file, text))
-    return [where / file for file in texts]
 
 
 def _signed(file: str, text: str) -> str:

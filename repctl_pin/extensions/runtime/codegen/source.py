@@ -37,7 +37,7 @@ _MEANING = {
 }
 
 
-class _Source(NamedTuple):
+class Source(NamedTuple):
     """Texts of the C header and the C source file, and parts of the C++ header.
 
     ``governor`` and ``closing`` are the C++ parts of the governor and the closing radius; empty if
@@ -57,7 +57,7 @@ def write_source(
     *,
     governor: bool = False,
     closes: ClosingRadius | None = None,
-) -> _Source:
+) -> Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
     Returns the texts of the header and the source file, and parts of the C++ header. A cell
@@ -92,20 +92,8 @@ def write_source(
         inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
     )
     task = inverse.task
-    if task.r < 1:
-        raise InputError(f"{task!r} has no redundancy, so there are no potentials to write")
-    if isinstance(region, Region) and len(region.center) != task.n:
-        raise InputError(
-            f"the region has {len(region.center)} joints, but the task has {task.n}",
-            remedy="use a region in the joints of the task",
-        )
-    kept = region_of(inverse, region)
+    kept = _checked_region(inverse, region)
     cell = kept if isinstance(kept, Cell) else None
-    if cell is not None and not _own(cell, inverse):
-        raise InputError(
-            "a cell as Ω can be written as C for the inverse of its own function only; "
-            "use a box, a tube or a workspace box, or an inverse without a region"
-        )
     arm = native_arm(task, inverse.potentials, kept)
     headers, sources = _native_files(inverse, kept)
     chart = "#define CHART\n\n" if headers else ""
@@ -135,7 +123,26 @@ def write_source(
         filled(f"arm.{end}", name, parts | {key: made[i] for key, made in sections.items()})
         for i, end in enumerate("hc")
     )
-    return _Source(header, code, governed[2], closing[2])
+    return Source(header, code, governed[2], closing[2])
+
+
+def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounded | None:
+    """Check that an inverse and its Ω can be written as C, and return Ω; InputError if not."""
+    task = inverse.task
+    if task.r < 1:
+        raise InputError(f"{task!r} has no redundancy, so there are no potentials to write")
+    if isinstance(region, Region) and len(region.center) != task.n:
+        raise InputError(
+            f"the region has {len(region.center)} joints, but the task has {task.n}",
+            remedy="use a region in the joints of the task",
+        )
+    kept = region_of(inverse, region)
+    if isinstance(kept, Cell) and not _own(kept, inverse):
+        raise InputError(
+            "a cell as Ω can be written as C for the inverse of its own function only; "
+            "use a box, a tube or a workspace box, or an inverse without a region"
+        )
+    return kept
 
 
 def _frame_sizes(arm: Any) -> dict[str, str | int]:

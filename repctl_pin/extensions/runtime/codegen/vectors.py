@@ -6,6 +6,7 @@ returns: OK, SINGULAR, BAD_NUMBER or OUTSIDE.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -67,32 +68,47 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
     task, rng = inverse.task, np.random.default_rng(0)
     near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
     Q = region.random(_COUNT, 0)[:_COUNT] if isinstance(region, Region) else near_start
-    found = []
-    for k, q in enumerate(Q):
-        if k % 6 == 5:  # further outside
-            q = q + rng.normal(size=task.n)
-        near = task.placements(q + 0.01 * rng.normal(size=task.n))
-        turn = 2.0 if k % 7 == 6 else 0.01
-        away = tuple(_turned(x, rng.normal(size=3) * turn) for x in near)
-        found.append(
-            Vector(
-                q=q,
-                xdot=rng.normal(size=task.m),
-                target=away,
-                dt=_DT,
-                twist=None if k % 3 == 0 else rng.normal(size=task.twist_size),
-                leaf=None if k % 4 == 0 else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
-                gain=_GAINS[k % len(_GAINS)],
-                limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
-                damping=0.0 if k % 5 else 0.2,
-                stay_inside=k % 8 < 3,
-                joint_speed=rng.normal(size=task.n) * (k % 9 > 0),
-                M=_inertia(rng, task.n),
-                bias=rng.normal(size=task.n),
-                gains=_gains(rng, task),
-                observer=None if k % 5 == 0 else 0.1 * rng.normal(size=task.r),
-            )
-        )
+    found = [_valid(inverse, k, q, rng) for k, q in enumerate(Q)]
+    for k, (what, value) in _bad(task, found).items():
+        if k < len(found):
+            if what in ("q", "xdot"):
+                value = np.append(getattr(found[k], what)[:-1], value)
+            found[k] = replace(found[k], **{what: value})
+    return found
+
+
+def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
+    """Sample test vector number k, near q (n,)."""
+    task = inverse.task
+    if k % 6 == 5:  # further outside
+        q = q + rng.normal(size=task.n)
+    near = task.placements(q + 0.01 * rng.normal(size=task.n))
+    turn = 2.0 if k % 7 == 6 else 0.01
+    away = tuple(_turned(x, rng.normal(size=3) * turn) for x in near)
+    return Vector(
+        q=q,
+        xdot=rng.normal(size=task.m),
+        target=away,
+        dt=_DT,
+        twist=None if k % 3 == 0 else rng.normal(size=task.twist_size),
+        leaf=None if k % 4 == 0 else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
+        gain=_GAINS[k % len(_GAINS)],
+        limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
+        damping=0.0 if k % 5 else 0.2,
+        stay_inside=k % 8 < 3,
+        joint_speed=rng.normal(size=task.n) * (k % 9 > 0),
+        M=_inertia(rng, task.n),
+        bias=rng.normal(size=task.n),
+        gains=_gains(rng, task),
+        observer=None if k % 5 == 0 else 0.1 * rng.normal(size=task.r),
+    )
+
+
+def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
+    """Choose the invalid inputs: by the number of the vector, the name of the input, and its value.
+
+    That of a q or an ẋ is its last number.
+    """
     bad: dict[int, tuple[str, Any]] = {
         7: ("q", np.nan),
         13: ("q", np.inf),
@@ -101,18 +117,12 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
         31: ("gain", 3000.0),
         32: ("M", np.diag(-np.ones(task.n))),
     }
-    if inverse.task.kind.turns:  # reflected and scaled R
+    if task.kind.turns:  # reflected and scaled R
         mirror = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
         scaled = (pin.SE3((1 + 1e-5) * x.rotation, x.translation) for x in found[43].target)
         bad |= {37: ("target", (mirror,) * len(task.frames))}
         bad |= {43: ("target", tuple(scaled))}
-    for k, (what, value) in bad.items():
-        if k < len(found):
-            vector = what in ("q", "xdot")
-            if vector:
-                value = np.append(getattr(found[k], what)[:-1], value)
-            found[k] = replace(found[k], **{what: value})
-    return found
+    return bad
 
 
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
