@@ -157,7 +157,8 @@ def right_calls(folder: Path) -> list[Call]:
             "period": 5.0, "task": task,
         },
         "best_cell": {
-            "task": task, "size": 0.2, "orientation": None, "yaw": 0.0, "at": None, "seed": 0,
+            "task": task, "size": 0.2, "orientation": None, "approach": None, "yaw": 0.0,
+            "at": None, "seed": 0,
         },
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "least_closed_motion": {

@@ -140,20 +140,24 @@ def _as_options(arguments: list[str]) -> list[str]:
     return ["--version", *rest] if first == ["version"] else arguments
 
 
+_SIGNED = ("--start", "--at", "--heights", "--rpy", "--axis", "--approach")
+"""Options whose values may begin with a minus sign."""
+
+
 def _join_values(arguments: list[str]) -> list[str]:
     """Rewrite two forms of arguments that argparse would misread; return the arguments to parse.
 
     ``--start -0.1,0.2`` becomes one word with ``=``, because the value looks like an option;
-    likewise ``--at``. ``--best-leaf`` before a saved design becomes ``--best-leaf=limits``, because
-    the design would be taken for the option's value.
+    likewise ``--approach -x`` and others. ``--best-leaf`` before a saved design becomes
+    ``--best-leaf=limits``, because the design would be taken for the option's value.
     """
     joined: list[str] = []
     for argument in arguments:
         if (
             joined
-            and joined[-1] in ("--start", "--at")
+            and joined[-1] in _SIGNED
             and argument[:1] == "-"
-            and argument[1:2] in "0123456789."
+            and argument[1:2] in "0123456789.xyz"
         ):
             joined[-1] += f"={argument}"
         elif joined and joined[-1] == "--best-leaf" and is_saved(argument):

@@ -186,11 +186,7 @@ class Bodies:
         A robot without a pair to measure has the distance inf, with a warning.
         """
         self._warn_if_empty()
-        return self._nearest(vector(q, self.task.n, "q"))
-
-    def _nearest(self, q: Array) -> Nearest:
-        """Find the closest pair of bodies at q (n,), without a warning where there is none."""
-        distances, which = self._all(q[None])
+        distances, which = self._all(vector(q, self.task.n, "q")[None])
         links = ("", "") if which[0] < 0 else self._model.names(int(which[0]))
         return Nearest(float(distances[0]), links)
 
@@ -203,8 +199,12 @@ class Bodies:
         return self._all(Q)[0]
 
     def _warn_if_empty(self) -> None:
-        """Warn that every distance is inf, because there is no pair to measure."""
-        if self.pairs or self.only_contact:
+        """Warn that every distance is inf, because there is no pair to measure.
+
+        Only the bodies that a user makes warn: results that the package computes with its own say
+        themselves what is not checked.
+        """
+        if self.pairs or self.only_contact or self is _MADE.get(self.task):
             return
         count = len(self.unchecked)
         cause = f": no shape of {named_links(self.unchecked)}" if count else ""

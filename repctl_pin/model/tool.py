@@ -33,7 +33,7 @@ _SAME = 1e-9
 
 
 class ToolTask(Task):
-    """Pose task of a tool, which a link of the robot carries rigidly.
+    """Task of a tool, or of a turned frame, which a link of the robot carries rigidly.
 
     It is what a design is converted to when the gripper changes.
 
@@ -57,8 +57,19 @@ def with_tool(task: Task, placement: Placement) -> ToolTask:
     InputError
         If the task is no pose task of one frame, or the placement is no rigid transform.
     """
-    require_pose(task)
-    tool = rigid(placement)
+    return carried(require_pose(task), rigid(placement))
+
+
+def turned_frame(task: Task, rotation: Array) -> ToolTask:
+    """Create the task of the same kind whose frame is turned by a rotation (3, 3), in its axes.
+
+    An axis task then commands another axis of the frame, and has another self-motion.
+    """
+    return carried(one_frame(task, "a turned frame"), pin.SE3(rotation, np.zeros(3)))
+
+
+def carried(task: Task, tool: pin.SE3) -> ToolTask:
+    """Create the task of the same kind of a frame at a placement in the frame of a task."""
     if isinstance(task, ToolTask):
         link, tool = task.link, task.tool * tool
     else:

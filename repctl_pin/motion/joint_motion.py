@@ -155,7 +155,7 @@ class JointMotion:
 
         Bodies are the URDF's collision shapes, meshes as their convex hulls. 0 if only hulls
         overlap, inf without shapes. See :class:`Bodies`."""
-        distances = bodies_of(self.task)._all(self.q)[0]
+        distances = bodies_of(self.task).distances(self.q)
         distances.setflags(write=False)
         return distances
 

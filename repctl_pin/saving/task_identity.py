@@ -18,7 +18,7 @@ from ..model.kind import task_kind
 from ..model.robot import Robot
 from ..model.several_frames import SeveralFrames
 from ..model.task import Task
-from ..model.tool import ToolTask, with_tool
+from ..model.tool import ToolTask, carried, rigid
 from .schema import (
     ArmAngleFile,
     BasisFile,
@@ -122,7 +122,7 @@ def carrying_tool(made_for: TaskFile, task: Task) -> Task:
     """
     if isinstance(made_for.tool, msgspec.UnsetType) or isinstance(task, ToolTask):
         return task
-    return task if task.frame != made_for.frame else with_tool(task, made_for.tool)
+    return task if task.frame != made_for.frame else carried(task, rigid(made_for.tool))
 
 
 def compare(made_for: TaskFile, task: Task, where: str) -> None:

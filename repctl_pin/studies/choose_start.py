@@ -205,7 +205,7 @@ def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[
     for q0, name in offers:
         try:
             fitting_circle(task, q0)
-            clear = bodies_of(task)._all(q0[None])[0].min() >= 0
+            clear = bodies_of(task).distances(q0[None]).min() >= 0
         except InputError:
             clear = False
         if clear:

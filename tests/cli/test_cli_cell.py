@@ -168,7 +168,7 @@ def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) ->
     small = ["--degree", "1", "--held-out", "64", "--out", str(made / "large")]
     assert main([*arm, "--half-width", "2", *small]) == 2
     refusal = capsys.readouterr().err
-    assert "use --shrink to get a cell of" in refusal and "incomplete=" not in refusal
+    assert "use --shrink to move its sides inward" in refusal and "incomplete=" not in refusal
     assert main([*arm, "--half-width", "-1", *small]) == 2
     assert "--half-width" in capsys.readouterr().err
     assert main([*arm, "--half-width", "2", "--shrink", *small]) == 0

@@ -43,6 +43,29 @@ def test_a_box_with_the_tool_down_fits_and_has_a_function(panda_pose: rp.Task) -
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_large_box_fits_where_a_locked_joint_covers_it(panda_pose: rp.Task, seed: int) -> None:
+    """55.2 and 55.3: joint 3 at 0 covers this box about (0.5, 0, 0.2), and a design costs 0.2 %.
+    What fits is covered by the design from the posture, without collision, for every seed."""
+    size = (0.4, 0.6, 0.3)
+    place = rp.best_cell(panda_pose, size, orientation="down", at=(0.5, 0, 0.2), seed=seed)
+    assert place.factor == 1 and place.reason == ""
+    assert np.linalg.norm(place.cell.placement.translation - (0.5, 0, 0.2)) < 0.05
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(panda_pose), place.cell, posture=place.posture
+    )
+    assert found.evaluation.everywhere and found.extra_speed < 0.013
+    assert found.body_distance > 0.02
+
+
+def test_the_edges_of_a_box_are_tried(panda_pose: rp.Task) -> None:
+    """55.2: the rim of a box has its 8 corners, 12 edge middles and 6 face centres."""
+    cell = rp.Cell(panda_pose, panda_pose.placement(panda_pose.reference), 0.1)
+    rim = np.abs(cell.rim()).sum(axis=1)
+    assert [int((rim == ends).sum()) for ends in (3, 2, 1)] == [8, 12, 6]
+
+
+@pytest.mark.slow
 def test_the_tool_points_where_it_was_asked_to(panda_pose: rp.Task) -> None:
     place = rp.best_cell(panda_pose, 0.1, orientation="forward", yaw=0.5)
     axis = place.cell.placement.rotation[:, 2]

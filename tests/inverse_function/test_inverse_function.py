@@ -1156,7 +1156,7 @@ def test_a_cell_that_reaches_too_far_and_what_would_fit(tmp_path: Path) -> None:
         )
     says = str(error.value)
     assert "no single function covers the cell" in says and "collide" not in says
-    assert "reach" in says and "to get a cell of" in says
+    assert "reach" in says and "to move its sides inward" in says
     assert "collision" not in [one.cause for one in error.value.failures]
 
 
@@ -1170,7 +1170,7 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: 
     says = refused(cell, q)
     assert re.search(
         r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; "
-        r"use incomplete=.shrink. to get a cell of",
+        r"use incomplete=.shrink. to move its sides inward",
         says,
     ), says
     # folded together, it has no way outward along its links

@@ -122,8 +122,14 @@ def _add_size(parser: Parser) -> None:
         "or nearest to --at; if it fits nowhere, the largest box of this shape",
     )
     for name, where in (("down", "down"), ("forward", "along x of the base")):
-        text = f"orientation with the tool's z axis {where}; without --size, the largest sector"
+        text = f"orientation with the approach axis {where}; without --size, the largest sector"
         add(f"--{name}", action="store_true", help=text)
+    add(
+        "--approach",
+        metavar="AXIS",
+        help="approach axis of the tool's frame: x, y, z, -x, -y or -z (default: found from the "
+        "last joint and the fingers)",
+    )
     add("--rpy", metavar="R,P,Y", help="orientation as roll, pitch and yaw in degrees")
     add(
         "--yaw",
@@ -223,8 +229,8 @@ def run(options: Options) -> int:
     if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
         notes.insert(0, f"--shrink: {sizes}")
-    if asked.note:
-        notes.insert(0, asked.note)
+    if asked.placed:
+        notes = [*asked.placed, *notes]
     elif options.start is None:
         notes.append(f"the start is {asked.start_is}")
 
@@ -262,7 +268,8 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
         remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
         remedy += "another --start"
     else:
-        remedy = f"use --shrink to get a cell of {asked.cell.scaled(error.fits).size()}"
+        size = asked.cell.scaled(error.fits).size()
+        remedy = f"use --shrink to move its sides inward (around the same middle, {size} works)"
     if asked.crowded:
         remedy = f"it fits from none of the default starts; {remedy}"
     return f"{remedy}, or --keep to keep the covered part of this one" if error.partly else remedy
@@ -281,8 +288,8 @@ class _Asked(NamedTuple):
         Description of the start: ``as given``, ``the reference pose``.
     crowded : bool
         True if the cell fits from no default start.
-    note : str
-        Where the cell was placed, and why no larger one.
+    placed : tuple of str
+        Where the cell was placed, why no larger one, and the approach axis of the tool.
     place : BestCell or None
         The place of ``--size``.
     """
@@ -291,7 +298,7 @@ class _Asked(NamedTuple):
     posture: Any
     start_is: str
     crowded: bool
-    note: str = ""
+    placed: tuple[str, ...] = ()
     place: rp.BestCell | None = None
 
 
@@ -358,6 +365,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         task,
         None if options.size is None else _numbers(options.size, "--size"),
         orientation=orientation,
+        approach=options.approach,
         yaw=float(np.radians(options.yaw)),
         at=at,
         seed=options.seed,
@@ -369,7 +377,11 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         note = "the largest sector that was found"
         if place.table.locked is not None:
             note += f"; {place.table.locked}"
-        return _Asked(cell, place.posture, "searched for the sector", False, note, place)
+        if place.table.larger is not None:
+            one, area = place.table.larger, place.table.area
+            note += f"; a larger sector, {one.area:.2f} m² in place of {area:.2f}, has {one}"
+        notes = (note, *_approach_note(place))
+        return _Asked(cell, place.posture, "searched for the sector", False, notes, place)
     posture: Any = place.posture
     if options.half_angle != "0":
         angle = _numbers(options.half_angle, "--half-angle")
@@ -378,7 +390,16 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     if place.factor < 1:
         share = f"{100 * place.factor:.0f} % of the size that was asked for"
         note += f"; {share}, because at full size, {place.reason}"
-    return _Asked(cell, posture, "searched for the cell", False, note, place)
+    notes = (note, *_approach_note(place))
+    return _Asked(cell, posture, "searched for the cell", False, notes, place)
+
+
+def _approach_note(place: rp.BestCell) -> list[str]:
+    """Write which axis of the frame was taken for the approach axis; empty if none was needed."""
+    if place.approach is None:
+        return []
+    remedy = "" if place.approach.why == "as given" else " (--approach gives another)"
+    return [f"the approach axis of the tool is {place.approach}{remedy}"]
 
 
 def _oriented_task(options: Options) -> rp.Task:
@@ -449,7 +470,7 @@ def _require_one_shape(options: Options) -> None:
                 raise InputError(f"{name} requires {needed_one}")
     turned = next(filter(given, _ORIENTATIONS), "")
     if not turned and not given("--size"):
-        for name in filter(given, ("--yaw", *_OF_THE_TABLE)):
+        for name in filter(given, ("--yaw", "--approach", *_OF_THE_TABLE)):
             raise InputError(f"{name} requires --down, --forward or --rpy")
     if turned and not given("--size"):
         for name in filter(given, _NOT_OF_THE_TABLE):

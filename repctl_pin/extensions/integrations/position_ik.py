@@ -69,6 +69,6 @@ def _solved(
         q = InverseFunction(F.chart)(target, leaf=leaf)  # which refuses joints beyond a limit
     except InputError:
         return None, NO_SOLUTION
-    if request.avoid_collisions and bodies_of(F.task)._nearest(q).distance < 0:
+    if request.avoid_collisions and bodies_of(F.task).nearest(q).distance < 0:
         return None, IN_COLLISION
     return q, SUCCESS

@@ -88,6 +88,17 @@ class Chart:
         both = np.concatenate([Q[:, :, None], N], axis=2)
         return cls(cell, monomials, monomials.fit(U, both))
 
+    def between(self, low: Array, high: Array) -> Chart:
+        """Return the chart of the same function over the part of the cell between two corners (k,).
+
+        q_ref and n_ref are the same polynomials, in coordinates of the part.
+        """
+        if (low == -1).all() and (high == 1).all():
+            return self
+        U = np.concatenate([self.cell.sample(4 * self.monomials.size, 7), self.cell.corners()])
+        q_ref, n_ref = self.reference((low + high) / 2 + (high - low) / 2 * U)
+        return Chart.fitted(self.cell._part(low, high), U, q_ref, n_ref, self.monomials.degree)
+
     def reference(self, U: Array) -> tuple[Array, Array]:
         """Evaluate the polynomials q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k).
 

@@ -434,12 +434,12 @@ def _failures(cell: Cell, at: _Sample, low: _Sample, near: Array) -> tuple[Failu
     sampled poses.
     """
     both = joined([at, low])
-    on, folds = rows_of(both, both.sheet), both.U[both.ok & ~both.sheet]
+    on, folds = rows_of(both, both.sheet), rows_of(both, both.ok & ~both.sheet)
     violated = float((at.sheet & (at.limit_margin < 0)).mean())
     failures = [
         broken_limit(cell, on.U, on.Q, violated),
         *unreached(cell, both.U[~both.ok], near, float((~at.ok).mean())),
-        folded(cell, folds, float((at.ok & ~at.sheet).mean())),
+        folded(cell, folds.U, folds.Q, float((at.ok & ~at.sheet).mean())),
     ]
     return tuple(stop for stop in failures if stop)
 
@@ -468,8 +468,8 @@ def _bodies(
         margin = cell.task.limit_margin(nearer.Q).min(axis=1)
         nearer = rows_of(nearer, nearer.found & (margin >= 0))
         U, Q = np.concatenate([U, nearer.U]), np.concatenate([Q, nearer.Q])
-        distances = np.concatenate([distances, bodies._all(nearer.Q)[0]])
-    links = bodies._nearest(Q[int(np.argmin(distances))]).links
+        distances = np.concatenate([distances, bodies.distances(nearer.Q)])
+    links = bodies.nearest(Q[int(np.argmin(distances))]).links
     return float(distances.min()), links, touching(cell, U, distances, links, share)
 
 

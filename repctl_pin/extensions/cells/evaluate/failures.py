@@ -14,10 +14,13 @@ from ....redundancy.inverses import inverse_condition_number
 from ..geometry.cell import Cell
 from ..geometry.kinematics import placed
 from ..geometry.sector import Sector
-from .reach import reached
+from .reach import SINGULAR, reached
 
 _SHORT = 1e-6
 _SPARSE = 24
+_FINE, _JUMP = 1e-3, 0.5
+"""Smallest step in u of the search for a singularity, and the joint step, rad or m, beyond which a
+neighbour has another configuration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,17 +124,50 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
     return failures
 
 
-def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
+def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
     """Make the failure that the function folds at poses U (K, k); None if there are no poses.
 
     At a fold, the configurations of neighbouring poses turn back along the self-motion: the leaf
-    margin, the distance from an algorithmic singularity, goes through 0. ``share`` is the fraction
-    of the sampled poses beyond a fold.
+    margin, the distance from an algorithmic singularity, goes through 0. Around a singularity of J
+    the null space takes all directions, so every potential has such poses. Then the singularity is
+    named, which is searched for from the configurations Q (K, n). ``share`` is the fraction of the
+    sampled poses beyond a fold.
     """
     if not len(U):
         return None
+    u, ratio = _most_singular(cell, U, Q)
+    if ratio < SINGULAR:
+        what = (
+            f"at {cell.where(u)} the arm is at a singularity "
+            f"(σ_min(J) / σ_max(J) = {ratio:.1g}), around which the function folds"
+        )
+        return _reason("singularity", share, cell, u, what)
     what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
     return _reason("fold", share, cell, U[0], what)
+
+
+def _most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
+    """Search a cell for a singularity of J near poses U (K, k), from configurations Q (K, n).
+
+    The coordinates are moved one by one, by steps that become smaller, such that σ_min / σ_max
+    falls. Return the pose (k,) and the ratio there.
+    """
+    ratios = inverse_condition_number(placed(cell.task, Q)[2])
+    first = int(np.argmin(ratios))
+    u, q, ratio, step = U[first], Q[first], float(ratios[first]), 0.1
+    ways = np.concatenate([np.eye(cell.k), -np.eye(cell.k)])
+    while step > _FINE:
+        beside = np.clip(u + step * ways, -1, 1)
+        goals = cell.placements(beside)
+        there, left = reached(cell, *goals, np.tile(q, (len(beside), 1)), iterations=20)
+        near = (left < _SHORT) & (np.abs(there - q).max(axis=1) < _JUMP)
+        ratios = np.where(near, inverse_condition_number(placed(cell.task, there)[2]), np.inf)
+        best = int(np.argmin(ratios))
+        if ratios[best] < ratio:
+            u, q, ratio = beside[best], there[best], float(ratios[best])
+        else:
+            step /= 2
+    return u, ratio
 
 
 def touching(

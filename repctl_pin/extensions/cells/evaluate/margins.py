@@ -288,13 +288,13 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
     else:
         count = min(_TESTED, len(overlap))
         some = overlap[np.linspace(0, len(overlap) - 1, count, dtype=int)]
-    distances[some] = bodies._all(Q[some])[0]
+    distances[some] = bodies.distances(Q[some])
     others = overlap[~np.isin(overlap, some)]
     for start in range(0, len(others), _AT_ONCE):
         rows = others[start : start + _AT_ONCE]
         if distances.min() <= hulls[rows[0]]:
             break
-        distances[rows] = bodies._all(Q[rows])[0]
+        distances[rows] = bodies.distances(Q[rows])
     collide = (distances[some] < 0).sum() / max(1, len(some))
     return distances, float(collide * len(overlap) / len(Q))
 

@@ -180,9 +180,9 @@ class Grown(NamedTuple):
     steps : (K,) array
         Number of steps by which the box grew; :data:`STEPS` is its own size.
     margin : (K,) array
-        Smallest limit margin on the ways to its corners, rad or m.
+        Smallest limit margin on the ways to its corners and edges, rad or m.
     ends : (K, C, n) array
-        Configurations at the corners and face centres of the box of that size.
+        Configurations at the corners, edge middles and face centres of the box of that size.
     """
 
     p: NDArray[Any]
@@ -210,28 +210,26 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
     """Let a box grow around positions p (K, 3), m, to find how much of it the arm reaches there.
 
     The middles are solved for from configurations Q (K, n). Positions that are not reached inside
-    the joint limits are left out. J⁺ leads from each middle straight to all corners and face
-    centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one of them
-    is not reached or is singular, or one joint leaves its limits.
+    the joint limits are left out. J⁺ leads from each middle straight to all corners, edge middles
+    and face centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one
+    of them is not reached or is singular, or one joint leaves its limits.
     """
     task, n = box.task, box.task.n
-    R_middle = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))
-    Q, left = reached(box, p, R_middle, Q, inward=True, iterations=40)
-    inside = (left < EXACT) & (task.limit_margin(Q).min(axis=1) > 0)
-    p, Q = p[inside], Q[inside]
-    corners, R = box.placements(box.corners())
-    offsets, C = corners - box.placement.translation, len(corners)
+    p, Q = _middles(box, p, Q)
+    rim, R = box.placements(box.rim())
+    offsets, C = rim - box.placement.translation, len(rim)
+    step_of_all = offsets[:, task.rows[: len(box.half_width)]] / STEPS
     near = _NEAR * np.linalg.norm(offsets, axis=1).max() / STEPS
     steps, margin = np.zeros(len(p), int), np.full(len(p), np.inf)
     ends = np.repeat(Q[:, None], C, axis=1)
     on, now = np.arange(len(p)), ends.reshape(-1, n)
     jumps = np.zeros(len(now), bool)
     for step in range(STEPS + 1):
+        # where the whole rim is reached, regular and inside the limits
         p_now, R_now, J = placed(task, now)
         G, _, s = bases(J)
         aims = (p[on, None] + step / STEPS * offsets).reshape(-1, 3)
-        turns = np.tile(R, (len(on), 1, 1))
-        error = box.errors(aims, turns, p_now, R_now)
+        error = box.errors(aims, np.tile(R, (len(on), 1, 1)), p_now, R_now)
         least = task.limit_margin(now).min(axis=1)
         good = (s[:, -1] > SINGULAR * s[:, 0]) & (least > 0) & ~jumps
         good &= np.linalg.norm(error, axis=1) < near
@@ -242,10 +240,20 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
             break
         ends[on], steps[on] = now.reshape(-1, C, n), step
         margin[on] = np.minimum(margin[on], least[rows].reshape(-1, C).min(axis=1))
-        error[:, : len(box.half_width)] += np.tile(
-            offsets[:, task.rows[: len(box.half_width)]] / STEPS, (len(together), 1)
-        )
+        # one step outward
+        error[:, : step_of_all.shape[1]] += np.tile(step_of_all, (len(together), 1))
         dQ = np.einsum("Knm,Km->Kn", G[rows], error[rows])
         jumps = np.abs(dQ).max(axis=1) > _LONGEST
         now = now + dQ
     return Grown(p, Q, steps, margin, ends)
+
+
+def _middles(box: Cell, p: Array, Q: Array) -> tuple[Array, Array]:
+    """Solve for the box's orientation at positions p (K, 3), m, from Q (K, n), inside the limits.
+
+    Return the positions and configurations where this succeeds.
+    """
+    R = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))
+    Q, left = reached(box, p, R, Q, inward=True, iterations=40)
+    inside = (left < EXACT) & (box.task.limit_margin(Q).min(axis=1) > 0)
+    return p[inside], Q[inside]

@@ -202,17 +202,16 @@ def _found(fit: CellFit, cell: Cell, posture: Any, incomplete: str) -> CellDesig
         else [Candidate(given(cell, posture), 1.0, np.inf, np.inf, np.inf)]
     )
     q, found = fit.best(cell, postures)
-    free = [i for i in cell.free if i in cell._removed]
     partly = isinstance(found, CellDesign) and found.coverage > 0
     if isinstance(found, CellDesign) and (
         found.evaluation.everywhere or (partly and incomplete == "keep")
     ):
-        return fit.priced(ended_at_bodies(fit, found, free), q)
+        return fit.priced(ended_at_bodies(fit, found), q)
     failures = found.failures if isinstance(found, CellDesign) else found
     if incomplete == "shrink":
         part = trimmed(fit, cell, q, Required())
         if part is not None:
-            return ended_at_bodies(fit, part[2], free)
+            return ended_at_bodies(fit, part.design)
     fits, smaller = _largest(fit, cell, q, quick=incomplete != "shrink")
     if incomplete == "shrink" and smaller is not None:
         return smaller
@@ -339,7 +338,8 @@ def _refusal(
     why = ", and ".join(stop.what for stop in failures) or "its configurations do not fit together"
     ring = round_the_base(cell)
     remedy = (
-        f"use incomplete='shrink' to get a cell of {cell.scaled(fits).size()}"
+        "use incomplete='shrink' to move its sides inward "
+        f"(around the same middle, {cell.scaled(fits).size()} works)"
         if fits > 0
         else "no smaller cell with this middle works either; move it, or give another posture="
     )

@@ -5,9 +5,9 @@ A box or sector that one corner spoils thus loses one side, and not a share of a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from ....base.arguments import Array
 from ....base.errors import InputError
 from ....model.bodies import bodies_of
+from ....model.task import Task
 from ..cell_design import CellDesign
 from ..chart.chart import Chart
 from ..evaluate.cell_evaluation import evaluate_cell, sampled
-from ..evaluate.margins import CandidateFunction
-from ..evaluate.reach import rays
+from ..evaluate.margins import CandidateFunction, distances_of, searched
+from ..evaluate.reach import rays, unlike_rows
 from ..evaluate.turning import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
@@ -28,12 +29,23 @@ from ..geometry.sector import ANGLE
 from ..place.posture_search import given
 from .cell_fit import CellFit
 
-_ROUNDS = 6
+_ROUNDS, _CUTS = 6, 12
+"""Maximum numbers of designs over smaller and smaller parts, and of cuts where bodies are near."""
+
 _POSES, _TURNED = 4096, 2048
-"""Numbers of poses at which a function is tested, and of those where bodies are."""
+"""Numbers of poses at which a function is tested, and of those at which its bodies are."""
 
 _BODIES = 768
 """Number of poses at which bodies are tested to move the sides of radius and height."""
+
+_STARTS, _SPREAD = 6, 0.3
+"""Number of poses from which nearer bodies are searched for, and their least difference in u."""
+
+_TURNS = (0.9, -0.9, 1.8, -1.8)
+"""Further values of the joint that turns the arm at which bodies are tested, rad."""
+
+_INSIDE = 0.01
+"""Distance in u by which the first cut leaves out more than the worst pose; later ones more."""
 
 _LEAST = 0.05
 """Share of the cell below which nothing of use is left."""
@@ -55,37 +67,49 @@ class Required(NamedTuple):
     distance: float = -np.inf
 
 
-def trimmed(
-    fit: CellFit, cell: Cell, q: Array, limits: Required
-) -> tuple[Cell, Array, CellDesign] | None:
+class Part(NamedTuple):
+    """Part of a cell, the configuration q (n,) in its middle, and a function that covers it."""
+
+    cell: Cell
+    q: Array
+    design: CellDesign
+
+
+def trimmed(fit: CellFit, cell: Cell, q: Array, limits: Required) -> Part | None:
     """Design a function on a part of a cell, whose sides are moved inward until it is covered.
 
-    Quick designs find the part. ``q`` (n,) is the configuration in the middle. Return the part, the
-    configuration in its middle, and the design; None if no part of 5 % is covered.
+    Quick designs find the part. ``q`` (n,) is the configuration in the middle. Return None if no
+    part of 5 % is covered.
     """
     volume, quick = 1.0, True
     for _ in range(_ROUNDS):
         found = fit.design(cell, q, quick=quick)
         U, bad = _failing(fit, cell, q, found, limits)
-        if not bad.any():
-            if not isinstance(found, CellDesign):
+        if bad.any():
+            low, high = cut_sides(U, bad)
+            volume *= float(np.prod((high - low) / 2))
+            inner = None if volume < _LEAST else _between(fit, cell, q, found, low, high)
+            if inner is None:
                 return None
-            if not quick and found.evaluation.everywhere:
-                return cell, q, found
-            if not quick:
-                return None
+            cell, q = inner
+        elif quick and isinstance(found, CellDesign):
             quick = False
-            continue
-        low, high = cut_sides(U, bad)
-        volume *= float(np.prod((high - low) / 2))
-        if volume < _LEAST:
-            return None
-        part = cell._part(low, high)
-        try:
-            q = given(part, _configuration(fit, cell, q, found, (low + high) / 2))
-        except InputError:
-            return None
-        cell = part
+        else:
+            covered = isinstance(found, CellDesign) and found.evaluation.everywhere
+            return Part(cell, q, cast(CellDesign, found)) if covered else None
+    return None
+
+
+def _between(
+    fit: CellFit, cell: Cell, q: Array, found: object, low: Array, high: Array
+) -> tuple[Cell, Array] | None:
+    """Return the cell between two corners (k,), and the configuration (n,) in its middle.
+
+    That is the one of the function ``found``, or of a ray from q. Return None if it cannot be used.
+    """
+    part = cell._part(low, high)
+    with suppress(InputError):
+        return part, given(part, _configuration(fit, cell, q, found, (low + high) / 2))
     return None
 
 
@@ -120,27 +144,29 @@ def _failing(
         U, bad = np.concatenate([U, more]), np.concatenate([bad, np.ones(len(more), bool)])
     if np.isfinite(limits.distance):
         some = np.flatnonzero(~bad[: len(at.Q)])[:_BODIES]
-        bad[some] = too_near(chart.cell, at.Q[some], limits.distance)
+        joints = [one.joint for one in cell.removed if one.coordinate == ANGLE]
+        joint = joints[0] if joints else None
+        bad[some] = near_all_round(cell.task, at.Q[some], limits.distance, joint)
     if found.extra_speed > limits.mean and not bad.any():  # the dearest poses go
         ratio = np.nan_to_num(np.pad(at.ratio, (0, len(U) - len(at.ratio))), posinf=0.0)
         bad |= ratio > np.quantile(ratio, 0.97)
     return U, bad
 
 
-def too_near(cell: Cell, Q: Array, distance: float) -> NDArray[np.bool_]:
-    """Test at which configurations Q (K, n) bodies are nearer than a distance, m.
+def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> NDArray[np.bool_]:
+    """Test at which configurations Q (K, n) bodies are nearer than a distance, m, all round.
 
-    The surroundings may be in the way at one angle alone, so they are tested at five angles; a
-    sector is then cut along its angle.
+    Surroundings, and the base of the arm, may be in the way at one angle alone; a sector is then
+    cut along its angle, not along its radius. So the configurations are tested at five values of
+    the ``joint`` that turns the arm, if there is one, as far as it goes.
     """
-    task, bodies = cell.task, bodies_of(cell.task)
+    bodies = bodies_of(task)
     near = bodies.hull_distances(Q) < distance
     near[near] = bodies.distances(Q[near]) < distance
-    joints = [one.joint for one in cell.removed if one.coordinate == ANGLE]
-    if task.robot.surroundings is not None and joints:
-        around = np.eye(task.n)[joints[0]]
-        for turn in (0.9, -0.9, 1.8, -1.8):
-            near[near] = bodies.distances(Q[near] + turn * around) < distance
+    for turn in () if joint is None else _TURNS:
+        turned = Q[near] + turn * np.eye(task.n)[joint]
+        inside = task.limit_margin(turned)[:, joint] >= 0
+        near[np.flatnonzero(near)[inside]] = bodies.distances(turned[inside]) < distance
     return near
 
 
@@ -156,57 +182,98 @@ def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) 
     return np.asarray(Q[0] - cell.along @ cell._measured(p, R)[0, cell._removed])
 
 
-def turned_poses(chart: Chart, count: int) -> tuple[Cell, Array, Array]:
-    """Sample a function over all coordinates of its cell, those of symmetries included.
+def ended_at_bodies(
+    fit: CellFit, found: CellDesign, distance: float = 0.0, *, sides: bool = False
+) -> CellDesign:
+    """Cut the ranges ``"all"`` of a sector, such as the angle, where bodies come too close.
 
-    Return the whole cell, coordinates (K, k) and configurations (K, n) where they are inside the
-    limits.
+    With ``sides``, those of radius and height are cut, too. The function is the same, over a
+    smaller sector. It is cut until no sampled pose, and none that a search finds, has bodies nearer
+    than ``distance``, m. The design is returned unchanged if no such part of 5 % is found.
+    """
+    if not found.body_distance < distance:
+        return found
+    whole, chart, left, design = found.function.chart.cell, found.function.chart, 1.0, found
+    coordinates = [*whole.free, *(whole.moved if sides else ())]
+    for k in range(_CUTS if coordinates else 0):
+        U, bad = _near(chart, distance, seed=19 + k)
+        if bad.any():
+            columns = [int(np.flatnonzero(chart.cell.whole.moved == i)[0]) for i in coordinates]
+            low, high = cut_sides(U[:, columns], bad, _INSIDE * (k + 1))
+            left *= float(np.prod((high - low) / 2))
+            if left < _LEAST:
+                return found
+            chart = _cut(chart, dict(zip(coordinates, zip(low, high, strict=True), strict=True)),
+                         fit.limit_margin)  # fmt: skip
+            continue
+        design = _evaluated(fit, found, chart)
+        if not design.body_distance < distance:
+            return design
+    return found if design.body_distance < 0 else design
+
+
+def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.bool_]]:
+    """Find poses of a chart's function where bodies are nearer than a distance, m.
+
+    They depend also on the coordinates that symmetries remove, such as the angle. Return poses U
+    (K, k) in all coordinates of the cell, and where bodies are too near (K,). If they are at no
+    sampled pose, nearer ones are searched for by descent.
     """
     whole = expanded(chart)
-    U = np.concatenate([whole.cell.sample(count, 19), whole.cell.corners()])
-    points = whole.solve(U)
-    margin = whole.cell.task.limit_margin(points.Q).min(axis=1)
-    good = points.found & (margin > -1e-6)
-    return whole.cell, U[good], points.Q[good]
+    candidate = CandidateFunction.zero(whole)
+    U = whole.cell.sample(_TURNED, seed)
+    ends = np.random.default_rng(seed).random(U.shape) < 1 / 3  # bodies are nearest at the edges
+    U = np.concatenate([np.where(ends, np.sign(U), U), whole.cell.corners()])
+    distances = _distances(candidate, U)
+    if not (distances < distance).any():
+        starts = U[np.argsort(distances)]
+        starts = starts[unlike_rows(starts, _SPREAD, _STARTS)]
+        U = searched(candidate, distances_of(whole.cell.task), starts)
+        distances = _distances(candidate, U)
+    return U, distances < distance
 
 
-def ended_at_bodies(
-    fit: CellFit, found: CellDesign, coordinates: Sequence[int], distance: float = 0.0
-) -> CellDesign:
-    """Cut a sector's symmetric coordinates, such as the angle, where bodies come too close.
+def _distances(candidate: CandidateFunction, U: Array) -> Array:
+    """Compute the body distances (K,) of a function at U (K, k), m; infinite beyond the limits."""
+    points, task = candidate.at(U), candidate.chart.cell.task
+    good = points.found & (task.limit_margin(points.Q).min(axis=1) > -1e-6)
+    distances = np.full(len(U), np.inf)
+    distances[good] = bodies_of(task).distances(points.Q[good])
+    return distances
 
-    The function is the same, over a smaller range. The design is returned unchanged if no bodies
-    are closer than ``distance``, m, or no range of these ``coordinates`` is free of such poses.
+
+def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> Chart:
+    """Return the chart of the same function over a part of its sector.
+
+    ``ends`` are from −1 to 1, by the index of the coordinate. A range that ended at the limits of a
+    joint keeps the limit ``margin``, rad, at the end that is not cut.
     """
-    chart = found.function.chart
-    if not coordinates or not found.body_distance < distance:
-        return found
-    sector, U, Q = turned_poses(chart, _TURNED)
-    bad = bodies_of(found.task).distances(Q) < distance
-    if not bad.any():
-        return found
-    columns = [int(np.flatnonzero(sector.moved == i)[0]) for i in coordinates]
-    low, high = cut_sides(U[:, columns], bad)
-    if float(np.prod((high - low) / 2)) < _LEAST:
-        return found
-    ranges = {}
-    for i, below, above in zip(coordinates, low, high, strict=True):
-        if below > -1 or above < 1:
-            w = sector.widths[i]
-            least = -w if w >= np.pi - 1e-9 else -w + fit.limit_margin
-            ranges[i] = max(w * below, least), min(w * above, -least)
-    cut = narrowed(chart, ranges)
-    evaluation = evaluate_cell(fit.desired, cut, found.held_out, fit.seed + 2, quick=False)
+    cell, ranges = chart.cell, {}
+    for i, (low, high) in ends.items():
+        if i not in cell.moved and (low > -1 or high < 1):
+            w = cell.widths[i]
+            least = -w + margin * (i in cell.free and w < np.pi - 1e-9)
+            ranges[i] = max(w * low, least), min(w * high, -least)
+    chart = narrowed(chart, ranges)
+    low, high = np.array([ends.get(int(i), (-1.0, 1.0)) for i in cell.moved]).T
+    return chart.between(low, high)
+
+
+def _evaluated(fit: CellFit, found: CellDesign, chart: Chart) -> CellDesign:
+    """Return the design of a function over the part of its sector that bodies left."""
+    evaluation = evaluate_cell(fit.desired, chart, found.held_out, fit.seed + 2, quick=False)
     links = " and ".join(found.evaluation.nearest_bodies)
-    names = {sector.coordinate_names[i]: high - low for i, (low, high) in ranges.items()}
+    before, after = found.function.chart.cell, chart.cell
+    names = {after.whole.coordinate_names[i]: 2 * after.widths[i] for i in before.free}
+    ended = {before.whole.coordinate_names[i] for i in set(before.free) - set(after.free)}
     turns = tuple(
         replace(turn, reach=names[turn.coordinate], bodies=links)
-        if turn.coordinate in names
+        if turn.coordinate in ended
         else turn
         for turn in found.evaluation.turns
     )
-    function = CellDesign.of(fit.desired, cut, evaluation, **_how(found))
-    return replace(function, evaluation=replace(evaluation, turns=turns))
+    design = CellDesign.of(fit.desired, chart, evaluation, **_how(found))
+    return replace(design, evaluation=replace(evaluation, turns=turns))
 
 
 def _how(found: CellDesign) -> dict[str, object]:

@@ -571,6 +571,13 @@ class Cell:
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
 
+    def rim(self) -> Array:
+        """Return the coordinates (K, k) of corners, face centres and, in a box, edge middles."""
+        if self.k != 3:
+            return self.corners()
+        U = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+        return U[np.abs(U).any(axis=1)]
+
     # ---- words
     # -------------------------------------------------------------------------------------
 

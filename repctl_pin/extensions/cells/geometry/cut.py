@@ -7,15 +7,13 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array
 
-_INSIDE = 0.01
-"""Distance in u, from −1 to 1 over a cell, by which a cut leaves out more than the worst pose."""
 
-
-def cut_sides(U: Array, bad: NDArray[np.bool_]) -> tuple[Array, Array]:
+def cut_sides(U: Array, bad: NDArray[np.bool_], inside: float = 0.01) -> tuple[Array, Array]:
     """Find a large box of coordinates that has no bad pose: its low and high corner (k,).
 
     One side at a time is moved inward, such that least volume is lost per bad pose that it leaves
     out. U (K, k) are coordinates from −1 to 1, ``bad`` (K,) says at which of them a function fails.
+    A cut leaves out ``inside`` more than the worst pose.
     """
     k = U.shape[1]
     low, high = np.full(k, -1.0), np.full(k, 1.0)
@@ -27,7 +25,7 @@ def cut_sides(U: Array, bad: NDArray[np.bool_]) -> tuple[Array, Array]:
             for way in (1.0, -1.0):
                 end = high[axis] if way > 0 else -low[axis]
                 at = np.sort(way * wrong[:, axis])[::-1]  # the outermost first
-                lost = (end - at + _INSIDE) / max(width, 1e-12)
+                lost = (end - at + inside) / max(width, 1e-12)
                 # cost of the logarithm of the volume, per pose that is left out
                 cost = -np.log(np.maximum(1e-12, 1 - lost)) / np.arange(1, len(at) + 1)
                 one = int(np.argmin(cost))
@@ -35,9 +33,9 @@ def cut_sides(U: Array, bad: NDArray[np.bool_]) -> tuple[Array, Array]:
                     best = float(cost[one]), axis, way, float(at[one])
         _, axis, way, at_ = best
         if way > 0:
-            high[axis] = at_ - _INSIDE
+            high[axis] = at_ - inside
         else:
-            low[axis] = -at_ + _INSIDE
+            low[axis] = -at_ + inside
         if high[axis] <= low[axis]:
             return low, low
         wrong = wrong[((wrong >= low) & (wrong <= high)).all(axis=1)]

@@ -187,7 +187,7 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     are free of collisions, those with collisions are left out.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
-    distances = bodies._all(Q)[0]
+    distances = bodies.distances(Q)
     separate = (distances >= 0) | (distances < 0).all()
     Q, distances = Q[separate], distances[separate]
     U = np.tile(corners, (len(Q), 1))
@@ -207,7 +207,7 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
         deepest = np.argsort(hulls)[:_TESTED]
         deepest = deepest[hulls[deepest] < 0]
         hulls[hulls < 0] = np.inf
-        tested = bodies._all(Q_ends[i, deepest])[0] if len(deepest) else np.inf
+        tested = bodies.distances(Q_ends[i, deepest]) if len(deepest) else np.inf
         distances[i] = np.min([distances[i], hulls.min(), np.min(tested)])
     share = good.mean(axis=1)
     margin = np.where(good, least, np.inf).min(axis=1)

@@ -7,8 +7,8 @@ of a box to its corners. A box fits in a place if this succeeds.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,11 +22,15 @@ from ....model.chain_formulas import require_rotation
 from ....model.several_frames import one_frame
 from ....model.task import Task, require_task
 from ....strategies import Pseudoinverse
+from ..cell_design import CellDesign
+from ..evaluate.failures import FailureReason
 from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
+from ..fit.cell_fit import CellFit
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
-from ..place.posture_search import Candidate, chosen, judged, searched
+from ..place.posture_search import Candidate, judged, searched
+from .approach import Approach, approach_axis, with_approach
 from .whole_table import WholeTable, whole_table
 
 _DRAWN = 4096
@@ -45,15 +49,21 @@ _TRIED, _ALIKE = 12, 0.3
 """Number of middles with different joints, and at different places, around which boxes are judged;
 and difference of the joints, rad or m, below which two middles are alike."""
 
-_ENOUGH = 0.3
-"""Limit margin, rad or m, above which a larger one is no longer an advantage."""
+_ENOUGH, _APART, _MARGIN = 0.3, 0.02, 0.05
+"""Limit margin, rad or m, and body distance, m, above which larger ones are no longer an advantage;
+and the limit margin that designs keep where possible."""
+
+_JUDGED, _CONFIRMED, _HELD_OUT = 3, 2, 2048
+"""Numbers of places at which designs of one size are compared, and of designs of full accuracy per
+size; and of their held-out poses."""
 
 _TOOL = {
     "down": np.diag([1.0, -1.0, -1.0]),
     "forward": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
     "up": np.eye(3),
 }
-"""Rotations of the tool whose z axis points down, forward (along x of the base), or up."""
+"""Rotations of the tool whose approach axis, z of its frame, points down, forward (along x of the
+base), or up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +86,9 @@ class BestCell:
     table : WholeTable or None
         Without a size: the function over the sector, ``table.design``; the best arm with locked
         joints, ``table.locked``; and what the arm reaches.
+    approach : Approach or None
+        Approach axis of the tool, which ``orientation`` refers to; None if it was not used. If it
+        is not z, the task of ``cell`` has a frame that is turned such that z is along it.
 
     Examples
     --------
@@ -92,6 +105,7 @@ class BestCell:
     margin: float
     reason: str
     table: WholeTable | None = None
+    approach: Approach | None = None
 
     def __repr__(self) -> str:
         fits = "fits" if self.factor == 1 else f"{100 * self.factor:.0f} % of it fits"
@@ -104,6 +118,7 @@ def best_cell(
     size: ArrayLike | None = None,
     *,
     orientation: str | ArrayLike | None = None,
+    approach: str | None = None,
     yaw: float = 0.0,
     at: ArrayLike | None = None,
     heights: tuple[float, float] = (-np.inf, np.inf),
@@ -120,14 +135,15 @@ def best_cell(
     where a function fails, costs too much or bodies come nearer than 5 mm. The best one is
     returned.
 
-    A box fits if J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in its
-    middle along straight ways to all corners, inside the joint limits, and no bodies collide in the
-    middle and at the corners. The middles that are tried are random configurations, turned to the
-    orientation, and others beside the best of them. The largest box is taken. Among equal ones,
-    those above z = 0 of the base come first, then those with the largest limit margin, up to 0.3
-    rad or m, then those with the shortest ways; with ``at``, the nearest one. Boxes shrink by
-    tenths of the size. The function over the box is then designed by
-    :func:`nearest_inverse_function`.
+    A box fits if one function covers it, inside the joint limits, and no bodies collide: a design
+    confirms it. Before, J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in
+    its middle along straight ways to all corners and edges. The middles that are tried are random
+    configurations, turned to the orientation, and others beside the best of them. The largest box
+    is taken. Among equal ones, those above z = 0 of the base come first, then those with the
+    largest limit margin, up to 0.3 rad or m, then those with the shortest ways; with ``at``, the
+    nearest ones. From among them, the one is taken whose function has the best margins, body
+    distance and joint speed. Boxes shrink by tenths of the size. The function over the box is
+    designed by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -137,8 +153,13 @@ def best_cell(
         Edges of the box, m: one number, or one per position that the task commands; by default the
         largest sector.
     orientation : str or (3, 3) array, optional
-        Direction of the tool's z axis, ``"down"``, ``"forward"`` (along x of the base) or
-        ``"up"``; or a rotation matrix. By default, the orientation at the task's reference.
+        Direction of the tool's approach axis, ``"down"``, ``"forward"`` (along x of the base) or
+        ``"up"``; or the rotation matrix of the frame. By default, the orientation at the task's
+        reference.
+    approach : str, optional
+        Approach axis of the frame: ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``. By
+        default, it is found from the axis of the last joint and the fingers if ``orientation`` is a
+        word, and is z otherwise. An axis task then commands this axis.
     yaw
         Angle by which the tool is then turned about the base's z axis, rad.
     at : (3,) array, optional
@@ -175,33 +196,34 @@ def best_cell(
             f"{task!r} is not redundant: with r = {task.r} the pose determines the joints",
             remedy="use another kind of task",
         )
+    approached, task, R = _oriented(task, orientation, approach, yaw)
     if size is None:
-        return _whole(
-            task, _rotation(task, orientation, yaw), at, heights, most_extra, seed, progress
-        )
+        place = _whole(task, R, at, heights, most_extra, seed, progress)
+        return replace(place, approach=approached)
     edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
-    R = _rotation(task, orientation, yaw)
     near_to = None if at is None else vector(at, 3, "at", "m")
     place = pin.SE3(R, task.placement(task.reference).translation)
     box = Cell(task, place, edges / 2)
-    rng = np.random.default_rng(as_int(seed, "seed", 0))
+    seed = as_int(seed, "seed", 0)
+    rng = np.random.default_rng(seed)
     with reporter(progress) as report:
         report("looking for places", 0.0)
         found = _candidates(box, near_to, rng, report)
         report("searching for postures", 0.8)
-        best = _fitted(box, found)
+        best = _fitted(box, found, seed)
     if best is None:
         why = _obstruction(_box_at(box, found.p[0]), found.Q[0])
         raise InputError(
-            f"no box of this shape fits in this orientation: {why}",
+            f"no box of this shape fits in this orientation: {why or 'no function covers one'}",
             remedy="turn the tool, or use another kind of task",
         )
-    cell, posture, q = best
+    cell, own, reason = best
     factor = float(cell.widths.max() / box.widths.max())
-    reason = "" if factor == 1 else _obstruction(cell.scaled(1 / factor), q)
-    return BestCell(cell, posture.q, factor, posture.margin, reason)
+    if factor < 1:
+        reason = _obstruction(cell.scaled(1 / factor), own.q) or reason
+    return BestCell(cell, own.q, factor, own.margin, reason * (factor < 1), approach=approached)
 
 
 def _whole(
@@ -250,32 +272,38 @@ def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
     return low, high
 
 
-def _rotation(task: Task, orientation: Any, yaw: float) -> Array:
-    """Make the rotation of the tool (3, 3), in base axes, from a word or a matrix, and the yaw.
+def _oriented(
+    task: Task, orientation: Any, approach: Any, yaw: float
+) -> tuple[Approach | None, Task, Array]:
+    """Make the rotation of the tool (3, 3), in base axes, and the task with z as approach axis.
 
     ``orientation`` is "down", "forward", "up", a rotation matrix, or None for that at the task's
     reference. ``yaw`` is a further rotation about the base's z axis, rad. An InputError is raised
-    for anything else, or if the task leaves the rotation free.
+    for anything else, or if the task leaves the rotation free. The approach axis is None where it
+    is neither given nor needed.
     """
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, finite(yaw, "yaw"))
+    for name, value in (("orientation", orientation), ("approach", approach)):
+        if value is not None and not task.kind.turns:
+            raise InputError(
+                f": a {task.kind} task leaves the rotation free", argument=name, remedy="omit it"
+            )
+    found = None
+    if approach is not None or isinstance(orientation, str):
+        found = approach_axis(task, approach)
+        task = with_approach(task, found)
     if orientation is None:
-        return turn @ task.placement(task.reference).rotation
-    if not task.kind.turns:
-        raise InputError(
-            f": a {task.kind} task leaves the rotation free",
-            argument="orientation",
-            remedy="omit it",
-        )
+        return found, task, turn @ task.placement(task.reference).rotation
     if isinstance(orientation, str):
         if orientation not in _TOOL:
             raise InputError(
                 f"must be 'down', 'forward', 'up' or a rotation matrix; got {orientation!r}",
                 argument="orientation",
             )
-        return turn @ _TOOL[orientation]
+        return found, task, turn @ _TOOL[orientation]
     (R,) = as_matrices(("the orientation", orientation, "3 3"), exact=True)
     require_rotation(R, "the orientation")
-    return np.asarray(turn @ R)
+    return found, task, turn @ (R if found is None else R @ found.rotation)
 
 
 def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: Report) -> Grown:
@@ -330,43 +358,105 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
     bodies = bodies_of(box.task)
     free: list[int] = []
     for first in range(0, min(len(found.p), _DEPTH * count), count):
-        here = bodies._all(found.Q[first : first + count])[0] >= 0
+        here = bodies.distances(found.Q[first : first + count]) >= 0
         free += [*first + np.flatnonzero(here)]
         if len(free) >= count:
             break
     return rows_of(found, free[:count] or [0])
 
 
-def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
-    """Choose the middle around which the largest box fits, without collisions; None if none fits.
+class _Fitting(NamedTuple):
+    """Box of which the design of one function says that it is covered.
 
-    Return the box there, the best posture in its middle, and the configuration (n,) with which the
-    middle was found, from which J⁺ can show what stops a larger box.
+    Attributes
+    ----------
+    cell : Cell
+        The box.
+    own : Candidate
+        Posture in its middle.
+    reason : str
+        Why no function covers a larger box; empty if none was tried.
     """
-    task, desired = box.task, Pseudoinverse(box.task)
+
+    cell: Cell
+    own: Candidate
+    reason: str
+
+
+def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
+    """Choose the middle around which the largest box fits, and a posture there; None if none fits.
+
+    Among equal boxes, quick designs of postures that differ show which has the best margins and the
+    lowest joint speed. A design of full accuracy confirms that one function covers the box.
+    """
+    desired = Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
-    best: tuple[Cell, Candidate, Array] | None = None
-    size = 0
     unlike = unlike_rows(free.Q, _ALIKE, _TRIED)
-    for k in [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]:
-        low, high, middle = size, int(free.steps[k]), free.steps[k]
-        while low < high:  # the box grows beyond ``low`` steps, and not beyond ``high``
-            cell = _box_at(box, free.p[k], middle / STEPS)
-            own = judged(desired, cell, free.Q[k][None])[0]
-            if _fits(own):
-                best, size, low = (cell, own, free.Q[k]), middle, middle
-            else:
-                high = middle - 1
-            middle = (low + high + 1) // 2
-    if best is None:
-        return None
-    cell, own, q = best
-    candidates = [own]
-    with suppress(InputError):  # it draws other configurations, which may all fail
-        candidates += [
-            c for c in searched(desired, cell) if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
+    rows = [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]
+    largest = [_largest_steps(desired, box, free, k) for k in dict.fromkeys(rows)]
+    rows = list(dict.fromkeys(rows))
+    fit = CellFit(
+        desired,
+        "auto",
+        limit_margin=_MARGIN,
+        body_distance=0.0,
+        sigma_min=0.0,
+        samples=None,
+        held_out=_HELD_OUT,
+        seed=seed,
+        keep=False,
+    )
+    reason = ""
+    for size in range(max(largest), 0, -1):
+        places = [k for k, most in zip(rows, largest, strict=True) if most >= size][:_JUDGED]
+        cells = [_box_at(box, free.p[k], size / STEPS) for k in places]
+        tried = [
+            (c, judged(desired, c, free.Q[k][None])[0]) for c, k in zip(cells, places, strict=True)
         ]
-    return cell, chosen(candidates, task.reference), q
+        if cells:
+            with suppress(InputError):  # it draws other configurations, which may all fail
+                tried += [(cells[0], c) for c in searched(desired, cells[0])[:_JUDGED] if _fits(c)]
+        quick = [(fit.design(cell, own.q, quick=True), cell, own) for cell, own in tried]
+        quick.sort(key=lambda part: -_worth(part[0]))
+        good = sum(_worth(guess) > 0 for guess, *_ in quick)
+        for guess, cell, own in quick[: max(1, min(good, _CONFIRMED))]:
+            design = fit.design(cell, own.q, guess=guess)
+            if isinstance(design, CellDesign) and _worth(design) > 0:
+                return _Fitting(cell, own, reason)
+            reason = reason or _said(design)
+    return None
+
+
+def _largest_steps(desired: Pseudoinverse, box: Cell, found: Grown, k: int) -> int:
+    """Find the largest number of steps by which a box grows around a middle k, and still fits."""
+    low, high = 0, int(found.steps[k])
+    middle = high
+    while low < high:
+        cell = _box_at(box, found.p[k], middle / STEPS)
+        if _fits(judged(desired, cell, found.Q[k][None])[0]):
+            low = middle
+        else:
+            high = middle - 1
+        middle = (low + high + 1) // 2
+    return low
+
+
+def _worth(design: object) -> float:
+    """Evaluate a design by its margins, up to what is of use, and joint speed; 0 if it fails.
+
+    It fails if it does not cover the box, or if bodies collide.
+    """
+    if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
+        return 0.0
+    clear = min(design.body_distance / _APART, 1.0)
+    inside = min(design.limit_margin_worst / _ENOUGH, 1.0)
+    return max(clear, 0.0) * (0.1 + inside) / (1 + 10 * design.extra_speed)
+
+
+def _said(design: CellDesign | tuple[FailureReason, ...]) -> str:
+    """Write why no function covers a box, from a design that fails or its reasons."""
+    failures = design.failures if isinstance(design, CellDesign) else design
+    return max(failures, key=lambda stop: stop.share).what if failures else ""
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
@@ -384,7 +474,7 @@ def _obstruction(cell: Cell, q: Array) -> str:
     """Write what keeps J⁺ from the corners of a cell, from a configuration q (n,) in its middle.
 
     The text completes an error message: a corner out of reach or behind a singularity, a joint that
-    leaves its limits, or two bodies that collide.
+    leaves its limits, or two bodies that collide. It is empty if nothing does.
     """
     task, corners = cell.task, cell.corners()
     ends = rays(Pseudoinverse(task), cell, q, corners, steps=16)
@@ -402,9 +492,9 @@ def _obstruction(cell: Cell, q: Array) -> str:
         return f"on the way to the corner {where}, {joint!r} leaves its limits"
     bodies = bodies_of(task)
     Q = np.array([q, *ends.Q])
-    k = int(np.argmin(bodies._all(Q)[0]))
-    near = bodies._nearest(Q[k])
+    k = int(np.argmin(bodies.distances(Q)))
+    near = bodies.nearest(Q[k])
     place = "in the middle" if k == 0 else f"at the corner {cell.where(corners[k - 1])}"
     if near.distance < 0:
         return f"{place}, {' and '.join(near.links)} collide"
-    return "another posture in the middle is needed, which the search did not find"
+    return ""

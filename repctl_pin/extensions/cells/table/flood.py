@@ -53,6 +53,8 @@ class Table(NamedTuple):
         Coordinates of the nodes, m.
     counted : (n,) array of bool
         Joints whose limits count; those that alone turn the arm or the tool are left out.
+    joint : int
+        Index of the joint that turns the arm about the axis.
     """
 
     task: Task
@@ -63,6 +65,7 @@ class Table(NamedTuple):
     radii: NDArray[Any]
     heights: NDArray[Any]
     counted: NDArray[np.bool_]
+    joint: int
 
     @property
     def shape(self) -> tuple[int, int]:

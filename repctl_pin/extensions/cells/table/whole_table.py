@@ -7,6 +7,7 @@ rectangles in the best of them are the sectors for which functions are designed.
 from __future__ import annotations
 
 from contextlib import suppress
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -24,14 +25,14 @@ from ..cell_design import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, covered_share, ended_at_bodies, trimmed
+from ..fit.trimming import Required, covered_share, ended_at_bodies, near_all_round, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
-from ..geometry.kinematics import placed
+from ..geometry.kinematics import joined, placed
 from ..geometry.sector import HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
-from .flood import SPACING, Table, connected, flooded, rectangles
+from .flood import SPACING, Rectangles, Table, connected, flooded, rectangles
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
@@ -48,6 +49,10 @@ _CLEAR = 0.005
 
 _NEAREST = 0.06
 """Smallest radius of a node, m."""
+
+_SETS, _COMPARED, _ALMOST = 16, 6, 0.02
+"""Numbers of sets of joints that are locked as in the middle of a design, and of arms with locked
+joints that are compared; and the difference of shares below which these are equal."""
 
 _HELD_OUT = 8192
 _SETTLED = 40
@@ -67,6 +72,8 @@ class LockedJoints(NamedTuple):
         Share of the sector's radii and heights that it covers, on a grid of 3 cm.
     extra, worst : float
         Extra joint speed relative to J⁺, on average and at the worst node.
+    area : float
+        Area of radius and height of the largest sector that it covers without collision, m².
     """
 
     joints: tuple[str, ...]
@@ -74,6 +81,7 @@ class LockedJoints(NamedTuple):
     share: float
     extra: float
     worst: float
+    area: float
 
     def __str__(self) -> str:
         pairs = zip(self.joints, self.values, strict=True)
@@ -82,7 +90,8 @@ class LockedJoints(NamedTuple):
             return f"{where} locked: covers none of it"
         return (
             f"{where} locked: covers {100 * self.share:.0f} % of it, "
-            f"+{100 * self.extra:.1f} % on average, +{100 * self.worst:.0f} % at the worst pose"
+            f"+{100 * max(self.extra, 0.0):.1f} % on average, "
+            f"+{100 * self.worst:.0f} % at the worst pose"
         )
 
 
@@ -94,7 +103,11 @@ class WholeTable(NamedTuple):
     design : CellDesign
         The function over the sector.
     locked : LockedJoints or None
-        The best arm with locked joints, for comparison.
+        The arm with locked joints that covers most of the sector, within the limits of joint speed
+        if any is; of several, the cheapest.
+    larger : LockedJoints or None
+        An arm with locked joints that covers a larger sector within the limits of joint speed; None
+        if there is none.
     reach, rectangle : float
         Area of radii and heights that any flood reaches, and of the largest rectangle in one, m².
     floods : list of (I, J) arrays of bool
@@ -105,6 +118,7 @@ class WholeTable(NamedTuple):
 
     design: CellDesign
     locked: LockedJoints | None
+    larger: LockedJoints | None
     reach: float
     rectangle: float
     floods: list[NDArray[np.bool_]]
@@ -143,13 +157,12 @@ class _Floods(NamedTuple):
         """Nodes that each flood reaches, (S, I, J)."""
         return np.isfinite(self.Q[..., 0])
 
-    def middles(self) -> tuple[Array, NDArray[np.intp], Array]:
-        """Return the areas (S,) of the largest rectangles, and nodes and Q in their middles."""
-        found = rectangles(self.reached)
+    def middles(self, found: Rectangles) -> tuple[NDArray[np.intp], Array]:
+        """Return the nodes (S, 2) and configurations (S, n) in the middles of rectangles."""
         nodes = (found.first + found.last) // 2
         empty = found.area == 0
         nodes[empty] = self.nodes[empty]
-        return found.area, nodes, self.Q[np.arange(len(self.Q)), nodes[:, 0], nodes[:, 1]]
+        return nodes, self.Q[np.arange(len(self.Q)), nodes[:, 0], nodes[:, 1]]
 
 
 def whole_table(
@@ -188,15 +201,15 @@ def whole_table(
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
     clear = _clear(table, floods)
-    area, _, postures = clear.middles()
+    found = rectangles(clear.reached)
+    area, postures = found.area, clear.middles(found)[1]
     if not area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
             "at this orientation",
             remedy="turn the tool, or use --size or another kind of task",
         )
-    found = rectangles(clear.reached)
-    order = np.argsort(-area * _turns(table, clear, symmetries))
+    order = np.argsort(-area * _turns(table, clear, found, symmetries))
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     fit = CellFit(
         Pseudoinverse(task),
@@ -210,7 +223,7 @@ def whole_table(
         keep=True,
     )
     limits = Required(*most_extra, _CLEAR)
-    quick = []
+    quick, collide = [], ""
     for k, one in enumerate(order):
         report(f"posture {k + 1} of {len(order)}", 0.3 + 0.15 * k)
         cell = _sector(table, line, symmetries, found.first[one], found.last[one])
@@ -224,18 +237,30 @@ def whole_table(
         part = trimmed(fit, cell, q, limits)
         if part is None:
             continue
-        cell, q, design = part
-        free = [i for i in cell.free if i in cell._removed]
-        design = ended_at_bodies(fit, design, free, _CLEAR)
+        design = ended_at_bodies(fit, part.design, _CLEAR, sides=True)
+        if design.body_distance < 0:
+            collide = " and ".join(design.evaluation.nearest_bodies)
+            continue
         report("locked joints", 0.95)
-        baseline = _best_locked(table, locked, design)
-        masks = list(clear.reached)
-        return WholeTable(design, baseline, reach, float(area.max() * SPACING**2), masks, table)
-    raise InputError("no function covers a sector at this orientation", remedy="use --size")
+        locked = _with_middles(table, locked, design)
+        best = _best_locked(table, locked, design, limits)
+        larger = _larger(table, locked, design, limits)
+        largest = float(area.max() * SPACING**2)
+        return WholeTable(design, best, larger, reach, largest, list(clear.reached), table)
+    why = f": {collide} collide" if collide else ""
+    raise InputError(
+        f"no function covers a sector of {task.robot.name} at this orientation{why}",
+        remedy="turn the tool, or use --size",
+    )
 
 
 def _worth(cell: Cell, design: CellDesign | None) -> float:
-    """Evaluate a quick design by area, how far round it goes, body distance and joint speed."""
+    """Evaluate a quick design by area, how far round it goes, body distance and joint speed.
+
+    Bodies cost a share of the area later, some 10 % where they are near and 30 % where they collide
+    at φ = 0; a table of half a turn is worth three quarters of a whole one. A place without a quick
+    design comes last but is tried.
+    """
     if design is None:
         return 0.5 * area_of(cell)
     near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < _CLEAR else 1.0
@@ -244,12 +269,14 @@ def _worth(cell: Cell, design: CellDesign | None) -> float:
     return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
 
 
-def _turns(table: Table, floods: _Floods, symmetries: tuple[Symmetry, ...]) -> Array:
+def _turns(
+    table: Table, floods: _Floods, found: Rectangles, symmetries: tuple[Symmetry, ...]
+) -> Array:
     """Evaluate how far round the largest rectangle of each flood goes: (S,), from 0.5 to 1.
 
     The joint that turns the arm or the tool loses the range by which it differs over the rectangle.
     """
-    found, task, share = rectangles(floods.reached), table.task, np.ones(len(floods.Q))
+    task, share = table.task, np.ones(len(floods.Q))
     for k, flood in enumerate(floods.Q):
         (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
         Q = flood[i:i_end, j:j_end].reshape(-1, task.n)
@@ -316,6 +343,7 @@ def _drawn(
         np.arange(_NEAREST, rho.max() + SPACING, SPACING),
         np.arange(np.ceil(low / SPACING - 1e-9), np.floor(high / SPACING + 1e-9) + 1) * SPACING,
         counted,
+        symmetries[0].joint,
     )
     if len(table.heights) < 2:
         raise InputError(
@@ -363,8 +391,9 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
         distance = np.minimum(distance, np.linalg.norm((Q - Q[kept[-1]])[:, counted], axis=1))
     begin, at = Q[kept], nodes[kept]
     if len(locked.Q):
-        area, middles, postures = locked.middles()
-        order = np.argsort(-area)
+        found = rectangles(locked.reached)
+        middles, postures = locked.middles(found)
+        order = np.argsort(-found.area)
         order = order[unlike_rows(postures[order], _ALIKE, _MIDDLES)]
         begin = np.concatenate([begin, postures[order]])
         at = np.concatenate([at, middles[order]])
@@ -374,8 +403,8 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
 
 def _clear(table: Table, floods: _Floods) -> _Floods:
     """Remove nodes with collisions from the best floods, and what is then no longer connected."""
-    area, _, postures = floods.middles()
-    order = np.argsort(-area)
+    found = rectangles(floods.reached)
+    order, postures = np.argsort(-found.area), floods.middles(found)[1]
     order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
     Q = floods.Q[order].copy()
     for flood in Q:
@@ -385,7 +414,7 @@ def _clear(table: Table, floods: _Floods) -> _Floods:
     nodes, held = floods.nodes[order], floods.held[order]
     clear = _Floods(Q, nodes, held)
     # the part in which the largest rectangle lies
-    _, middles, _ = clear.middles()
+    middles, _ = clear.middles(rectangles(clear.reached))
     Q[~connected(clear.reached, middles)] = np.nan
     return _Floods(Q, middles, held)
 
@@ -394,20 +423,12 @@ def _near(table: Table, on: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
     """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
 
     Where convex hulls are too near, the bodies themselves are tested at one node of nine, because
-    that test takes forty times as long. Surroundings may be in the way at the angle 0 alone, so
-    they are tested at five angles.
+    that test takes forty times as long.
     """
-    task, bodies = table.task, bodies_of(table.task)
-    hulls = np.flatnonzero(bodies.hull_distances(Q) < _CLEAR)
+    hulls = np.flatnonzero(bodies_of(table.task).hull_distances(Q) < _CLEAR)
     _, first, block = np.unique(on[hulls] // 3, axis=0, return_index=True, return_inverse=True)
-    some = hulls[first]
-    near = bodies.distances(Q[some]) < _CLEAR
-    if task.robot.surroundings is not None:
-        around = np.eye(task.n)[np.flatnonzero(~table.counted)[0]]
-        for turn in (0.9, -0.9, 1.8, -1.8):
-            near[near] = bodies.distances(Q[some[near]] + turn * around) < _CLEAR
     found = np.zeros(len(Q), bool)
-    found[hulls] = near[block.ravel()]
+    found[hulls] = near_all_round(table.task, Q[hulls[first]], _CLEAR, table.joint)[block.ravel()]
     return found
 
 
@@ -436,41 +457,96 @@ def _sector(
     return reduced(sector, Pseudoinverse(table.task))
 
 
-def _best_locked(table: Table, locked: _Floods, design: CellDesign) -> LockedJoints | None:
-    """Find the locked floods that cover most of a design's sector, and the cheapest of them."""
-    if not len(locked.Q):
-        return None
+def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
+    """Add floods with joints locked as in the middle of a design, and at 0 from there."""
+    cell, task = design.cell, table.task
+    assert isinstance(cell, Sector), "a table is a sector"
+    sets = list(combinations(np.flatnonzero(table.counted), task.r))[:_SETS]
+    held = np.zeros((2 * len(sets), task.n), bool)
+    for row, joints in zip(held, [*sets, *sets], strict=True):
+        row[list(joints)] = True
+    rho, z = cell.middle
+    at = [np.argmin(np.abs(table.radii - rho)), np.argmin(np.abs(table.heights - z))]
+    nodes = np.tile(np.array(at), (len(held), 1))
+    Q = np.tile(design.posture, (len(held), 1))
+    Q[:, [one.joint for one in design.function.chart.cell.removed]] = 0.0
+    zero = held & (task.lower < 0) & (task.upper > 0)
+    zero[: len(sets)] = False
+    Q, good = table.solved(nodes, np.where(zero, 0.0, Q), held, _SETTLED)
+    more = _Floods(flooded(table, nodes[good], Q[good], held[good]), nodes[good], held[good])
+    return more if not len(locked.Q) else joined([locked, more])
+
+
+def _best_locked(
+    table: Table, locked: _Floods, design: CellDesign, limits: Required
+) -> LockedJoints | None:
+    """Find the locked flood that covers most of a design's sector, within the limits if any is.
+
+    The cheapest of those that cover as much is taken.
+    """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
     rho, z = cell.middle
     inside = np.abs(table.radii - rho)[:, None] <= cell.widths[RADIUS] + 1e-9
     inside = inside & (np.abs(table.heights - z)[None] <= cell.widths[HEIGHT] + 1e-9)
-    if not inside.any():
+    share = (locked.reached & inside).sum(axis=(1, 2)) / max(inside.sum(), 1)
+    if not share.any():
         return None
-    task, covered = table.task, locked.reached & inside
-    share = covered.sum(axis=(1, 2)) / inside.sum()
+    prices = np.full((len(share), 2), np.inf)
+    for k in np.flatnonzero(share > share.max() / 2):
+        Q = locked.Q[k][locked.reached[k] & inside]
+        prices[k] = _locked_price(cell, Q, locked.held[k])
+    dear = (prices > [limits.mean, limits.worst]).any(axis=1)
     best: LockedJoints | None = None
-    for one in np.argsort(-share)[:4]:
-        if share[one] < share.max() - 0.05 and best is not None:
+    # those within the limits of joint speed first, then by area, then by price
+    for k in np.lexsort((prices[:, 0], -np.round(share / _ALMOST), dear))[:_COMPARED]:
+        one = _locked_joints(table, locked, int(k), cell, inside)
+        if one is not None and (best is None or one.share > best.share + _ALMOST):
+            best = one
+        if best is not None and best.share > share[k] - _ALMOST:
             break
-        on = np.argwhere(covered[one])
-        if not len(on):
-            continue
-        Q = locked.Q[one, on[:, 0], on[:, 1]]
-        Q = Q[~_near(table, on, Q)]
-        if not len(Q):
-            continue
-        extra, worst = _locked_price(cell, Q, locked.held[one])
-        joints = np.flatnonzero(locked.held[one])
-        names = tuple(task.joint_names[j] for j in joints)
-        row = len(Q) / int(inside.sum()), extra, worst
-        made = LockedJoints(names, tuple(Q[0, joints].tolist()), *row)
-        if best is None or (round(made.share, 1), -made.extra) > (
-            round(best.share, 1),
-            -best.extra,
-        ):
-            best = made
     return best
+
+
+def _larger(
+    table: Table, locked: _Floods, design: CellDesign, limits: Required
+) -> LockedJoints | None:
+    """Find an arm with locked joints that covers a larger sector than a design, at its price."""
+    cell = design.function.chart.cell
+    found = rectangles(locked.reached)
+    for k in np.argsort(-found.area)[:_COMPARED]:
+        if not found.area[k] * SPACING**2 > area_of(design.cell) * (1 + _ALMOST):
+            return None
+        inside = np.zeros(table.shape, bool)
+        (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
+        inside[i:i_end, j:j_end] = True
+        one = _locked_joints(table, locked, int(k), cell, inside)
+        if one is None or one.area <= area_of(design.cell) * (1 + _ALMOST):
+            continue
+        if one.extra <= limits.mean and one.worst <= limits.worst:
+            return one
+    return None
+
+
+def _locked_joints(
+    table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_]
+) -> LockedJoints | None:
+    """Evaluate the locked flood k on the nodes ``inside`` (I, J), without those with collisions."""
+    task, clear = table.task, locked.reached[k].copy()
+    on = np.argwhere(clear)
+    shut = on[_near(table, on, locked.Q[k][clear])]
+    clear[shut[:, 0], shut[:, 1]] = False
+    Q = locked.Q[k][clear & inside]
+    if not len(Q):
+        return None
+    joints = np.flatnonzero(locked.held[k])
+    return LockedJoints(
+        tuple(task.joint_names[j] for j in joints),
+        tuple(Q[0, joints].tolist()),
+        len(Q) / int(inside.sum()),
+        *_locked_price(cell, Q, locked.held[k]),
+        float(rectangles(clear[None]).area[0] * SPACING**2),
+    )
 
 
 def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:

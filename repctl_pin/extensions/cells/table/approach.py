@@ -1,0 +1,106 @@
+"""The approach axis of a tool: the axis of its frame that points at what the tool works on.
+
+Frames name it differently: mostly z, but x in others. It is found from the last joint and the
+fingers, and a task with another approach axis gets a frame that is turned so that z is along it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ....base.arguments import Array, require_choice
+from ....model.model import frame_id
+from ....model.task import Task
+from ....model.tool import turned_frame
+from ..geometry.symmetry import last_axis
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+"""Names of the axes of a frame."""
+
+_STRAIGHT, _ROUGHLY = np.cos(np.radians(5)), np.cos(np.radians(25))
+"""Cosines of the angles up to which the axis of a joint, and the way to the frame or the fingers,
+are along an axis of the frame."""
+
+_ACROSS = 0.5
+"""Cosine of the angle from which the way to the frame is across the axis of the last joint."""
+
+_SHORT = 0.01
+"""Length of the way from the last joint below which the way has no direction, m."""
+
+
+class Approach(NamedTuple):
+    """Approach axis of a tool's frame.
+
+    Attributes
+    ----------
+    axis : str
+        The axis: ``x``, ``y``, ``z``, ``-x``, ``-y`` or ``-z`` of the frame.
+    why : str
+        What it was found from.
+    """
+
+    axis: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.axis}, {self.why}"
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation (3, 3) whose z axis is the approach axis, in axes of the frame."""
+        i, sign = "xyz".index(self.axis[-1]), -1.0 if self.axis.startswith("-") else 1.0
+        x, y = np.roll(np.eye(3), -1 - i, axis=0)[:2]
+        return np.column_stack([x, sign * y, sign * np.eye(3)[i]])
+
+
+def approach_axis(task: Task, given: Any = None) -> Approach:
+    """Find the approach axis of a task's frame, or check the one that is given.
+
+    It is along the axis of the last joint, on the side of the fingers or of the frame. If these lie
+    across that axis, it points to them. If neither is along an axis of the frame, it is z.
+    """
+    if given is not None:
+        require_choice(given, AXES, "approach axis")
+        return Approach(given, "as given")
+    name, (origin, axis) = last_axis(task)
+    fingers = _fingers(task)
+    away = -origin if fingers is None else fingers - origin
+    far = float(np.linalg.norm(away))
+    along = float(axis @ away) / far if far > _SHORT else 1.0
+    if abs(along) > _ACROSS and np.abs(axis).max() > _STRAIGHT:
+        return Approach(_named(axis if along > 0 else -axis), f"the axis of {name}")
+    if far > _SHORT and np.abs(away).max() > _ROUGHLY * far:
+        end = task.frame if fingers is None else "the fingers"
+        return Approach(_named(away), f"the direction from {name} to {end}")
+    return Approach("z", f"because the axis of {name} is along no axis of the frame")
+
+
+def with_approach(task: Task, approach: Approach) -> Task:
+    """Return the task with its frame turned such that z is the approach axis.
+
+    The frame of a task whose approach axis is z is not turned.
+    """
+    return task if approach.axis == "z" else turned_frame(task, approach.rotation)
+
+
+def _named(direction: Array) -> str:
+    """Name the axis of a frame that is nearest to a direction (3,)."""
+    i = int(np.argmax(np.abs(direction)))
+    return f"{'-' if direction[i] < 0 else ''}{'xyz'[i]}"
+
+
+def _fingers(task: Task) -> Array | None:
+    """Compute the mean position (3,) of the joints on the frame's body, m, in axes of the frame.
+
+    The joints beyond an arm's end are those of fingers. Return None if there are none.
+    """
+    model: pin.Model = task.robot.model
+    frame = model.frames[frame_id(model, task.frame)]
+    after = [j for j in range(1, model.njoints) if model.parents[j] == frame.parentJoint]
+    if not after:
+        return None
+    origins = [model.jointPlacements[j].translation for j in after]
+    return np.asarray(frame.placement.actInv(np.mean(origins, axis=0)))
