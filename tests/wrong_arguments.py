@@ -158,7 +158,7 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "best_cell": {
             "task": task, "size": 0.2, "orientation": None, "approach": None, "yaw": 0.0,
-            "at": None, "seed": 0,
+            "at": None, "options": rp.FitOptions(samples=16, held_out=64),
         },
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "least_closed_motion": {
@@ -444,7 +444,7 @@ def right_calls(folder: Path) -> list[Call]:
             )
             if name in ("weighted", "split"):
                 good = {"A": np.ones((thing.size, 1))}
-            elif name in ("figures", "corners", "size", "close"):
+            elif name in ("figures", "corners", "rim", "size", "close"):
                 good = {}
             elif good is None and name in (
                 "show",

@@ -355,10 +355,10 @@ def percentage(share: float) -> str:
 
 
 def ratio_in_percent(ratio: float, digits: int = 3) -> str:
-    """Format a ratio in per cent, without an exponent: < 0.001 %, 0.0899 %, 46 %, 1234 %."""
+    """Format a ratio in per cent, without an exponent: under 0.001 %, 0.0899 %, 46 %, 1234 %."""
     value = 100 * ratio
     if 0 < value < 1e-3:
-        return "< 0.001 %"
+        return "under 0.001 %"
     large = abs(value) >= 10**digits
     return f"{value:.0f} %" if large else f"{value:.{digits}g} %"
 

@@ -161,7 +161,7 @@ class Parser(argparse.ArgumentParser):
             action="append",
             default=[],
             metavar="DIR",
-            help="folder of package:// paths, or NAME=DIR for one package",
+            help="folder of package:// paths, or NAME=DIR of one",
         )
         add(
             "--lock",
@@ -170,8 +170,9 @@ class Parser(argparse.ArgumentParser):
             metavar="JOINT",
             help="hold a joint at the reference pose",
         )
-        base = "link relative to which x is; a workpiece that joints move: --on table"
-        add("--base", "--on", metavar="LINK", help=base)
+        base = "link relative to which x is; --on LINK: a workpiece"
+        add("--base", metavar="LINK", help=base)
+        add("--on", dest="base", metavar="LINK", help=argparse.SUPPRESS)
 
     def surroundings(self) -> None:
         """Add --surroundings, a URDF of the robot's surroundings."""

@@ -49,7 +49,7 @@ def add_options(parser: Parser) -> None:
     add("--steps", type=integer, default=STEPS, help="RK4 steps per cycle (default %(default)s)")
     period = f"time of a cycle, s (default: the path's, else ≥ {PERIOD:g})"
     add("--period", type=positive, help=period)
-    region = "half-width of Ω, rad (default: a tube around the cycle)"
+    region = "half-width of Ω, rad (default: around the cycle)"
     add("--region", type=positive, metavar="W", help=region)
     degree = f"degree of the potentials (default {DEGREE}; many joints: 1)"
     add("--degree", type=integer, help=degree)

@@ -48,7 +48,9 @@ def test_a_large_box_fits_where_a_locked_joint_covers_it(panda_pose: rp.Task, se
     """55.2 and 55.3: joint 3 at 0 covers this box about (0.5, 0, 0.2), and a design costs 0.2 %.
     What fits is covered by the design from the posture, without collision, for every seed."""
     size = (0.4, 0.6, 0.3)
-    place = rp.best_cell(panda_pose, size, orientation="down", at=(0.5, 0, 0.2), seed=seed)
+    place = rp.best_cell(
+        panda_pose, size, orientation="down", at=(0.5, 0, 0.2), options=rp.FitOptions(seed=seed)
+    )
     assert place.factor == 1 and place.reason == ""
     assert np.linalg.norm(place.cell.placement.translation - (0.5, 0, 0.2)) < 0.05
     found = rp.nearest_inverse_function(

@@ -694,9 +694,9 @@ class Stand:
     def hull_distances(self, Q: np.ndarray) -> np.ndarray:
         return Q[:, 1].copy()
 
-    def _all(self, Q: np.ndarray) -> tuple[np.ndarray, None]:
+    def distances(self, Q: np.ndarray) -> np.ndarray:
         self.tested += Q[:, 1].tolist()
-        return Q[:, 0].copy(), None
+        return Q[:, 0].copy()
 
 
 @pytest.mark.parametrize("overlaps", [0, 1, 20, 32, 200])

@@ -39,6 +39,8 @@ def test_kept_pictures_are_small_and_show_both_arms() -> None:
     orange, blue = (0xD5, 0x5E, 0x00), (0x00, 0x72, 0xB2)
     for file in files:
         assert file.stat().st_size <= 150_000, file.name
+        if file.stem in ("live_viewer", "notebook"):  # whole windows
+            continue
         image = np.asarray(Image.open(file).convert("RGB"), int)
         where = [np.argwhere(np.abs(image - colour).max(axis=-1) < 24) for colour in (orange, blue)]
         assert min(map(len, where)) > 0.0005 * image.shape[0] * image.shape[1], file.name

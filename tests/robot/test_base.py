@@ -67,26 +67,23 @@ def test_a_frame_above_its_base_and_the_default_frame(baxter: rp.Robot) -> None:
     )
 
 
-def test_the_drawing_is_measured_from_the_base_too(baxter: rp.Robot) -> None:
+def test_the_drawing_stands_at_the_root_although_the_base_moves(baxter: rp.Robot) -> None:
+    """It is the drawing without a base; relative to the base it is where the task is."""
     from page_file import Visuals
 
-    task, visuals = baxter.task(TO), Visuals.of(baxter)
+    task, visuals, own = baxter.task(TO), Visuals.of(baxter), Visuals.of(rp.Robot.load("baxter"))
     Q = task.reference + 0.2 * np.random.default_rng(3).normal(size=(3, 14))
     placed = visuals.placements(task.to_robot(Q))
-    base = [k for k, shape in enumerate(visuals.shapes) if shape.link == "l_gripper_r_finger"]
-    assert base and np.ptp(placed[:, base], axis=0).max() < 1e-12  # it stands still
-    shape = next(k for k, s in enumerate(visuals.shapes) if s.link == "right_upper_shoulder")
+    assert np.array_equal(placed, own.placements(task.to_robot(Q)))
+    links = [shape.link for shape in visuals.shapes]
+    still = rp.Robot.load("baxter")
+    left = still.task(FROM).placement(Q[0, 6::-1])
     other = baxter.task("right_upper_shoulder", "pose")
-    own = Visuals.of(rp.Robot.load("baxter"))
-    on_link = (
-        np.linalg.inv(
-            rp.Robot.load("baxter").task("right_upper_shoulder").placement(Q[0, 7:8]).homogeneous
-        )
-        @ (own.placements(task.to_robot(Q[:1]))[0, shape])
-    )
-    assert np.allclose(
-        placed[0, shape], other.placement(Q[0, :8]).homogeneous @ on_link, atol=1e-12
-    )
+    shape = links.index("right_upper_shoulder")
+    on_link = still.task("right_upper_shoulder").placement(Q[0, 7:8]).inverse().homogeneous
+    on_link = on_link @ placed[0, shape]
+    moved = left.homogeneous @ other.placement(Q[0, :8]).homogeneous @ on_link
+    assert np.allclose(placed[0, shape], moved, atol=1e-12)
 
 
 def test_a_relative_cycle_closes(baxter: rp.Robot) -> None:

@@ -189,14 +189,17 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
     np.testing.assert_allclose(placed[shapes["slide_slider"]][:3, 3], rod.translation, atol=1e-12)
 
 
-def test_base_moves_the_picture_as_it_moves_the_task() -> None:
+def test_a_picture_stands_at_the_root_with_the_task_on_its_base() -> None:
     robot = rp.Robot.load("tiago", base="torso_lift_link")
     task = robot.task(kind="position")
     q = task.reference + 0.1
     visuals = Visuals.of(robot)
     k = next(k for k, s in enumerate(visuals.shapes) if s.link == "arm_1_link")
-    placed = visuals.placements(task.to_robot(q)[None])[0, k, :3, 3]
-    np.testing.assert_allclose(placed, task.joint_origins(q)[0], atol=1e-12)
+    whole = task.to_robot(q)[None]
+    placed = visuals.placements(whole)[0, k, :3, 3]
+    lift = robot.reference[robot.joint_names.index("torso_lift_joint")]
+    base = rp.Robot.load("tiago").task("torso_lift_link", "position").placement([lift])
+    np.testing.assert_allclose(placed, base.act(task.joint_origins(q)[0]), atol=1e-12)
 
 
 def test_materials(tmp_path: Path) -> None:

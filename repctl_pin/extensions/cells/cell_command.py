@@ -368,7 +368,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         approach=options.approach,
         yaw=float(np.radians(options.yaw)),
         at=at,
-        seed=options.seed,
+        options=rp.FitOptions(seed=options.seed),
         progress=report,
         **more,
     )

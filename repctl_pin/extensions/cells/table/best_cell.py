@@ -14,8 +14,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ....base.arguments import Array, as_int, as_matrices, finite, read_only, vector
+from ....base.arguments import Array, as_matrices, finite, read_only, vector
 from ....base.errors import InputError
+from ....base.fit_options import FitOptions, fit_options
 from ....base.progress import Report, reporter
 from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
@@ -123,7 +124,7 @@ def best_cell(
     at: ArrayLike | None = None,
     heights: tuple[float, float] = (-np.inf, np.inf),
     most_extra: tuple[float, float] = (0.05, 0.3),
-    seed: int = 0,
+    options: FitOptions | None = None,
     progress: bool | Report = False,
 ) -> BestCell:
     """Find the best place for a box of poses; without a size, the largest sector around the arm.
@@ -167,8 +168,8 @@ def best_cell(
     heights, most_extra : (float, float)
         Without a size: lowest and highest position of the frame above the arm's axis point, m; and
         the maximum extra joint speed relative to J⁺, on average and at the worst pose.
-    seed
-        Random seed of the middles that are tried.
+    options
+        Options of the fits; their seed is that of the middles that are tried, too.
     progress : bool or callback
         Show a bar, or call ``progress(step, fraction)``.
 
@@ -196,6 +197,7 @@ def best_cell(
             f"{task!r} is not redundant: with r = {task.r} the pose determines the joints",
             remedy="use another kind of task",
         )
+    seed = fit_options(options).seed
     approached, task, R = _oriented(task, orientation, approach, yaw)
     if size is None:
         place = _whole(task, R, at, heights, most_extra, seed, progress)
@@ -206,7 +208,6 @@ def best_cell(
     near_to = None if at is None else vector(at, 3, "at", "m")
     place = pin.SE3(R, task.placement(task.reference).translation)
     box = Cell(task, place, edges / 2)
-    seed = as_int(seed, "seed", 0)
     rng = np.random.default_rng(seed)
     with reporter(progress) as report:
         report("looking for places", 0.0)
@@ -250,12 +251,7 @@ def _whole(
         raise InputError("must be above 0", argument="most_extra")
     with reporter(progress) as report:
         found = whole_table(
-            task,
-            rotation,
-            heights=(low, high),
-            most_extra=(mean, worst),
-            seed=as_int(seed, "seed", 0),
-            report=report,
+            task, rotation, heights=(low, high), most_extra=(mean, worst), seed=seed, report=report
         )
     design = found.design
     return BestCell(design.cell, design.posture, 1.0, design.limit_margin_worst, "", found)
