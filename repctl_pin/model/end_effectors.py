@@ -19,7 +19,12 @@ _FINGER = re.compile(r"finger|thumb|jaw|knuckle|claw|phalan", re.IGNORECASE)
 _DIGITS = {"index", "middle", "ring", "little", "pinky", "pinkie"}
 """Names of fingers, which are words of other parts, too: two of them must be in one file."""
 
-_TOOLS = ({"tcp", "grasp", "grasping"}, {"tool"}, {"ee", "eef", "effector"}, {"flange"})
+_TOOLS = (
+    {"tcp", "grasp", "grasping"},
+    {"tool", "torch", "spindle"},
+    {"ee", "eef", "effector"},
+    {"flange"},
+)
 _HANDS = ({"gripper"}, {"palm"}, {"hand"})
 """Words in the names of end effectors, the best first.
 
