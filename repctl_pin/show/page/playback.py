@@ -187,17 +187,13 @@ def playback_page(
         Numbers with which a visitor's own closed path is followed, see
         :func:`.own_loop.own_loop`; None leaves that out.
     """
-    sizes = {(track.cycles, len(track.Q)) for track in tracks}
-    if len(sizes) != 1:
-        raise InputError(
-            "motions can be shown side by side only if all have as many cycles and steps",
-            remedy="follow them with equal cycles and steps",
-        )
-    ((cycles, _),) = sizes
+    cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
     frames = frames_for([track.Q for track in tracks], cycles)
     base = base_placements(chains[0].task.robot, tracks[0].Q[:1])  # (1, 4, 4)
     played = [[_played(chain, track) for chain in chains] for track in tracks]
+
+    # bodies, and how far each is off after the last cycle
     surfaces = read_surfaces(visuals.shapes)
     bodies = visuals.corners(surfaces)
     links = frozenset().union(*(arm_links(chain.task) for chain in chains))
@@ -205,50 +201,79 @@ def playback_page(
         _arm(chains, track, done, (visuals, bodies, links), frames, base[0], bool(own))
         for track, done in zip(tracks, played, strict=True)
     ]
+    link, _ = farthest(visuals.shapes, np.max([arm.off[-1] for arm in arms], axis=0), links)
+
+    # words: of the task of all chains together, if there is one
     moved = tracks[0].motion
     several = moved is not None and len(moved.task.frames) > 1
-    whole = [[track.motion] for track in tracks if track.motion is not None]
-    said: Sequence[Sequence[JointMotion]] = whole if several else played
     task = moved.task if several and moved else chains[0].task
-    start = task.from_robot(tracks[0].Q[0])
-    most = np.max([arm.off[-1] for arm in arms], axis=0)
-    link, _ = farthest(visuals.shapes, most, links)
     if headline is None:
+        whole = [[track.motion] for track in tracks if track.motion is not None]
+        said: Sequence[Sequence[JointMotion]] = whole if several else played
         summaries = [
             _summary(done, track, farthest(arm.shapes, arm.off[-1], links))
             for done, track, arm in zip(said, tracks, arms, strict=True)
         ]
         headline = headline_of(summaries, cycles, stopped, hands=len(chains))
+
     if paths is None:
         lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1))
     else:
         lines = [on_base(base, path[None])[0] for path in paths]
-    origins = [
-        on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]
-        for chain in chains
-        for track in tracks
-    ]
+    own_frames = len(task.frames) == len(chains)
     return animation_page(
         arms,
         lines,
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
-        caption=";\n".join(
-            f"{one.frame_words}: {one.kind.words}{'' if several else _redundancy(one)}"
-            for one in (chain.task for chain in chains)
-        )
-        + (f";\ntogether{_redundancy(task).lstrip(',')}" if several else ""),
-        planar=is_planar(np.vstack([*origins, *lines])),
+        caption=_caption(chains, task if several else None),
+        planar=is_planar(np.vstack([*_joint_origins(chains, tracks, base), *lines])),
         frames=frames,
         headline=headline,
-        part=(link, part_name(task, start, link)),
-        hands=hand_names(task)
-        if len(task.frames) == len(chains)
-        else [c.task.frame for c in chains],
+        part=(link, part_name(task, task.from_robot(tracks[0].Q[0]), link)),
+        hands=hand_names(task) if own_frames else [chain.task.frame for chain in chains],
         joints=JointRows.of(task, [track.Q[frames.index] for track in tracks], frames),
         surfaces=surfaces,
         own=own,
     )
+
+
+def _common_cycles(tracks: Sequence[Playback]) -> int:
+    """Return the number of cycles of all motions.
+
+    InputError is raised if the motions differ in the number of cycles or steps.
+    """
+    if len({(track.cycles, len(track.Q)) for track in tracks}) != 1:
+        raise InputError(
+            "motions can be shown side by side only if all have as many cycles and steps",
+            remedy="follow them with equal cycles and steps",
+        )
+    return tracks[0].cycles
+
+
+def _joint_origins(
+    chains: Sequence[TracedChain], tracks: Sequence[Playback], base: Array
+) -> list[Array]:
+    """Compute where the joints of every chain begin in each motion: (n, 3) arrays, m.
+
+    ``base`` (1, 4, 4) places the base.
+    """
+    return [
+        on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]
+        for chain in chains
+        for track in tracks
+    ]
+
+
+def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
+    """Describe the task of each chain in a line, and all chains ``together`` in another."""
+    lines = []
+    for chain in chains:
+        size = "" if together else _redundancy(chain.task)
+        lines.append(f"{chain.task.frame_words}: {chain.task.kind.words}{size}")
+    if together:
+        lines.append(f"together{_redundancy(together).lstrip(',')}")
+    return ";\n".join(lines)
 
 
 def _redundancy(task: Task) -> str:
