@@ -202,15 +202,12 @@ def whole_table(
     report("bodies", 0.25)
     clear = _clear(table, floods)
     found = rectangles(clear.reached)
-    area, postures = found.area, clear.middles(found)[1]
-    if not area.any():
+    if not found.area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
             "at this orientation",
             remedy="turn the tool, or use --size or another kind of task",
         )
-    order = np.argsort(-area * _turns(table, clear, found, symmetries))
-    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     fit = CellFit(
         Pseudoinverse(task),
         "auto",
@@ -223,33 +220,69 @@ def whole_table(
         keep=True,
     )
     limits = Required(*most_extra, _CLEAR)
-    quick, collide = [], ""
-    for k, one in enumerate(order):
-        report(f"posture {k + 1} of {len(order)}", 0.3 + 0.15 * k)
-        cell = _sector(table, line, symmetries, found.first[one], found.last[one])
+    sectors = _sectors(table, clear, found, line, symmetries)
+    design = _designed(fit, _ranked(fit, sectors, limits, report), limits, report)
+    report("locked joints", 0.95)
+    locked = _with_middles(table, locked, design)
+    return WholeTable(
+        design,
+        _best_locked(table, locked, design, limits),
+        _larger(table, locked, design, limits),
+        reach,
+        float(found.area.max() * SPACING**2),
+        list(clear.reached),
+        table,
+    )
+
+
+def _sectors(
+    table: Table, clear: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
+) -> list[tuple[Cell, Array]]:
+    """Choose the best sectors with unlike postures in their middles (n,), the largest first."""
+    postures = clear.middles(found)[1]
+    order = np.argsort(-found.area * _turns(table, clear, found, symmetries))
+    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
+    return [
+        (_sector(table, line, symmetries, found.first[k], found.last[k]), postures[k])
+        for k in order
+    ]
+
+
+def _ranked(
+    fit: CellFit, sectors: list[tuple[Cell, Array]], limits: Required, report: Report
+) -> list[tuple[Cell, Array]]:
+    """Rank sectors and their postures by a quick design of each, the best first."""
+    quick = []
+    for k, (cell, posture) in enumerate(sectors):
+        report(f"posture {k + 1} of {len(sectors)}", 0.3 + 0.15 * k)
         with suppress(InputError):
-            q = given(cell, postures[one])
+            q = given(cell, posture)
             share, design = covered_share(fit, cell, q, limits)
             quick.append((share * _worth(cell, design), cell, q))
     quick.sort(key=lambda part: -part[0])
-    for k, (_, cell, q) in enumerate(quick):
+    return [(cell, q) for _, cell, q in quick]
+
+
+def _designed(
+    fit: CellFit, ranked: list[tuple[Cell, Array]], limits: Required, report: Report
+) -> CellDesign:
+    """Design the first sector that one function covers without a collision.
+
+    InputError is raised if there is none; it names the bodies that collide.
+    """
+    collide = ""
+    for k, (cell, q) in enumerate(ranked):
         report("the function", 0.75 + 0.08 * k)
         part = trimmed(fit, cell, q, limits)
         if part is None:
             continue
         design = ended_at_bodies(fit, part.design, _CLEAR, sides=True)
-        if design.body_distance < 0:
-            collide = " and ".join(design.evaluation.nearest_bodies)
-            continue
-        report("locked joints", 0.95)
-        locked = _with_middles(table, locked, design)
-        best = _best_locked(table, locked, design, limits)
-        larger = _larger(table, locked, design, limits)
-        largest = float(area.max() * SPACING**2)
-        return WholeTable(design, best, larger, reach, largest, list(clear.reached), table)
-    why = f": {collide} collide" if collide else ""
+        if design.body_distance >= 0:
+            return design
+        collide = f": {' and '.join(design.evaluation.nearest_bodies)} collide"
+    name = fit.desired.task.robot.name
     raise InputError(
-        f"no function covers a sector of {task.robot.name} at this orientation{why}",
+        f"no function covers a sector of {name} at this orientation{collide}",
         remedy="turn the tool, or use --size",
     )
 
