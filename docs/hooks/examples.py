@@ -16,8 +16,8 @@ from nbformat import v4, writes
 from PIL import Image
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-WITHOUT = {"pushed_arm", "servos", "torques"}
-"""Files without a notebook: one that scripts import, and these scripts."""
+WITHOUT = {"pushed_arm", "servos", "torques", "weld"}
+"""Files without a notebook: one that others import, these scripts, and one with its own URDF."""
 
 _PICTURES = """\
 from IPython.display import Image, display

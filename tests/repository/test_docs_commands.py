@@ -48,7 +48,8 @@ def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, two_degrees: None
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    shutil.copy(ROOT / "examples" / "my_arm.urdf", tmp_path)
+    for robot in ("my_arm", "weld_cell"):
+        shutil.copy(ROOT / "examples" / f"{robot}.urdf", tmp_path)
     Path("workcell.urdf").write_text(SHELF, encoding="utf-8")
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     seam = rp.circle(task, np.array(task.reference), 0.05)
