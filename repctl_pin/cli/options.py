@@ -29,6 +29,17 @@ _WINDOW = "`repctl study ROBOT` writes a page for the browser, animation.html"
 """Commands that would open a window, and the answer to them."""
 
 
+class _Base(argparse.Action):
+    """Store the link of --base or --on, of which one may be given."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: Any, value: Any, option: str | None = None
+    ) -> None:
+        if getattr(namespace, self.dest) is not None:
+            parser.error("--base and --on are mutually exclusive, and name one link")
+        setattr(namespace, self.dest, value)
+
+
 class Parser(argparse.ArgumentParser):
     """Parser of a command: errors are one line that suggests the closest valid names and --help.
 
@@ -171,8 +182,8 @@ class Parser(argparse.ArgumentParser):
             help="hold a joint at the reference pose",
         )
         base = "link relative to which x is; --on LINK: a workpiece"
-        add("--base", metavar="LINK", help=base)
-        add("--on", dest="base", metavar="LINK", help=argparse.SUPPRESS)
+        add("--base", metavar="LINK", action=_Base, help=base)
+        add("--on", dest="base", metavar="LINK", action=_Base, help=argparse.SUPPRESS)
 
     def surroundings(self) -> None:
         """Add --surroundings, a URDF of the robot's surroundings."""

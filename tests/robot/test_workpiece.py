@@ -13,7 +13,7 @@ import page_file
 import pinocchio as pin
 import pytest
 from arms import planar_urdf
-from commands import refused, told
+from commands import main, refused, told
 
 import repctl_pin as rp
 
@@ -148,6 +148,12 @@ def test_a_path_on_a_turntable_closes_with_the_same_joints(tmp_path: Path) -> No
     assert drifting.drift[-1] > 1e-3 and closed.drift.max() < 1e-9
     turned = closed.q[:, task.joint_names.index("turn")]
     assert np.ptp(turned) > 0.01  # the table takes part
+    arm = [name for name in task.joint_names if name != "turn"]
+    still = rp.Robot.load(tmp_path / "cell.urdf").task("tool", "xy", on="table", joints=arm)
+    at_rest = rp.follow(
+        rp.Pseudoinverse(still), rp.circle(still, Q0[1:], radius=0.08), Q0[1:], steps=150
+    )
+    assert closed.rms_speed < at_rest.rms_speed  # a trivial way: the table locked
     model, data = task.robot.model, task.robot.model.createData()
     for k in (40, 290):
         pin.framesForwardKinematics(model, data, task.to_robot(closed.q[k]))
@@ -207,7 +213,7 @@ def sum_of_joints(scene: dict, n: int) -> int:
 
 
 def test_a_function_on_the_workpiece_reaches_its_targets(tmp_path: Path) -> None:
-    """F(x) places the tool at x on the table."""
+    """F(x) places the tool at x on the table, and a governor at 20 Hz ends there."""
     task = planar_cell(tmp_path)
     cell = rp.Cell(task, task.placement(Q0), 0.05)
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, posture=Q0)
@@ -215,6 +221,12 @@ def test_a_function_on_the_workpiece_reaches_its_targets(tmp_path: Path) -> None
     target.translation += [0.03, -0.02, 0.0]
     q = design.function(target)
     assert np.abs(task.error(q, target)).max() < 1e-9
+    governor = rp.Governor(design.inverse, 0.05, rp.Limits(acceleration=3.0, jerk=40.0))  # 20 Hz
+    governor.start(design.function(task.placement(Q0)))
+    for _ in range(200):
+        now, _ = governor.step(target)
+        assert task.limit_margin(now).min() > 0
+    assert np.allclose(now, q, atol=1e-6)
 
 
 def test_the_command_takes_the_workpiece(
@@ -225,3 +237,6 @@ def test_the_command_takes_the_workpiece(
     said = told(capsys, "check", "cell.urdf", "--on", "table", "--frame", "tool", "--task", "xy")
     assert "tool" in json.dumps(said)
     assert "did you mean" in refused(capsys, "check", "cell.urdf", "--on", "tabel")
+    with pytest.raises(SystemExit):
+        main(["check", "cell.urdf", "--on", "table", "--base", "base"])
+    assert "--base and --on are mutually exclusive" in capsys.readouterr().err

@@ -370,9 +370,10 @@ def _describe(
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
     moving = moving_of(arm.placements) | rides
-    bodies = [poses[:, moving]]
-    bodies += [] if arm.carried is None else [np.round(poses_of(arm.carried[:, None]), 7)]
-    parts += [np.concatenate(bodies, axis=1), arm.tip, arm.elbow]
+    moved = poses[:, moving]
+    if arm.carried is not None:
+        moved = np.concatenate([moved, np.round(poses_of(arm.carried[:, None]), 7)], axis=1)
+    parts += [moved, arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
     parts += [
         # one row: points have no order whose differences were small

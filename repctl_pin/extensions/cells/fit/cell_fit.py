@@ -8,7 +8,7 @@ penalties on small margins.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from math import comb
 from typing import Literal, cast
 
@@ -93,11 +93,12 @@ class CellFit:
     """
 
     desired: Inverse
-    degree: int | Literal["auto"]
+    degree: int | Literal["auto"] = "auto"
+    _: KW_ONLY
     limit_margin: float
-    body_distance: float
-    sigma_min: float
-    samples: int | None
+    body_distance: float = 0.0
+    sigma_min: float = 0.0
+    samples: int | None = None
     held_out: int
     seed: int
     keep: bool

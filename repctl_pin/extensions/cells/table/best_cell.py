@@ -391,17 +391,7 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
     rows = [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]
     largest = [_largest_steps(desired, box, free, k) for k in dict.fromkeys(rows)]
     rows = list(dict.fromkeys(rows))
-    fit = CellFit(
-        desired,
-        "auto",
-        limit_margin=_MARGIN,
-        body_distance=0.0,
-        sigma_min=0.0,
-        samples=None,
-        held_out=_HELD_OUT,
-        seed=seed,
-        keep=False,
-    )
+    fit = CellFit(desired, limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False)
     reason = ""
     for size in range(max(largest), 0, -1):
         places = [k for k, most in zip(rows, largest, strict=True) if most >= size][:_JUDGED]

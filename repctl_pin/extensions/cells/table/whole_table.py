@@ -208,17 +208,7 @@ def whole_table(
             "at this orientation",
             remedy="turn the tool, or use --size or another kind of task",
         )
-    fit = CellFit(
-        Pseudoinverse(task),
-        "auto",
-        limit_margin=0.05,
-        body_distance=0.0,
-        sigma_min=0.0,
-        samples=None,
-        held_out=_HELD_OUT,
-        seed=seed,
-        keep=True,
-    )
+    fit = CellFit(Pseudoinverse(task), limit_margin=0.05, held_out=_HELD_OUT, seed=seed, keep=True)
     limits = Required(*most_extra, _CLEAR)
     sectors = _sectors(table, clear, found, line, symmetries)
     design = _designed(fit, _ranked(fit, sectors, limits, report), limits, report)
