@@ -142,8 +142,9 @@ def only_starts(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 @pytest.fixture
 def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Choose starts, circles and tubes by shorter motions and fewer nodes, for tests of what is
-    done with them; tests of design, motion and problem judge the choices themselves."""
+    """Choose starts, circles and tubes by shorter motions and fewer nodes, and radii by fewer
+    boxes, for tests of what is done with them; tests of design, motion, problem and proof judge
+    the choices themselves."""
 
     def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
         return rp.follow(*given, steps=steps // 4, **options)
@@ -159,6 +160,7 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
         ("motion.solve_ik", "_POINTS", 12),
         ("studies.choose_start", "followed", briefly),
         ("studies.around_motion", "FitOptions", few),
+        ("extensions.proof.closing_radius", "_MOST", {"start": 5000, "path": 1000}),
     ):
         monkeypatch.setattr(import_module(package + module), name, value)
 

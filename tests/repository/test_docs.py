@@ -126,7 +126,7 @@ LONG = {"proof", "cell", "pick-and-place", "learning"}
     ids=lambda page: page.stem,
 )
 def test_the_python_of_a_page_runs(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_nodes: None
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick_choices: None
 ) -> None:
     """With fewer nodes, which change no claim. What is compiled by jax runs in the slow test."""
     monkeypatch.chdir(tmp_path)
