@@ -165,6 +165,20 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(import_module(package + module), name, value)
 
 
+@pytest.fixture
+def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look for the place of a box among fewer middles, and judge fewer designs there."""
+    for name, value in (
+        ("_DRAWN", 1024),
+        ("_PARENTS", 6),
+        ("_TRIED", 6),
+        ("_JUDGED", 1),
+        ("_CONFIRMED", 1),
+        ("_HELD_OUT", 256),
+    ):
+        monkeypatch.setattr(import_module(rp.best_cell.__module__), name, value)
+
+
 @pytest.fixture(scope="session")
 def unoptimised(tmp_path_factory: pytest.TempPathFactory) -> str | None:
     """The machine's C compiler as a command of its own that ends with -O0; None without one.
