@@ -166,6 +166,13 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def no_tours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the motion along a sample path out of the page of a cell."""
+    module = import_module("repctl_pin." + "extensions.cells.cell_command")
+    monkeypatch.setattr(module, "_tour", lambda design: ({}, []))
+
+
+@pytest.fixture
 def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look for the place of a box among fewer middles, and judge fewer designs there."""
     for name, value in (

@@ -163,6 +163,7 @@ def test_the_command_places_the_box(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     blank_pictures: None,
+    no_tours: None,
     quick_places: None,
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -181,7 +181,11 @@ def test_each_axis_of_a_frame_can_point_down(axis: str, tmp_path: Path, quick_pl
 
 
 def test_an_approach_axis_is_said_and_checked(
-    capsys: pytest.CaptureFixture[str], blank_pictures: None, quick_places: None, tmp_path: Path
+    capsys: pytest.CaptureFixture[str],
+    blank_pictures: None,
+    no_tours: None,
+    quick_places: None,
+    tmp_path: Path,
 ) -> None:
     task = rp.Robot.load("z1").task(None, "axis")
     with pytest.raises(rp.InputError, match="no approach axis 'up'"):
