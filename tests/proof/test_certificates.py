@@ -236,7 +236,11 @@ def test_the_commands_prove_sectors_and_cells_of_positions(
 
 
 def test_a_design_without_the_proof_says_what_to_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    quick_choices: None,
+    blank_pictures: None,
 ) -> None:
     """Issue 37, item 5: the default degree was too high to be proved in a minute."""
     real = rp.prove

@@ -211,7 +211,11 @@ def test_a_certificate_is_saved_with_the_design_and_holds_again(
 
 
 def test_the_commands_prove_and_check_what_they_saved(
-    panda_design: rp.Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    panda_design: rp.Design,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    quick_choices: None,
+    blank_pictures: None,
 ) -> None:
     file = str(rp.save(panda_design, tmp_path / "plain.json"))
     found = told(capsys, "check", file, "--prove")
