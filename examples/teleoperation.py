@@ -65,7 +65,7 @@ def picture(log: dict[str, np.ndarray], file: str) -> None:
         (line,) = above.plot(log["t"], 100 * log["elbow"][:, i], label=f"{name}, arm")
         above.plot(log["t"], 100 * log["wanted"][:, i], "--", color=line.get_color(), lw=0.8)
     above.set_ylabel("elbow, cm (dashed: operator)")
-    above.legend(loc="upper right", fontsize=8)
+    above.legend(loc="center right", fontsize=8)
     below.plot(log["t"], np.degrees(log["q"] - log["q"][0]))
     below.set_ylabel("joints from the start, °")
     below.set_xlabel("t, s")

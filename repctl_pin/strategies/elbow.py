@@ -7,7 +7,7 @@ nearest elbow is a level. A link's origin stands for the elbow.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -18,11 +18,9 @@ from ..model.length import elbow as elbow_joint
 from ..model.model import frame_id
 from ..model.several_frames import one_frame
 from ..model.task import Task
+from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.nullspace import nullspace
-
-if TYPE_CHECKING:
-    from .repeatable import RepeatableInverse
 
 _INSIDE = 1e-4
 """Distance of the result from a joint limit, rad or m; curved ways between iterations need it."""
@@ -44,6 +42,19 @@ _ITERATIONS, _HALVES = 60, 20
 _NEWTON, _EXACT = 8, 1e-8
 """Maximum number of Newton steps back to the pose, and length of the last, rad or m; the error is
 of the order of its square."""
+
+
+class _OnLeaves(Protocol):
+    """The part of a repeatable inverse that the search needs."""
+
+    task: Task
+    potentials: Potentials
+
+    def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
+        """Compute the next q (n,) towards a target; the level c is held."""
+
+    def leaf(self, q: Array) -> Array:
+        """Evaluate the level c = h(q) (r,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +139,7 @@ class Elbow:
 
 
 def leaf_toward(
-    inverse: RepeatableInverse, elbow: Elbow, q: Array, point: Array, margin: float
+    inverse: _OnLeaves, elbow: Elbow, q: Array, point: Array, margin: float
 ) -> ElbowLevel:
     """Move along the self-motion to the minimum of ½ ‖p_elbow − p_e‖², by Newton's method.
 
@@ -155,9 +166,7 @@ def leaf_toward(
     return ElbowLevel(inverse.leaf(q), q, float(np.linalg.norm(away)), unique)
 
 
-def _derivatives(
-    inverse: RepeatableInverse, elbow: Elbow, q: Array, N: Array
-) -> tuple[Array, Array]:
+def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[Array, Array]:
     """Compute the first derivative (3, r) of the elbow by z, and the second one (r, r, 3)."""
     r, h, here = N.shape[1], _APART, elbow.point(q)
     place = inverse.task.placement(q)
@@ -198,9 +207,9 @@ def _newton_step(
     # no other joint beyond its limit, and none too far
     way = N @ z
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(way > 0, (upper - q) / way, np.where(way < 0, (lower - q) / way, np.inf))
+        reach = np.where(way > 0, (upper - q) / way, np.where(way < 0, (lower - q) / way, np.inf))
     share = min(
-        1.0, _LONGEST / max(np.abs(way).max(), 1e-300), room[~held & ~at_limit].min(initial=1)
+        1.0, _LONGEST / max(np.abs(way).max(), 1e-300), reach[~held & ~at_limit].min(initial=1)
     )
     return share * z, unique
 
@@ -222,7 +231,7 @@ def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple
 
 
 def _accepted(
-    inverse: RepeatableInverse, elbow: Elbow, q: Array, way: Array, point: Array, least: float
+    inverse: _OnLeaves, elbow: Elbow, q: Array, way: Array, point: Array, least: float
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
@@ -244,7 +253,7 @@ def _accepted(
     return None
 
 
-def _retracted(inverse: RepeatableInverse, q: Array, place: pin.SE3) -> Array:
+def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:
     """Bring the frame back to ``place`` by Newton's method; the level is that of q.
 
     SingularityError is raised if it does not converge.
@@ -256,7 +265,7 @@ def _retracted(inverse: RepeatableInverse, q: Array, place: pin.SE3) -> Array:
     raise SingularityError("no configuration at the pose was found next to the elbow's way")
 
 
-def _margin(inverse: RepeatableInverse, q: Array) -> float:
+def _margin(inverse: _OnLeaves, q: Array) -> float:
     """Evaluate the leaf margin at q."""
     N = nullspace(inverse.task.jacobian(q))
     return float(leaf_margin(N, inverse.potentials.gradient(q)))
