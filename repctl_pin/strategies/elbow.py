@@ -216,7 +216,9 @@ def _newton_step(
 
 def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
     """Minimise ``gᵀz + ½ zᵀHz`` with ``rows z = back``; no motion along what changes too little."""
-    begin = np.linalg.lstsq(rows, back, rcond=None)[0] if len(rows) else np.zeros(len(g))
+    begin: Array = np.zeros(len(g))
+    if len(rows):
+        begin = np.linalg.lstsq(rows, back, rcond=None)[0]
     Z = nullspace(rows) if len(rows) else np.eye(len(g))
     if Z.shape[1] == 0:
         return begin, True
