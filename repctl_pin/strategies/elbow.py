@@ -218,7 +218,7 @@ def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple
     """Minimise ``gᵀz + ½ zᵀHz`` with ``rows z = back``; no motion along what changes too little."""
     begin: Array = np.zeros(len(g))
     if len(rows):
-        begin = np.linalg.lstsq(rows, back, rcond=None)[0]
+        begin = np.asarray(np.linalg.lstsq(rows, back, rcond=None)[0], float)
     Z = nullspace(rows) if len(rows) else np.eye(len(g))
     if Z.shape[1] == 0:
         return begin, True
