@@ -156,6 +156,9 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     status: rp.Status
     q, status = governor.step(path.placement(0.1))
     print(status is rp.Status.OK, governor.step(twist=[0.1, 0, 0, 0, 0, 0]), governor.leaf)
+    toward = design.inverse.leaf_toward(q, elbow=design.inverse.elbow(q0), margin=0.01)
+    q, status = governor.step(path.placement(0.1), leaf=toward.leaf)
+    print(toward.q, toward.distance, toward.unique)
     clutch: rp.Clutch = rp.Clutch(scale=0.5)
     clutch.engage(path.placement(0.2), path.placement(0.1))
     print(clutch.target(path.placement(0.3)), clutch.engaged, governor.nearest_bodies)

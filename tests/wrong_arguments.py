@@ -308,6 +308,7 @@ def right_calls(folder: Path) -> list[Call]:
     step = {"q": q0, "target": target, "dt": 0.01, "twist": np.zeros(6), "leaf": inverse.leaf(q0),
     "gain": 10.0,
             "velocity_limit": 3.0, "damping": 0.01}  # fmt: skip
+    near_elbow = {"elbow": [0.3, 0.5, 0.0], "link": "tool", "margin": 0.0}
     methods: dict[str, dict[str, Any]] = {
         "__call__": {"q": q0},
         "as_dict": {},
@@ -319,6 +320,7 @@ def right_calls(folder: Path) -> list[Call]:
         "clip": {"Q": Q},
         "contains": {"Q": Q},
         "cycle": {"k": 1},
+        "elbow": {"q": q0, "link": "tool"},
         "error": {"q": q0, "target": target},
         "errors": {"Q": Q, "targets": [target] * len(Q)},
         "to_robot": {"q": q0},
@@ -394,7 +396,9 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.InverseFunction, "batch"): {"targets": [target], "leaf": [0.0], "missing": "nan"},
         (rp.InverseFunction, "pose_and_leaf"): {"Q": Q},
         (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
+        (rp.InverseFunction, "leaf_toward"): {"target": target, **near_elbow},
         (rp.InverseFunction, "leaves"): {"target": target},
+        (rp.RepeatableInverse, "leaf_toward"): {"q": q0, **near_elbow},
         (rp.MotionBetween, "at"): {"t": [0.1, 0.2]},
         (rp.MotionBetween, "cycle"): {"k": 0},
         (rp.Viewer, "show"): {"configurations": q0, "before": [q0], "out_of_reach": False},

@@ -123,7 +123,9 @@ CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers resu
 """The struct Call of calls.c: the arguments of one thread."""
 
 GOVERNOR_CALL = _struct(
-    ints="room", doubles="dt", pointers="arm state limits target twist q result samples ways allows"
+    ints="room",
+    doubles="dt",
+    pointers="arm state limits target twist leaf q result samples ways allows",
 )
 """The struct GovernorCall of governor_calls.c: the arguments of one governor."""
 

@@ -1,4 +1,4 @@
-/* The governor: the next joints to command, on a leaf, within all limits. */
+/* The governor: the next joints to command, for a pose and levels, within all limits. */
 
 #include <math.h>
 #include <stddef.h>
@@ -32,13 +32,20 @@
 #define SAMPLES_PER_EVALUATION 16.0   /* samples of a plan that take as long as an evaluation */
 #define MOST_SAMPLES 40               /* what they count at most */
 
-/* State at the beginning of a plan: qdot = B twist, qddot = B rate + bend; later: the rate of the last stop after a
-   stride. */
+/* What a tick asks for: a pose or twists of the frames, and levels. */
+typedef struct {
+  Goal goal;
+  const double *twist;
+  int to_pose, to_leaf;
+} Input;
+
+/* State at the beginning of a plan: qdot = B twist, qddot = B rate + bend, where twist and rate are those of the frames
+   and levels; later: the rate of the last stop after a stride. */
 typedef struct {
   Course course;
-  double *G, *B, *B_ahead; /* N M, N RATES, N RATES: in memory of the caller */
+  double *G, *B, *B_ahead; /* N N: J_V^-1; N RATES, N RATES: in memory of the caller */
   double q[MOST_N], qdot[MOST_N], bend[MOST_N], room[MOST_N];
-  double twist[6 * MOST_FRAMES], rate[6 * MOST_FRAMES], later[6 * MOST_FRAMES];
+  double twist[6 * MOST_FRAMES + MOST_N], rate[6 * MOST_FRAMES + MOST_N], later[6 * MOST_FRAMES + MOST_N];
 } Now;
 
 /* Speed from which a deceleration a after a delay stops within a distance; a can be infinite. */
@@ -68,14 +75,16 @@ static void joint_rates(const Arm *arm, const double *B, const double twist[], d
   }
 }
 
-/* B = G E. */
+/* B = J_V^-1 [E 0; 0 I]. */
 static void joint_columns(const Arm *arm, const double *G, const double *E, double *B) {
   (void)arm;
-  for (int i = 0; i < N; i++)
-    for (int b = 0; b < RATES; b++) {
+  for (int i = 0; i < N; i++) {
+    for (int b = 0; b < TWISTS; b++) {
       B[i * RATES + b] = 0.0;
-      for (int a = 0; a < M; a++) B[i * RATES + b] += G[i * M + a] * E[a * RATES + b];
+      for (int a = 0; a < M; a++) B[i * RATES + b] += G[i * N + a] * E[a * TWISTS + b];
     }
+    for (int k = 0; k < N - M; k++) B[i * RATES + TWISTS + k] = G[i * N + M + k];
+  }
 }
 
 /* Evaluate the state at this tick; return 0 at a singularity. */
@@ -83,7 +92,7 @@ static int state_now(const Arm *arm, const Governor *g, Now *now) {
   const Plan *plan = &g->plan[g->taken];
   const double t = (double)g->tick * g->dt;
   const Piece *piece = piece_of(plan, t);
-  double ahead[N], qddot[N], spare[RATES], x[N], E[M * RATES], G[N * M];
+  double ahead[N], qddot[N], spare[RATES], x[N], E[M * TWISTS], G[N * N];
   for (int i = 0; i < N; i++) {
     now->q[i] = g->history[2][i];
     now->qdot[i] = qddot[i] = 0.0;
@@ -94,7 +103,7 @@ static int state_now(const Arm *arm, const Governor *g, Now *now) {
   plan_rates(arm, plan, t + g->stride, spare, now->later);
   if (piece) piece_derivatives(arm, piece, t, now->qdot, qddot);
   for (int i = 0; i < N; i++) ahead[i] = now->q[i] + 2.0 * g->stride * now->qdot[i];
-  if (find_inverse(arm, now->q, now->G) != OK || find_inverse(arm, ahead, G) != OK) return 0;
+  if (find_columns(arm, now->q, N, now->G) != OK || find_columns(arm, ahead, N, G) != OK) return 0;
   course_task_rates(arm, &now->course, E);
   joint_columns(arm, now->G, E, now->B);
   joint_columns(arm, G, E, now->B_ahead);
@@ -336,7 +345,7 @@ static int try_stride(const Arm *arm, Governor *g, const Now *now, const double 
     if (fabs(x[i]) / (AIM_JERK * g->limits.jerk[i]) > release) release = fabs(x[i]) / (AIM_JERK * g->limits.jerk[i]);
   }
   if (bounded) {
-    static const double zero[6 * MOST_FRAMES] = {0.0};
+    static const double zero[6 * MOST_FRAMES + MOST_N] = {0.0};
     motion++;
     motion_change(arm, motion, &course, twist, rate, zero, release);
     if (!plan_append(arm, g, plan, release > 0.02, 1)) return plan_failure(g);
@@ -431,7 +440,7 @@ static int drive(const Arm *arm, Governor *g, const Now *now, const double way[]
   return lands ? SLOWED : reached_status(arm, g, now, way);
 }
 
-/* Direct the frames so that the joints approach those of the target, along the leaf. */
+/* Direct the frames so that the joints approach those of the goal, along the leaf, and the levels straight. */
 static void way_of_joints(const Arm *arm, Governor *g, const Now *now, double way[], double x[]) {
   double p[3 * FRAMES], R[9 * FRAMES], J[M][N], rate[M], d[N], size = 0.0, miss = 0.0;
   for (int i = 0; i < N; i++) {
@@ -450,19 +459,20 @@ static void way_of_joints(const Arm *arm, Governor *g, const Now *now, double wa
     for (int i = 0; i < N; i++) rate[a] += J[a][i] * d[i];
   }
   course_rates_of(arm, &now->course, rate, way);
+  for (int k = 0; k < N - M; k++) way[TWISTS + k] = g->line.goal.leaf[k] - now->course.leaf[k];
   joint_rates(arm, now->B, way, x);
 }
 
 /* Take the way of the joints, as the straight line is blocked; return 1 while they are looked for. At the edge of a
    cell, come to rest and begin again: from rest, the straight line does not leave the cell. */
-static int other_way(const Arm *arm, Governor *g, const Pose *target, int rests) {
+static int other_way(const Arm *arm, Governor *g, const Goal *goal, int rests) {
   if (has_bounds(arm) && g->status == OUTSIDE) {
     if (!rests) return 1;
     g->stuck = g->by_joints = 0;
     g->pace = 1.0;
     return 0;
   }
-  look_for(arm, g, target);
+  look_for(arm, g, goal);
   if (!g->line.known) return 1;
   g->by_joints |= g->line.found;
   g->stuck = 0;
@@ -478,23 +488,23 @@ static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status)
   g->stuck = slow ? g->stuck + 1 : 0;
 }
 
-/* Move towards a target for a stride, or come to rest there. */
-static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *target) {
+/* Move towards a goal for a stride, or come to rest there. */
+static int to_goal(const Arm *arm, Governor *g, const Now *now, const Goal *goal) {
   const Plan *plan = &g->plan[g->taken];
   const int still = rests(g);
-  const int lands = plan->lands && equal_poses(arm, target, g->landing);
+  const int lands = plan->lands && equal_goals(arm, goal, &g->landing);
   double way[RATES], x[N], travel = 0.0, a, jerk, speed, rise, left, by_speed, by_room;
   int status;
-  if (lands) look_for(arm, g, target); /* only in ticks without a plan */
+  if (lands) look_for(arm, g, goal); /* only in ticks without a plan */
   if (lands && !still) return SLOWED;
-  if (g->stuck > 25 && other_way(arm, g, target, still)) return g->status;
-  course_way(arm, &now->course, target, way);
+  if (g->stuck > 25 && other_way(arm, g, goal, still)) return g->status;
+  course_way(arm, &now->course, goal, way);
   joint_rates(arm, now->B, way, x);
   for (int i = 0; i < N; i++)
     if (!(fabs(x[i]) <= travel)) travel = fabs(x[i]);
   if (lands || (still && travel < 1e-10)) {
-    if (!lands) look_for(arm, g, target);
-    if (is_there(arm, g, now->q)) return course_holds(arm, target) ? OK : OUTSIDE;
+    if (!lands) look_for(arm, g, goal);
+    if (is_there(arm, g, now->q)) return course_holds(arm, goal) ? OK : OUTSIDE;
     if (!g->by_joints) return SLOWED;
   }
   if (g->by_joints) way_of_joints(arm, g, now, way, x);
@@ -502,7 +512,7 @@ static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *ta
   closing_speed(arm, now, x, &speed, &rise);
   fastest_along(arm, g, now, way, &by_speed, &by_room);
   if (!g->by_joints && !g->exhausted && try_landing(arm, g, now, way, x, a, jerk, by_speed, speed, rise)) {
-    copy_poses(arm, target, g->landing);
+    copy_goal(arm, goal, &g->landing);
     g->pace = 1.0;
     return SLOWED;
   }
@@ -513,22 +523,45 @@ static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *ta
   return status;
 }
 
-/* Move by twists of the frames for a stride. */
-static int follow(const Arm *arm, Governor *g, const Now *now, const double *twist) {
-  double rate[M], left_out[M], way[RATES], E[M * RATES], x[N];
+/* Choose the rates of the levels towards those asked for, way[TWISTS], ...: as fast as they can still stop there. */
+static void level_rates(const Arm *arm, const Governor *g, const Now *now, const double leaf[], double way[]) {
+  double only[RATES], x[N], square = 0.0, speed = 0.0, rise = 0.0, travel = 0.0, a, jerk, by_speed, by_room, fits;
+  for (int i = 0; i < TWISTS; i++) only[i] = 0.0;
+  for (int k = TWISTS; k < RATES; k++) {
+    only[k] = leaf[k - TWISTS] - now->course.leaf[k - TWISTS];
+    square += only[k] * only[k];
+    speed += only[k] * now->twist[k];
+    rise += only[k] * now->rate[k];
+  }
+  joint_rates(arm, now->B, only, x);
+  for (int i = 0; i < N; i++)
+    if (!(fabs(x[i]) <= travel)) travel = fabs(x[i]);
+  if (!(travel > 1e-12 && square > TINY)) return;
+  a = braking_rate(arm, g, now, x, &jerk);
+  fastest_along(arm, g, now, only, &by_speed, &by_room);
+  fits = arrival_speed(1.0 - release_way(speed / square, rise / square, jerk), a, jerk, 2.0 * g->stride);
+  if (by_speed < fits) fits = by_speed;
+  if (by_room < fits) fits = by_room;
+  for (int k = TWISTS; k < RATES; k++) way[k] = fits * only[k];
+}
+
+/* Move by twists of the frames, and to levels, for a stride. */
+static int follow(const Arm *arm, Governor *g, const Now *now, const Input *input) {
+  double rate[M], left_out[M], way[RATES], E[M * TWISTS], x[N];
   int status;
   for (int a = 0; a < M; a++) rate[a] = 0.0;
-  if (twist) course_rates(arm, &now->course, twist, rate);
+  if (input->twist) course_rates(arm, &now->course, input->twist, rate);
   course_rates_of(arm, &now->course, rate, way);
+  if (input->to_leaf) level_rates(arm, g, now, input->goal.leaf, way);
   status = drive(arm, g, now, way, 1.0, 0);
   course_task_rates(arm, &now->course, E);
   for (int a = 0; a < M; a++) {
     left_out[a] = rate[a];
-    for (int b = 0; b < RATES; b++) left_out[a] -= E[a * RATES + b] * way[b];
+    for (int b = 0; b < TWISTS; b++) left_out[a] -= E[a * TWISTS + b] * way[b];
   }
   for (int i = 0; i < N; i++) {
     x[i] = 0.0;
-    for (int a = 0; a < M; a++) x[i] += now->G[i * M + a] * left_out[a];
+    for (int a = 0; a < M; a++) x[i] += now->G[i * N + a] * left_out[a];
   }
   return status == OK && !is_slow(arm, g, x) ? OUTSIDE : status; /* along a coordinate of width 0 */
 }
@@ -540,11 +573,14 @@ static int is_small(const double *x, int count) {
 }
 
 /* Tell whether the last plan heeds an input, or whether it is newer. */
-static int is_heeded(const Arm *arm, const Governor *g, const Pose *target, const double *twist) {
-  if (target) return g->heeds_target && equal_poses(arm, target, g->heard);
-  if (g->heeds_target) return 0;
-  for (int i = 0; i < RATES; i++)
+static int is_heeded(const Arm *arm, const Governor *g, const Input *input) {
+  const double *twist = input->twist;
+  if (input->to_pose) return g->heeds_target && equal_goals(arm, &input->goal, &g->heard);
+  if (g->heeds_target || g->heeds_leaf != input->to_leaf) return 0;
+  for (int i = 0; i < TWISTS; i++)
     if ((twist ? twist[i] : 0.0) != g->heard_twist[i]) return 0;
+  for (int k = 0; k < N - M && input->to_leaf; k++)
+    if (input->goal.leaf[k] != g->heard.leaf[k]) return 0;
   return 1;
 }
 
@@ -592,6 +628,7 @@ static int start_at_rest(const Arm *arm, Governor *g, const double q[], double d
   }
   if (find_inside(arm, inside) != OK) return OUTSIDE;
   if (find_inverse(arm, inside, G) != OK || find_leaf(arm, inside, g->leaf) != OK) return SINGULAR;
+  for (int k = 0; k < N - M; k++) g->line.course.leaf[k] = g->leaf[k];
   g->limits = *limits;
   g->parts = dt > PART ? (int)ceil(dt / PART * (1.0 - 1e-9)) : 1;
   g->dt = dt / g->parts;
@@ -608,8 +645,8 @@ static int start_at_rest(const Arm *arm, Governor *g, const double q[], double d
   plan_begin(arm, &g->plan[0], &g->line.course, q, still);
   plan_begin(arm, &g->plan[1], &g->line.course, inside, still);
   if (g->recovers) plan_back(arm, g, q, inside, &g->plan[1]);
-  g->idle = g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
-  for (int i = 0; i < RATES; i++) g->heard_twist[i] = 0.0;
+  g->idle = g->taken = g->turn = g->heeds_target = g->heeds_leaf = g->holds = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
+  for (int i = 0; i < TWISTS; i++) g->heard_twist[i] = 0.0;
   g->tick = 3; /* all differences are 0 */
   g->next = 0;
   g->pace = g->longer = 1.0;
@@ -628,9 +665,9 @@ SHARED int govern_from(const Arm *arm, Governor *g, const double q[], double dt,
 }
 
 /* Plan, if it is time to, and move on by one part of a tick. */
-static void advance(const Arm *arm, Governor *g, const Pose *target, const double *twist, int accepted) {
+static void advance(const Arm *arm, Governor *g, const Input *input, int accepted) {
   if (g->recovers) {
-    if (accepted && (target || twist)) {
+    if (accepted && (input->to_pose || input->to_leaf || input->twist)) {
       g->recovers = 0;
       g->taken = 1;
       g->tick = 0;
@@ -638,24 +675,26 @@ static void advance(const Arm *arm, Governor *g, const Pose *target, const doubl
       g->status = RECOVERING;
     }
   } else if (accepted && g->tick >= g->next) {
-    double G[N * M], B[2 * N * RATES];
+    double G[N * N], B[2 * N * RATES];
     Now now;
     now.G = G, now.B = B, now.B_ahead = B + N * RATES;
     g->left = MOST_EVALUATIONS;
     g->asked = 0;
-    if (!target || !g->heeds_target || !equal_poses(arm, target, g->heard)) g->stuck = g->by_joints = 0;
+    if (!input->to_pose || !g->heeds_target || !equal_goals(arm, &input->goal, &g->heard)) g->stuck = g->by_joints = 0;
     if (!state_now(arm, g, &now))
       g->status = SINGULAR;
-    else if (target)
-      g->status = to_target(arm, g, &now, target);
+    else if (input->to_pose)
+      g->status = to_goal(arm, g, &now, &input->goal);
     else
-      g->status = follow(arm, g, &now, twist);
+      g->status = follow(arm, g, &now, input);
     g->idle = g->status == SLOWED && g->tick && rests(g) ? g->idle + 1 : 0;
     if (g->idle > MOST_IDLE) g->status = SINGULAR;
     g->next = g->tick + g->ticks;
-    g->heeds_target = target != NULL;
-    if (target) copy_poses(arm, target, g->heard);
-    for (int i = 0; i < RATES; i++) g->heard_twist[i] = twist ? twist[i] : 0.0;
+    g->heeds_target = input->to_pose;
+    g->heeds_leaf = input->to_leaf;
+    if (input->to_pose) copy_goal(arm, &input->goal, &g->heard);
+    for (int k = 0; k < N - M; k++) g->heard.leaf[k] = input->goal.leaf[k];
+    for (int i = 0; i < TWISTS; i++) g->heard_twist[i] = input->twist ? input->twist[i] : 0.0;
   }
   g->tick++;
   for (int i = 0; i < N; i++) {
@@ -665,18 +704,45 @@ static void advance(const Arm *arm, Governor *g, const Pose *target, const doubl
   plan_at(arm, &g->plan[g->taken], (double)g->tick * g->dt, g->history[2]);
 }
 
-/* Compute the next joints to command, towards a target or by a twist; without both it stops. A tick is divided into
+/* Complete an input by the known stop: with levels alone, the pose there is held; without levels and a pose, the levels
+   come to rest there. Else levels that are not given are the last ones. */
+static void complete(const Arm *arm, Governor *g, const double *leaf, Input *input) {
+  const int alone = leaf && !input->to_pose && !input->twist, rests = !leaf && !input->to_pose;
+  Course course;
+  if (rests || (alone && !g->holds)) plan_course_at(arm, &g->plan[g->taken], g->plan[g->taken].time, &course);
+  if (rests) leaf = course.leaf;
+  for (int f = 0; f < FRAMES && alone; f++) {
+    if (!g->holds) g->held[f] = course.place[f];
+    input->goal.place[f] = g->held[f];
+  }
+  input->to_pose |= alone;
+  g->holds = alone;
+  for (int k = 0; k < N - M; k++) {
+    if (leaf) g->leaf[k] = leaf[k];
+    input->goal.leaf[k] = g->leaf[k];
+  }
+}
+
+/* Compute the next joints to command, towards a target or by a twist, and to levels; without all it stops. A tick is divided into
    equal parts: limits that are kept by the differences of the parts are kept by those of the ticks, which are their
    weighted means. */
-SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, double q_next[]) {
+SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, const double *leaf,
+                  double q_next[]) {
+  Input input;
   int accepted = !(target && twist);
   if (!g->started) return g->status == OK ? BAD_NUMBER : g->status;
   if (target && !usable(arm, target)) accepted = 0;
   for (int f = 0; f < FRAMES && target; f++) accepted &= is_small(target[f].p, 3);
-  if (twist && !is_small(twist, RATES)) accepted = 0;
-  for (g->part = 0; g->part < g->parts; g->part++) advance(arm, g, target, twist, accepted);
+  if (twist && !is_small(twist, TWISTS)) accepted = 0;
+  if (leaf && !is_small(leaf, N - M)) accepted = 0;
+  input.twist = twist;
+  input.to_pose = target != NULL;
+  input.to_leaf = leaf != NULL;
+  for (int f = 0; f < FRAMES && target; f++) input.goal.place[f] = target[f];
+  if (accepted) complete(arm, g, leaf, &input);
+  for (g->part = 0; g->part < g->parts; g->part++) advance(arm, g, &input, accepted);
   for (int i = 0; i < N; i++) q_next[i] = g->history[2][i];
   if (!accepted) return BAD_NUMBER;
-  if (g->status == OK && !is_heeded(arm, g, target, twist)) return SLOWED;
+  if (g->status == OK && !is_heeded(arm, g, &input)) return SLOWED;
   return g->status;
 }

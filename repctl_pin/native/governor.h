@@ -1,4 +1,4 @@
-/* The governor: motions of the frames on straight lines, joints that follow them on a leaf, and the limits kept.
+/* The governor: motions of the frames and levels on straight lines, joints that follow them, and the limits kept.
 
    A plan is a short motion and a stop after it. It is followed only if all its samples, up to rest, were checked, so
    there is always a known stop. An exported header declares the same structs. */
@@ -20,17 +20,23 @@ typedef struct {
 #define DEGREE 10 /* of the polynomials of a plan */
 #define PIECES 24 /* their maximum number */
 
-/* Placements of the frames, and the coordinates of a single one in a cell, which are not used without one. */
+/* Placements of the frames and levels c of the potentials: what an input asks for. */
 typedef struct {
   Pose place[MOST_FRAMES];
-  double y[6];
+  double leaf[MOST_N];
+} Goal;
+
+/* The same on the way, with the coordinates of a single frame in a cell, which are not used without one. */
+typedef struct {
+  Pose place[MOST_FRAMES];
+  double y[6], leaf[MOST_N];
 } Course;
 
-/* Motion of the frames on straight lines: phi(t) = sum C[k] t^k, 6 numbers per frame; p + phi_v, exp(phi_w) R, or
-   y + phi in a cell. */
+/* Motion on a straight line: phi(t) = sum C[k] t^k, 6 numbers per frame and one per level; p + phi_v, exp(phi_w) R, or
+   y + phi in a cell; c + phi_c. */
 typedef struct {
   Course start;
-  double C[6][6 * MOST_FRAMES], begin, duration;
+  double C[6][6 * MOST_FRAMES + MOST_N], begin, duration;
 } Motion;
 
 /* q(t) = sum C[k] u^k, u from -1 to 1 between two times. */
@@ -52,7 +58,7 @@ typedef struct {
 typedef struct {
   Motion motion;
   Course course;
-  Pose target[MOST_FRAMES];
+  Goal goal;
   double start[MOST_N], q[MOST_N], share, step;
   int begun, known, found;
 } Line;
@@ -62,12 +68,13 @@ typedef struct {
 typedef struct {
   Limits limits;
   Plan plan[2];
-  Pose landing[MOST_FRAMES], heard[MOST_FRAMES];
+  Goal landing, heard;
+  Pose held[MOST_FRAMES]; /* while levels alone are given */
   double heard_twist[6 * MOST_FRAMES], dt /* of a part of a tick */, stride, leaf[MOST_N], lower[MOST_N], upper[MOST_N], history[3][MOST_N];
   double pace, longer, reach;
   Line line;
   long long tick, next, ticks;
-  int parts, part, asked, idle, recovers, taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
+  int parts, part, asked, idle, recovers, taken, turn, left, outside, heeds_target, heeds_leaf, holds, stuck, by_joints, exhausted;
   int status, cause;
   int started;
   int (*allows)(void *guard, const Plan *plan); /* a status: OK takes a plan */
@@ -75,16 +82,17 @@ typedef struct {
 } Governor;
 #endif
 
-#define RATES (6 * FRAMES) /* coordinates of all frames, twists */
+#define TWISTS (6 * FRAMES)        /* coordinates of all frames */
+#define RATES (TWISTS + (N - M)) /* these, and the levels */
 
 /* ---- motions of the frames ---- */
 
 SHARED int has_bounds(const Arm *arm);
-SHARED int course_holds(const Arm *arm, const Pose *target);
+SHARED int course_holds(const Arm *arm, const Goal *goal);
 SHARED void course_begin(const Arm *arm, const double q[], Course *course);
 SHARED void course_at(const Arm *arm, const double q[], Course *course);
 SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[]);
-SHARED void course_way(const Arm *arm, const Course *course, const Pose *target, double way[]);
+SHARED void course_way(const Arm *arm, const Course *course, const Goal *goal, double way[]);
 SHARED void course_rates(const Arm *arm, const Course *course, const double twist[], double rate[]);
 SHARED void course_task_rates(const Arm *arm, const Course *course, double E[]);
 SHARED void motion_course_at(const Arm *arm, const Motion *motion, double t, Course *course);
@@ -112,9 +120,9 @@ SHARED int plan_append(const Arm *arm, Governor *g, Plan *plan, int table, int c
 
 /* ---- configurations of targets ---- */
 
-SHARED void copy_poses(const Arm *arm, const Pose *from, Pose *to);
-SHARED int equal_poses(const Arm *arm, const Pose *a, const Pose *b);
-SHARED void look_for(const Arm *arm, Governor *g, const Pose *target);
+SHARED void copy_goal(const Arm *arm, const Goal *from, Goal *to);
+SHARED int equal_goals(const Arm *arm, const Goal *a, const Goal *b);
+SHARED void look_for(const Arm *arm, Governor *g, const Goal *goal);
 SHARED int is_there(const Arm *arm, Governor *g, const double q[]);
 SHARED double regularity(const Arm *arm, const double q[]);
 SHARED void leaf_direction(const Arm *arm, const double q[], const double goal[], double d[]);
@@ -122,6 +130,7 @@ SHARED void leaf_direction(const Arm *arm, const double q[], const double goal[]
 /* ---- the governor; both return a status ---- */
 
 SHARED int govern_from(const Arm *arm, Governor *g, const double q[], double dt, const Limits *limits);
-SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, double q_next[]);
+SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, const double *leaf,
+                  double q_next[]);
 
 #endif

@@ -13,7 +13,8 @@ typedef struct {
   Governor *state;         /* governor_bytes() */
   const double *limits;    /* 3 N + 1: velocity, acceleration, jerk; margin */
   const double *target;    /* 16 FRAMES: [R p; 0 1] by rows */
-  const double *twist, *q; /* 6 FRAMES, N: where it begins */
+  const double *twist, *leaf; /* 6 FRAMES, N - M */
+  const double *q;            /* N: where it begins */
   double *result;          /* N */
   double *samples, *ways;  /* room N: of a plan, and the ways of the joints up to them */
   int (*allows)(int count, int first); /* first: of the questions about the next motion */
@@ -78,14 +79,15 @@ static int ask(void *guard, const Plan *plan) {
   return call->allows(count, g->asked++ == 0) == 1 ? OK : BODIES;
 }
 
-/* bits of given: 1 target, 2 twist */
+/* bits of given: 1 target, 2 twist, 4 leaf */
 EXPORT int call_governor_step(const GovernorCall *call, int given) {
   const Arm *arm = call->arm;
   Pose target[FRAMES];
   read_poses(arm, call->target, target);
   call->state->allows = call->allows ? ask : NULL;
   call->state->guard = (void *)call;
-  return govern(arm, call->state, given & 1 ? target : NULL, given & 2 ? call->twist : NULL, call->result);
+  return govern(arm, call->state, given & 1 ? target : NULL, given & 2 ? call->twist : NULL,
+                given & 4 ? call->leaf : NULL, call->result);
 }
 
 typedef struct {

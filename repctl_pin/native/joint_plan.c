@@ -1,4 +1,4 @@
-/* Plans: motions of the frames, and polynomials of the joints that follow them on a leaf. */
+/* Plans: motions of the frames and levels, and polynomials of the joints that follow them. */
 
 #include <math.h>
 #include <stddef.h>
@@ -148,12 +148,12 @@ SHARED void plan_begin(const Arm *arm, Plan *plan, const Course *start, const do
 }
 
 /* Solve f(q) = x, h(q) = c near q; return 0 without a solution inside the region. */
-static int solved_near(const Arm *arm, Governor *g, const Pose *target, double q[]) {
+static int solved_near(const Arm *arm, Governor *g, const Course *at, double q[]) {
   g->outside = 0;
   for (int k = 0; k < 6; k++) {
     double x[N], size = 0.0;
     if (--g->left < 0) return 0;
-    if (take_step(arm, q, target, 1.0, NULL, g->leaf, NULL, NULL, x) != OK) return 0;
+    if (take_step(arm, q, at->place, 1.0, NULL, at->leaf, NULL, NULL, x) != OK) return 0;
     for (int i = 0; i < N; i++) {
       if (!(fabs(x[i] - q[i]) <= size)) size = fabs(x[i] - q[i]);
       q[i] = x[i];
@@ -181,7 +181,7 @@ static int plan_interpolate(const Arm *arm, Governor *g, const Motion *motion, d
       Q[j][i] = guess + NODE_AHEAD[table][j][j] * ((end - begin) * plan->qdot[i]);
     }
     motion_course_at(arm, motion, begin + NODE_SHARE[table][j] * (end - begin), &target);
-    if (!solved_near(arm, g, target.place, Q[j])) return 0;
+    if (!solved_near(arm, g, &target, Q[j])) return 0;
   }
   for (int i = 0; i < N; i++) last[i] = Q[piece->degree][i];
   for (int k = 0; k <= piece->degree; k++)

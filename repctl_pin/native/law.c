@@ -88,20 +88,23 @@ static int augmented(const Arm *arm, const double q[], double A[][N], int swap[]
   return regular(arm, A, swap);
 }
 
-SHARED int find_inverse(const Arm *arm, const double q[], double G[]) {
-  double A[N][N], X[M][N];
+/* Evaluate the first columns of J_V^-1 (N, count): M are G_r, and the other N - M move the levels c. */
+SHARED int find_columns(const Arm *arm, const double q[], int count, double columns[]) {
+  double A[N][N], X[N][N];
   int swap[N];
   if (!all_finite(q, N)) return BAD_NUMBER;
   if (!augmented(arm, q, A, swap)) return SINGULAR;
-  for (int a = 0; a < M; a++) {
+  for (int a = 0; a < count; a++) {
     for (int i = 0; i < N; i++) X[a][i] = i == a;
     solve(arm, A, swap, X[a]);
     if (!all_finite(X[a], N)) return SINGULAR;
   }
-  for (int a = 0; a < M; a++)
-    for (int i = 0; i < N; i++) G[i * M + a] = X[a][i];
+  for (int a = 0; a < count; a++)
+    for (int i = 0; i < N; i++) columns[i * count + a] = X[a][i];
   return OK;
 }
+
+SHARED int find_inverse(const Arm *arm, const double q[], double G[]) { return find_columns(arm, q, M, G); }
 
 SHARED int find_velocity(const Arm *arm, const double q[], const double xdot[], double qdot[]) {
   double A[N][N], x[N];

@@ -12,6 +12,7 @@ SHARED void potentials(const Arm *arm, const double q[], const double p[], const
 
 SHARED int find_leaf(const Arm *arm, const double q[], double c[]);
 SHARED int find_inverse(const Arm *arm, const double q[], double G[]);
+SHARED int find_columns(const Arm *arm, const double q[], int count, double columns[]);
 SHARED int find_velocity(const Arm *arm, const double q[], const double xdot[], double qdot[]);
 SHARED int find_inside(const Arm *arm, const double q[]);
 SHARED int take_step(const Arm *arm, const double q[], const Pose *target, double dt, const double *twist,

@@ -1,5 +1,5 @@
-/* Motions of the frames on straight lines: in space, or, of one frame, in the coordinates of the cell that is the
-   region. */
+/* Motions on straight lines: of the frames in space, or, of one frame, in the coordinates of the cell that is the
+   region, and of the levels c. */
 
 #include <math.h>
 #include <stddef.h>
@@ -77,15 +77,15 @@ SHARED int has_bounds(const Arm *arm) {
 }
 
 /* Tell whether a target is inside the bounds of the coordinates. */
-SHARED int course_holds(const Arm *arm, const Pose *target) {
-  (void)arm, (void)target;
+SHARED int course_holds(const Arm *arm, const Goal *goal) {
+  (void)arm, (void)goal;
 #ifdef CHART
-  if (CELL_OF(arm)) return in_cell(arm, CELL_OF(arm), target->p, target->R);
+  if (CELL_OF(arm)) return in_cell(arm, CELL_OF(arm), goal->place->p, goal->place->R);
 #endif
   return 1;
 }
 
-/* Find the course at q, without one before. */
+/* Find the course of the frames at q, without one before. */
 SHARED void course_begin(const Arm *arm, const double q[], Course *course) {
   find_poses(arm, q, course->place);
   for (int i = 0; i < 6; i++) course->y[i] = 0.0;
@@ -94,7 +94,7 @@ SHARED void course_begin(const Arm *arm, const double q[], Course *course) {
 #endif
 }
 
-/* Find the course at q next to a course, which gives its coordinates up to full turns. */
+/* Find the course at q next to a course, which gives its coordinates up to full turns, and the levels. */
 SHARED void course_at(const Arm *arm, const double q[], Course *course) {
   double before[6];
   for (int i = 0; i < 6; i++) before[i] = course->y[i];
@@ -109,6 +109,7 @@ SHARED void course_at(const Arm *arm, const double q[], Course *course) {
 static void course_shifted(const Arm *arm, const Course *start, const double phi[], Course *course) {
   (void)arm;
   for (int i = 0; i < 6; i++) course->y[i] = CELL_OF(arm) ? start->y[i] + phi[i] : 0.0;
+  for (int k = 0; k < N - M; k++) course->leaf[k] = start->leaf[k] + phi[TWISTS + k];
 #ifdef CHART
   if (CELL_OF(arm)) {
     cell_place(arm, CELL_OF(arm), course->y, course->place);
@@ -130,7 +131,8 @@ static void frame_twist(const Arm *arm, const double R[9], const double rate[], 
   }
 }
 
-/* Convert a task velocity to one of the coordinates, 0 in those that the task does not have or the cell fixes. */
+/* Convert a task velocity to one of the coordinates, 0 in those that the task does not have or the cell fixes, and of
+   the levels. */
 SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[]) {
   for (int i = 0; i < RATES; i++) way[i] = 0.0;
 #ifdef CHART
@@ -150,14 +152,14 @@ SHARED void course_rates_of(const Arm *arm, const Course *course, const double r
     frame_twist(FRAME(f), course->place[f].R, rate, way + 6 * f);
 }
 
-/* Compute the displacement to a target, or to the nearest placement in the cell. */
-SHARED void course_way(const Arm *arm, const Course *course, const Pose *target, double way[]) {
+/* Compute the displacement of the frames to a target, or to the nearest placement in the cell. */
+static void frames_way(const Arm *arm, const Course *course, const Pose *target, double way[]) {
   double e[M];
 #ifdef CHART
   if (CELL_OF(arm)) {
     const Chart *cell = CELL_OF(arm);
     cell_coordinates(arm, cell, target, e);
-    for (int i = 0; i < 6; i++) way[i] = 0.0;
+    for (int i = 0; i < TWISTS; i++) way[i] = 0.0;
     for (int i = 0; i < M; i++) {
       double nearest = e[i] < cell->upper[i] ? e[i] : cell->upper[i];
       if (!(nearest > cell->lower[i])) nearest = cell->lower[i];
@@ -171,6 +173,12 @@ SHARED void course_way(const Arm *arm, const Course *course, const Pose *target,
   course_rates_of(arm, course, e, way);
 }
 
+/* Compute the displacement to a goal. */
+SHARED void course_way(const Arm *arm, const Course *course, const Goal *goal, double way[]) {
+  frames_way(arm, course, goal->place, way);
+  for (int k = 0; k < N - M; k++) way[TWISTS + k] = goal->leaf[k] - course->leaf[k];
+}
+
 /* Convert the frames' twists to a task velocity. */
 SHARED void course_rates(const Arm *arm, const Course *course, const double twist[], double rate[]) {
   for (int a = 0; a < M; a++) rate[a] = 0.0;
@@ -178,16 +186,16 @@ SHARED void course_rates(const Arm *arm, const Course *course, const double twis
     add_frame_rate(FRAME(f), course->place[f].R, twist + 6 * f, 1.0, rate);
 }
 
-/* Evaluate the task velocity per unit of each coordinate, E (M, RATES). */
+/* Evaluate the task velocity per unit of each coordinate of the frames, E (M, TWISTS). */
 SHARED void course_task_rates(const Arm *arm, const Course *course, double E[]) {
-  for (int b = 0; b < RATES; b++) {
-    double twist[RATES], rate[M];
-    for (int i = 0; i < RATES; i++) twist[i] = i == b && !CELL_OF(arm);
+  for (int b = 0; b < TWISTS; b++) {
+    double twist[TWISTS], rate[M];
+    for (int i = 0; i < TWISTS; i++) twist[i] = i == b && !CELL_OF(arm);
 #ifdef CHART
     if (CELL_OF(arm) && b < M) cell_twist(arm, CELL_OF(arm), course->y, b, twist);
 #endif
     course_rates(arm, course, twist, rate);
-    for (int a = 0; a < M; a++) E[a * RATES + b] = rate[a];
+    for (int a = 0; a < M; a++) E[a * TWISTS + b] = rate[a];
   }
 }
 
@@ -215,7 +223,7 @@ SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double 
     twist[i] = (((5.0 * c5 * t + 4.0 * c4) * t + 3.0 * c3) * t + 2.0 * c2) * t + motion->C[1][i];
     rate[i] = ((20.0 * c5 * t + 12.0 * c4) * t + 6.0 * c3) * t + 2.0 * c2;
   }
-  for (int i = 3; i < RATES && !CELL_OF(arm); i += 6)
+  for (int i = 3; i < TWISTS && !CELL_OF(arm); i += 6)
     angular_rates(phi + i, twist + i, rate + i);
 }
 

@@ -1,4 +1,4 @@
-/* Configurations of targets on a leaf, and the way to them along it. */
+/* Configurations of goals, poses with levels, and the way to them. */
 
 #include <math.h>
 #include <stddef.h>
@@ -12,30 +12,33 @@
 #define NEAR_SINGULAR 0.05 /* regularity below which the way does not lead nearer to a singularity */
 #define PUSH 0.5          /* sine of the angle by which it leads away from the singularity, at most */
 
-SHARED void copy_poses(const Arm *arm, const Pose *from, Pose *to) {
+SHARED void copy_goal(const Arm *arm, const Goal *from, Goal *to) {
   (void)arm;
-  for (int f = 0; f < FRAMES; f++) to[f] = from[f];
+  for (int f = 0; f < FRAMES; f++) to->place[f] = from->place[f];
+  for (int k = 0; k < N - M; k++) to->leaf[k] = from->leaf[k];
 }
 
-SHARED int equal_poses(const Arm *arm, const Pose *a, const Pose *b) {
+SHARED int equal_goals(const Arm *arm, const Goal *a, const Goal *b) {
   (void)arm;
   for (int f = 0; f < FRAMES; f++) {
     for (int i = 0; i < 3; i++)
-      if (a[f].p[i] != b[f].p[i]) return 0;
+      if (a->place[f].p[i] != b->place[f].p[i]) return 0;
     for (int i = 0; i < 9; i++)
-      if (a[f].R[i] != b[f].R[i]) return 0;
+      if (a->place[f].R[i] != b->place[f].R[i]) return 0;
   }
+  for (int k = 0; k < N - M; k++)
+    if (a->leaf[k] != b->leaf[k]) return 0;
   return 1;
 }
 
-/* Begin with the straight line from the start to a target. */
-static void line_begin(const Arm *arm, Governor *g, const Pose *target) {
+/* Begin with the straight line from the start to a goal. */
+static void line_begin(const Arm *arm, Governor *g, const Goal *goal) {
   Line *line = &g->line;
-  static const double zero[6 * MOST_FRAMES] = {0.0};
+  static const double zero[6 * MOST_FRAMES + MOST_N] = {0.0};
   double way[RATES];
-  course_way(arm, &line->course, target, way);
+  course_way(arm, &line->course, goal, way);
   motion_begin(arm, &line->motion, &line->course, way, zero, 1.0);
-  copy_poses(arm, target, line->target);
+  copy_goal(arm, goal, &line->goal);
   line->share = 0.0;
   line->step = line->begun = 1;
   line->known = line->found = 0;
@@ -43,12 +46,12 @@ static void line_begin(const Arm *arm, Governor *g, const Pose *target) {
 }
 
 /* Solve f(q) = x, h(q) = c next to q, inside all limits. */
-static int line_solved(const Arm *arm, const Governor *g, const Pose *target, double q[], int *left) {
+static int line_solved(const Arm *arm, const Governor *g, const Course *at, double q[], int *left) {
   double before = HUGE_VAL;
   for (int k = 0; k < 6; k++) {
     double x[N], size = 0.0, most = CONTRACTION * before < LONGEST_STEP ? CONTRACTION * before : LONGEST_STEP;
     --*left;
-    if (take_step(arm, q, target, 1.0, NULL, g->leaf, NULL, NULL, x) != OK) return 0;
+    if (take_step(arm, q, at->place, 1.0, NULL, at->leaf, NULL, NULL, x) != OK) return 0;
     for (int i = 0; i < N; i++) {
       if (!(fabs(x[i] - q[i]) <= size)) size = fabs(x[i] - q[i]);
       q[i] = x[i];
@@ -64,18 +67,18 @@ static int line_solved(const Arm *arm, const Governor *g, const Pose *target, do
   return 0;
 }
 
-/* Go on with the joints of a target: continuation along the straight line from the start, by a number of evaluations. */
-SHARED void look_for(const Arm *arm, Governor *g, const Pose *target) {
+/* Go on with the joints of a goal: continuation along the straight line from the start, by a number of evaluations. */
+SHARED void look_for(const Arm *arm, Governor *g, const Goal *goal) {
   Line *line = &g->line;
   int left = MOST_AT_ONCE;
-  if (!line->begun || !equal_poses(arm, target, line->target)) line_begin(arm, g, target);
+  if (!line->begun || !equal_goals(arm, goal, &line->goal)) line_begin(arm, g, goal);
   while (!line->known && left > 0) {
     const double end = line->share + line->step < 1.0 ? line->share + line->step : 1.0;
     double q[N];
     Course course;
     for (int i = 0; i < N; i++) q[i] = line->q[i];
     motion_course_at(arm, &line->motion, end, &course);
-    if (!line_solved(arm, g, course.place, q, &left)) {
+    if (!line_solved(arm, g, &course, q, &left)) {
       line->step /= 2.0;
       line->known = line->step < 1e-3;
       continue;

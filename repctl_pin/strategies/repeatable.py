@@ -19,6 +19,7 @@ from ..base.arguments import (
     Array,
     as_configurations,
     as_matrices,
+    positive,
     require_choice,
     require_type,
     row,
@@ -37,6 +38,7 @@ from .step_arguments import as_joints, as_step_arguments, as_velocity_arguments,
 from .strategy import Step, described
 
 if TYPE_CHECKING:
+    from .elbow import Elbow, ElbowLevel
     from .leaf_lock_law import NumPyLaw
 
 _Outside = Literal["ignore", "warn", "raise"]
@@ -116,6 +118,7 @@ class RepeatableInverse:
         self.region = region
         check_joints(potentials, self.task.n)
         self._law = PerThread(_laws(self.task, potentials))
+        self._elbows: PerThread[dict[str | None, Elbow]] = PerThread(dict)
 
     def __repr__(self) -> str:
         r = self.task.r
@@ -320,6 +323,70 @@ class RepeatableInverse:
             Configurations, rad (m for prismatic joints).
         """
         return bool(np.abs(self.leaf(q) - self.leaf(other)).max() <= _SAME_LEAF)
+
+    def elbow(self, q: ArrayLike, *, link: str | None = None) -> Array:
+        """Compute the elbow of the arm at q: a point (3,), in the base frame, m.
+
+        Parameters
+        ----------
+        q : (n,) array
+        link
+            Link whose origin it is; by default the elbow joint's origin, which is the joint in the
+            middle of the arm that moves most in self-motions at the reference pose.
+        """
+        return self._elbow(link).point(vector(q, self.task.n, "q"))
+
+    def _elbow(self, link: str | None) -> Elbow:
+        """Return this thread's elbow of a link; None is the elbow joint."""
+        from .elbow import Elbow
+
+        if link is not None:
+            require_type(link, str, "link", "the name of a link")
+        own = self._elbows.own
+        if link not in own:
+            own[link] = Elbow(self.task, link)
+        return own[link]
+
+    def leaf_toward(
+        self, q: ArrayLike, *, elbow: ArrayLike, link: str | None = None, margin: float = 0.0
+    ) -> ElbowLevel:
+        """Find the level c at which the elbow is nearest to a point, with the frame at rest.
+
+        The search moves along the self-motion from q, within the joint limits and away from
+        algorithmic singularities, to the next minimum of the distance. Where :attr:`.unique` is
+        False, the level depends on q. So begin at a configuration that is a function of the pose,
+        such as :meth:`solve` from the start, and the result is a function of pose and point.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Configuration where the search begins; the frame rests there.
+        elbow : (3,) array
+            Point p_e for the elbow, in the base frame, m.
+        link
+            Link whose origin is the elbow, see :meth:`elbow`.
+        margin
+            Distance kept from the joint limits, rad (m); that of the governor or more.
+
+        Returns
+        -------
+        ElbowLevel
+            ``leaf``, the level; ``q``, ``distance`` and ``unique``.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used, or q violates a joint limit.
+        SingularityError
+            If J_V is singular at q.
+        """
+        from .elbow import leaf_toward
+
+        q = self.task.check(q, "q")
+        point = vector(elbow, 3, "elbow")
+        kept = positive(margin, "margin", "rad (m)", zero=True)
+        self(q)
+        return leaf_toward(self, self._elbow(link), q, point, kept)
 
     def solve(self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
         """Solve f(q) = x on a leaf: the inverse kinematic function q = F(x; c).

@@ -182,13 +182,13 @@ int main(int count, char **argument)
         twist = in.kind & 2 ? in.twist : NULL;
         copy = governor;
         took = now();
-        status = arm_governor_step(&governor, target, twist, q);
+        status = arm_governor_step(&governor, target, twist, NULL, q);
         times[k] = now() - took;
         for (i = 1; i < repeats && times[k] > slow; i++) {
             arm_governor again = copy;
             double spare[ARM_N];
             took = now();
-            arm_governor_step(&again, target, twist, spare);
+            arm_governor_step(&again, target, twist, NULL, spare);
             took = now() - took;
             if (took < times[k]) times[k] = took;
         }

@@ -162,7 +162,7 @@ class Exported:
         elif twist is not None:
             rates = (DOUBLE * 6)(*twist)
         q = self.q.ctypes.data_as(ctypes.POINTER(DOUBLE))
-        status = self.library.arm_governor_step(self.state, pose, rates, q)
+        status = self.library.arm_governor_step(self.state, pose, rates, None, q)
         return self.q.copy(), rp.Status(status)
 
 

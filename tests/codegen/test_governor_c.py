@@ -129,7 +129,7 @@ def test_it_commands_the_joints_that_the_library_does(
                 poses = (Pose * len(home))(*map(Pose, rows, turns))
                 target = tuple(target)
         wanted, status = governor.step(target, twist)
-        assert library.arm_governor_step(state, poses, rates, q) == status
+        assert library.arm_governor_step(state, poses, rates, None, q) == status
         worst, said = max(worst, np.abs(np.array(q) - wanted).max()), said | {status}
     print(f"{worst:.1e} apart, {said}")
     assert worst < 1e-8 and np.abs(np.array(q) - q0).max() > 1e-3
@@ -148,7 +148,7 @@ int main()
     arm::Pose inside = {@p, @R};
     if (arm::governor_start(governor, q, @dt, limits) != arm::Status::ok) return 1;
     for (int k = 0; k < 1000; k++) {
-        arm::Status status = arm::governor_step(governor, &inside, nullptr, next);
+        arm::Status status = arm::governor_step(governor, &inside, nullptr, nullptr, next);
         std::printf("%d", static_cast<int>(status));
         if (status == arm::Status::recovering) std::printf(" back");
         for (double x : next) std::printf(" %.17g", x);
@@ -256,7 +256,7 @@ def test_after_a_refused_start_it_holds(tmp_path: Path) -> None:
 
     def ticked(state: object) -> tuple[int, list[float]]:
         q = (DOUBLE * 3)(7.0, 8.0, 9.0)
-        return library.arm_governor_step(state, target, None, q), list(q)
+        return library.arm_governor_step(state, target, None, None, q), list(q)
 
     for first in (False, True):
         state = ctypes.create_string_buffer(1 << 20)

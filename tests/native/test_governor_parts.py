@@ -24,6 +24,7 @@ pytestmark = NEEDS_C
 
 
 MOST_FRAMES = 32
+MOST_N = 64
 
 
 class Pose(ctypes.Structure):
@@ -35,7 +36,7 @@ class Pose(ctypes.Structure):
 class Course(ctypes.Structure):
     """Placements of the frames, and the coordinates of a single one in a cell."""
 
-    _fields_ = (("place", Pose * MOST_FRAMES), ("y", DOUBLE * 6))
+    _fields_ = (("place", Pose * MOST_FRAMES), ("y", DOUBLE * 6), ("leaf", DOUBLE * MOST_N))
 
 
 class Motion(ctypes.Structure):
@@ -43,7 +44,7 @@ class Motion(ctypes.Structure):
 
     _fields_ = (
         ("start", Course),
-        ("C", DOUBLE * (36 * MOST_FRAMES)),
+        ("C", DOUBLE * (6 * (6 * MOST_FRAMES + MOST_N))),
         ("begin", DOUBLE),
         ("duration", DOUBLE),
     )
@@ -98,7 +99,7 @@ class Line:
             ctypes.byref(self.arm),
             ctypes.byref(self.motion),
             ctypes.byref(course),
-            *map(array, rows),
+            *(array([*row, *[0.0] * MOST_N]) for row in rows),
             DOUBLE(time),
         )
 
@@ -110,11 +111,12 @@ class Line:
         return [pin.SE3(np.reshape(x.R, (3, 3)), np.array(x.p)) for x in found]
 
     def rates(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        zeros = [0] * 6 * self.frames
+        zeros = [0] * (6 * self.frames + MOST_N)
         twist, rate, arm = array(zeros), array(zeros), ctypes.byref(self.arm)
         motion = ctypes.byref(self.motion)
         self.library.motion_rates(arm, motion, DOUBLE(t), twist, rate)
-        return np.array(twist), np.array(rate)
+        frames = 6 * self.frames
+        return np.array(twist)[:frames], np.array(rate)[:frames]
 
 
 @pytest.mark.parametrize("frames", [1, 2])

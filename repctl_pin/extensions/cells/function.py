@@ -35,6 +35,7 @@ from .geometry.kinematics import null_bases, placed
 from .targets import FORMS, as_poses, homogeneous
 
 if TYPE_CHECKING:
+    from ...strategies.elbow import ElbowLevel
     from .tool_function import ToolFunction
 
 _MOST_THREADS = 256
@@ -311,6 +312,27 @@ class InverseFunction:
             Q[good], done[good] = points.Q[good], ahead[good]
             step[~good] /= 2
         return np.stack([-done[:r], done[r:]], axis=1)
+
+    def leaf_toward(
+        self, target: Placement, *, elbow: ArrayLike, link: str | None = None, margin: float = 0.0
+    ) -> ElbowLevel:
+        """Find the level c of F(x; c) at which the elbow is nearest to a point.
+
+        The search begins at F(x), so it is a function c*(x, p_e) of pose and point: whenever both
+        come back, the joints do. See :meth:`RepeatableInverse.leaf_toward`.
+
+        Parameters
+        ----------
+        target : pinocchio.SE3 or (4, 4) array
+            Pose x of the frame.
+        elbow : (3,) array
+            Point p_e for the elbow, in the base frame, m.
+        link
+            Link whose origin is the elbow; by default the elbow joint's origin.
+        margin
+            Distance kept from the joint limits, rad (m).
+        """
+        return self.inverse.leaf_toward(self(target), elbow=elbow, link=link, margin=margin)
 
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
         """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.

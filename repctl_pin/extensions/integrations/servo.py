@@ -26,11 +26,7 @@ from ...motion.limits import Limits, joint_limits
 from ..cells.cell_design import CellDesign
 from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status
-from ..runtime.leaf_change import leaf_change
 from .messages import SAME, JointReadings, SteadyTime, clock_difference, target_of
-
-_LEAF = 1e-9
-"""Tolerance within which h(q) is at the level c, in the units of h."""
 
 _REST = 4
 """Number of equal commands after which the arm counts as at rest."""
@@ -68,10 +64,11 @@ class State(Enum):
 class Servo:
     """Joint commands of an arm, per tick, from target poses or twists and measured joints.
 
-    The commands stay on one leaf, the set h(q) = c that the design's potentials h hold, and within
-    the limits. All times are of one clock, in s, passed as ``now``. Where the clock steps back or
-    stands still, each tick counts as one period, so time-outs still end. A target or twist that
-    cannot be used raises no error: it stops the arm, and :attr:`reason` describes it.
+    The commands stay within the limits, and on one leaf, the set h(q) = c that the design's
+    potentials h hold, until :meth:`leaf` sets another level c. All times are of one clock, in s,
+    passed as ``now``. Where the clock steps back or stands still, each tick counts as one period,
+    so time-outs still end. A target or twist that cannot be used raises no error: it stops the arm,
+    and :attr:`reason` describes it.
 
     Parameters
     ----------
@@ -143,7 +140,6 @@ class Servo:
         self._readings = JointReadings(self.task.joint_names)
         self._commands: list[Array] = []
         self._leaf: Array | None = None
-        self._piece: list[Array] = []
         self._held = ""
         self._fault = False
         self._target: pin.SE3 | None = None
@@ -231,10 +227,11 @@ class Servo:
         self._target, self._heard = target, self._time.at(now)
 
     def leaf(self, leaf: ArrayLike) -> str:
-        """Set the level c (r,) to which the arm moves before it follows the next target.
+        """Set the level c (r,) to which the arm moves, at the same time as to its targets.
 
         The level, the value of the design's potentials, says where along the self-motion the elbow
-        is. Returns why the level is refused, or an empty text.
+        is. An arm without a target or a twist does not move to it. Returns why the level is
+        refused, or an empty text.
         """
         c = np.atleast_1d(np.asarray(leaf, float))
         if c.shape != (self.task.r,) or not np.isfinite(c).all():
@@ -303,9 +300,9 @@ class Servo:
 
     @property
     def at_rest(self) -> bool:
-        """True if the last four commands are equal, and no part of a self-motion is left."""
+        """True if the last four commands are equal."""
         last = self._commands
-        return len(last) == _REST and all((q == last[0]).all() for q in last) and not self._piece
+        return len(last) == _REST and all((q == last[0]).all() for q in last)
 
     @property
     def stopped_early(self) -> bool:
@@ -360,25 +357,13 @@ class Servo:
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next command (n,): of a self-motion to another leaf, or of the governor.
-
-        A change of the level c comes first: the arm stops, moves its elbow in parts, and then
-        follows the target.
-        """
-        recovers = self._governor.recovering
-        if not self._piece and self._leaf is not None and self._moving_asked() and not recovers:
-            self._to_leaf(self._leaf)
-        if self._piece:
-            q = self._piece.pop(0)
-            if not self._piece:
-                self._governor.start(q)
-        else:
-            waits = self._leaf is not None and not recovers
-            goal, twist = (None, None) if waits else (self._target, self._twist)
-            if twist is not None and self.tool is not None:
-                arm = self._placement().rotation @ self.tool.translation
-                twist = twist - np.r_[np.cross(twist[3:], arm), np.zeros(3)]
-            q, self.status = self._governor.step(goal, twist)
+        """Compute the next command (n,), towards the target or by the twist, and to the level."""
+        twist = self._twist
+        if twist is not None and self.tool is not None:
+            arm = self._placement().rotation @ self.tool.translation
+            twist = twist - np.r_[np.cross(twist[3:], arm), np.zeros(3)]
+        leaf = self._leaf if self._moving_asked() else None
+        q, self.status = self._governor.step(self._target, twist, leaf=leaf)
         self._commands = [*self._commands[1 - _REST :], q]
         return q
 
@@ -393,27 +378,6 @@ class Servo:
         start to move by itself.
         """
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
-
-    def _to_leaf(self, leaf: Array) -> None:
-        """Plan the next part of the self-motion to the level c (r,), once the arm is at rest.
-
-        If there is no such motion, or bodies would come too near, the arm holds and gives the
-        reason.
-        """
-        if not self.at_rest:
-            return
-        q = self._governor.q
-        try:
-            if np.abs(self._inverse.leaf(q) - leaf).max() <= _LEAF:
-                self._leaf = None
-            else:
-                way = leaf_change(self._inverse, q, leaf, self._limits, self.dt)
-                if not self._governor.keeps_distance(np.vstack([q, *way])):
-                    raise InputError("two bodies are near each other on the way to it")
-                self._piece = list(way)
-        except (InputError, SingularityError) as error:
-            self._leaf = None
-            self._stop(f"leaf refused: {error}")
 
     def _start(self, q: Array) -> bool:
         """Start at rest at the measured joints q (n,); False if that is not possible.

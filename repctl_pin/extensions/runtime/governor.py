@@ -1,7 +1,8 @@
-"""Limits kept at run time: motion on a leaf to any target, with a known stop at every tick.
+"""Limits kept at run time: motion to any pose and level, with a known stop at every tick.
 
-A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. A plan is a short motion
-that ends at rest. The work is done in C; Python is asked for the distances of bodies only.
+A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. Its level c is where the
+elbow is along the self-motion. A plan is a short motion that ends at rest. The work is done in C;
+Python is asked for the distances of bodies only.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ _ASK = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.c_int)
 _SHORTEST, _LONGEST = 1e-4, 0.1
 """Time steps between which a governor works, s."""
 
-_TARGET, _TWIST = 1, 2
-"""Bits that tell C which of its two inputs is given."""
+_TARGET, _TWIST, _LEAF = 1, 2, 4
+"""Bits that tell C which of its inputs are given."""
 
 
 class Status(IntEnum):
@@ -51,7 +52,7 @@ class Status(IntEnum):
     Attributes
     ----------
     OK
-        The target is reached, or the frame has the requested twist.
+        Target and level are reached, or the frame has the requested twist.
     SINGULAR
         J_V is singular ahead, or the target is out of reach: the arm stops before it. Or the arm
         rests, and no motion to the target was found.
@@ -95,13 +96,14 @@ _STATUS = {int(status): status for status in Status}
 class Governor:
     """Online motion generator: moves to any target, or by any twist, within all limits.
 
-    The commanded configuration stays on one leaf, the set h(q) = c that the inverse holds, and the
-    first, second and third differences of its samples, divided by dt, dt² and dt³, never exceed the
-    limits of speed, acceleration and jerk. Every few ticks a new plan is made: a short motion
-    towards the target, and a stop after it. All samples of a plan are checked before the first one
-    is sent. If no new plan keeps the limits, the previous plan is followed to its stop. So a stop
-    within the limits is known at every tick, whatever the input is, and also if the robot misses
-    ticks.
+    Pose x and level c of the inverse's potentials h determine q, so they are one target, and a plan
+    is a straight line of both. Without a new level, the commanded configuration stays on one leaf,
+    the set h(q) = c. The first, second and third differences of its samples, divided by dt, dt² and
+    dt³, never exceed the limits of speed, acceleration and jerk. Every few ticks a new plan is
+    made: a short motion towards the target, and a stop after it. All samples of a plan are checked
+    before the first one is sent. If no new plan keeps the limits, the previous plan is followed to
+    its stop. So a stop within the limits is known at every tick, whatever the input is, and also if
+    the robot misses ticks.
 
     Parameters
     ----------
@@ -132,7 +134,7 @@ class Governor:
     q : (n,) array
         Commanded configuration.
     leaf : (r,) array
-        Level c of the leaf on which q stays.
+        Level c = h(q) of the leaf on which q lies.
 
     Raises
     ------
@@ -208,6 +210,7 @@ class Governor:
             "limits": np.concatenate(bounds),
             "target": np.zeros(16 * len(task.frames)),
             "twist": np.zeros(task.twist_size),
+            "leaf": np.zeros(task.r),
             "q": np.zeros(task.n),
             "result": np.zeros(task.n),
             "samples": np.zeros((ROOM, task.n)),
@@ -228,12 +231,13 @@ class Governor:
         self._call = filled_struct(GOVERNOR_CALL, {}, memory, own)[0]
         self._address = ctypes.c_void_p(ctypes.addressof(self._call))
         self._target, self._twist = memory["target"].reshape(-1, 4), memory["twist"]
+        self._asked_leaf = memory["leaf"]
         self._begin, self._q = memory["q"], memory["result"]
         self._native = required_library("a governor", holds=True)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs; its connection to C, addresses in memory, is made again."""
-        connected = "arm call address target twist begin native ask samples ways error"
+        connected = "arm call address target twist asked_leaf begin native ask samples ways error"
         own = {f"_{name}" for name in connected.split()}
         kept = {name: value for name, value in vars(self).items() if name not in own}
         return kept | {"_state": self._state.copy(), "_q": self._q.copy()}
@@ -255,9 +259,12 @@ class Governor:
 
     @property
     def leaf(self) -> Array:
-        """Level c (r,) of the leaf on which the commanded configuration stays: h(q)."""
+        """Level c (r,) of the leaf on which the commanded configuration lies: h(q).
+
+        While a joint comes back from beyond its limit, it is the level at which this motion ends.
+        """
         self._check_started()
-        return self._leaf.copy()
+        return self._inverse.leaf(np.clip(self._q, self._lower, self._upper))
 
     @property
     def recovering(self) -> bool:
@@ -294,7 +301,7 @@ class Governor:
         return self._guard is None or self._guard.keeps(Q)
 
     def start(self, q: ArrayLike) -> None:
-        """Start or restart at rest at a configuration; the motion stays on its leaf.
+        """Start or restart at rest at a configuration, on its leaf.
 
         The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
         joint can be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad (m). The
@@ -341,12 +348,15 @@ class Governor:
                 remedy="place the base nearer to the origin of the URDF",
             )
         assert status is Status.OK, status  # all else was refused above
-        self._leaf = self._inverse.leaf(inside)
         self._q[...] = q
         self._on, self._said = True, Status.OK
 
     def step(
-        self, target: Placement | None = None, twist: ArrayLike | None = None
+        self,
+        target: Placement | None = None,
+        twist: ArrayLike | None = None,
+        *,
+        leaf: ArrayLike | None = None,
     ) -> tuple[Array, Status]:
         """Compute the next configuration to command, once per tick of the control loop.
 
@@ -359,7 +369,11 @@ class Governor:
             time.
         twist : (6,) or (F, 6) array, optional
             Velocity (v, ω) of the frame, or of each of F frames, base axes, m/s and rad/s, instead
-            of a target. Without target and twist, the arm stops.
+            of a target. Without target, twist and leaf, the arm stops.
+        leaf : (r,) array, optional
+            Level c to move to, with the target on one straight line of pose and level, or beside a
+            twist. Alone it moves the elbow, and the frame rests. Without it, a target keeps the
+            last level given; without a target, the level comes to rest where it is.
 
         Returns
         -------
@@ -386,6 +400,9 @@ class Governor:
         elif twist is not None:
             self._twist[...] = _as_twists(twist, self._task)
             given = _TWIST
+        if leaf is not None:
+            self._asked_leaf[...] = _as_level(leaf, self._task.r)
+            given |= _LEAF
         if self._guard is None:
             status = self._native.call_governor_step(self._address, given)
             return self._q.copy(), _STATUS[status]
@@ -394,7 +411,7 @@ class Governor:
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
         """Compute the next configuration and its status, with the distances of bodies kept.
 
-        ``given`` tells C whether a target or a twist is given. An error of the guard, which must
+        ``given`` tells C which inputs are given. An error of the guard, which must
         not pass through C, is raised after its tick.
         """
         self._error: BaseException | None = None
@@ -439,6 +456,15 @@ def _as_twists(twist: ArrayLike, task: Task) -> Array:
             f"must be 6 numbers (v, ω){each}, m/s and rad/s; got {shown(twist)}", argument="twist"
         )
     return rates
+
+
+def _as_level(leaf: ArrayLike, r: int) -> Array:
+    """Convert a level c (r,) to an array; its numbers need not be finite, as those of twists."""
+    level = as_numbers(leaf)
+    if level is None or np.atleast_1d(level).shape != (r,):
+        count = f"{r} numbers, the levels of the potentials" if r > 1 else "1 number, the level"
+        raise InputError(f"must be {count}; got {shown(leaf)}", argument="leaf")
+    return level
 
 
 def _kept_limits(task: Task, limits: Limits) -> JointLimits:

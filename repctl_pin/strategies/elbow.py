@@ -1,0 +1,273 @@
+"""An operator's elbow as an input: the level c whose elbow is nearest to a point.
+
+The frame rests while the elbow moves, q̇ = N ż with J N = 0. Pose x and level c determine q, so the
+nearest elbow is a level. A link's origin stands for the elbow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from ..base.arguments import Array, read_only
+from ..base.errors import InputError, SingularityError
+from ..model.length import elbow as elbow_joint
+from ..model.model import frame_id
+from ..model.several_frames import one_frame
+from ..model.task import Task
+from ..potentials.basis import Potentials
+from ..redundancy.augmented import leaf_margin
+from ..redundancy.nullspace import nullspace
+
+_INSIDE = 1e-4
+"""Distance of the result from a joint limit, rad or m; curved ways between iterations need it."""
+
+_LEAST = 0.05
+"""Minimum leaf margin of the result, or that of the start if it is lower."""
+
+_FLAT = 0.01
+"""Curvature, as a share of that toward a point on the elbow's way, below which nothing is moved."""
+
+_LONGEST, _SHORTEST = 0.3, 1e-11
+"""Longest motion of a joint per iteration, and that of the last one, rad or m."""
+
+_APART = 1e-3
+"""Distance of the self-motions by which second derivatives are evaluated."""
+
+_ITERATIONS, _HALVES = 60, 20
+
+_NEWTON, _EXACT = 8, 1e-8
+"""Maximum number of Newton steps back to the pose, and length of the last, rad or m; the error is
+of the order of its square."""
+
+
+class _OnLeaves(Protocol):
+    """The part of a repeatable inverse that the search needs."""
+
+    task: Task
+    potentials: Potentials
+
+    def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
+        """Compute the next q (n,) towards a target; the level c is held."""
+
+    def leaf(self, q: Array) -> Array:
+        """Evaluate the level c = h(q) (r,)."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class ElbowLevel:
+    """The level c at which the elbow is nearest to a point, while the frame rests.
+
+    Attributes
+    ----------
+    leaf : (r,) array
+        Level c, the argument ``leaf`` of :meth:`Governor.step`.
+    q : (n,) array
+        Configuration at this level.
+    distance : float
+        Distance of the elbow from the point, m.
+    unique : bool
+        False if a self-motion changes this distance too little to choose: the point is on the line
+        from shoulder to wrist, or a self-motion does not move the elbow. The arm then holds still
+        along it.
+    """
+
+    leaf: Array
+    q: Array
+    distance: float
+    unique: bool
+
+
+class Elbow:
+    """The point of an arm that is its elbow: the origin of a link, and its Jacobian.
+
+    Parameters
+    ----------
+    task
+        Task of the arm.
+    link
+        Link whose origin is the elbow; None for that of the elbow joint at the reference pose.
+    """
+
+    def __init__(self, task: Task, link: str | None) -> None:
+        self._model, self._drive = task.bodies_model()
+        if link is None:
+            one_frame(task, "an elbow without link=")
+            joint = task.joint_names[elbow_joint(task, task.reference)]
+            self._frame = self._model.getFrameId(joint, pin.FrameType.JOINT)
+        else:
+            self._frame = frame_id(self._model, link)
+            if self._model.frames[self._frame].parentJoint == 0:
+                raise InputError(f"link {link!r} is moved by no joint of the task; choose another")
+        base = task.robot.base
+        self._base = None if base is None else frame_id(self._model, base)
+        self._data = self._model.createData()
+
+    def point(self, q: Array) -> Array:
+        """Compute the elbow (3,), in the base frame, m."""
+        pin.framesForwardKinematics(self._model, self._data, self._drive.joints(q))
+        return self._relative()[1]
+
+    def jacobian(self, q: Array) -> Array:
+        """Compute the derivative of :meth:`point` by q, (3, n)."""
+        model, data = self._model, self._data
+        pin.computeJointJacobians(model, data, self._drive.joints(q))
+        pin.updateFramePlacements(model, data)
+        J = self._velocity(self._frame)[:3]
+        R, p = self._relative()
+        if self._base is not None:  # the base moves, too: v - v_b - ω_b × (p - p_b)
+            J_b = self._velocity(self._base)
+            J = R.T @ (J - J_b[:3] + pin.skew(R @ p) @ J_b[3:])
+        return np.asarray(self._drive.derivatives(J))
+
+    def _velocity(self, frame: int) -> Array:
+        """Compute the Jacobian (6, N) of a frame of the model, world axes."""
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, axes))
+
+    def _relative(self) -> tuple[Array, Array]:
+        """Return the base's rotation (3, 3), and the elbow (3,) in its axes."""
+        p = self._data.oMf[self._frame].translation
+        if self._base is None:
+            return np.eye(3), p.copy()
+        base = self._data.oMf[self._base]
+        return base.rotation, base.actInv(p)
+
+
+def leaf_toward(
+    inverse: _OnLeaves, elbow: Elbow, q: Array, point: Array, margin: float
+) -> ElbowLevel:
+    """Move along the self-motion to the minimum of ½ ‖p_elbow − p_e‖², by Newton's method.
+
+    ``q = retract(q + N z)`` with the gradient and the second derivatives by z (r,); joints at a
+    limit stay there unless the minimum is inside.
+    """
+    task = inverse.task
+    lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
+    least = min(_LEAST, _margin(inverse, q))
+    unique = True
+    for _ in range(_ITERATIONS):
+        N = nullspace(task.jacobian(q))
+        away = elbow.point(q) - point
+        A, second = _derivatives(inverse, elbow, q, N)
+        H = A.T @ A + np.tensordot(second, away, 1)
+        z, unique = _newton_step(A, H, A.T @ away, N, q, lower, upper)
+        if np.abs(N @ z).max() <= _SHORTEST:
+            break
+        found = _accepted(inverse, elbow, q, N @ z, point, least)
+        if found is None:
+            break
+        q = found
+    away = elbow.point(q) - point
+    return ElbowLevel(inverse.leaf(q), q, float(np.linalg.norm(away)), unique)
+
+
+def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[Array, Array]:
+    """Compute the first derivative (3, r) of the elbow by z, and the second one (r, r, 3)."""
+    r, h, here = N.shape[1], _APART, elbow.point(q)
+    place = inverse.task.placement(q)
+
+    def at(z: Array) -> Array:
+        return elbow.point(_retracted(inverse, q + N @ z, place))
+
+    E = h * np.eye(r)
+    ahead, behind = np.array([at(e) for e in E]), np.array([at(-e) for e in E])
+    second = np.empty((r, r, 3))
+    for i in range(r):
+        second[i, i] = (ahead[i] + behind[i] - 2 * here) / h**2
+        for j in range(i):
+            both = at(E[i] + E[j]) + at(-E[i] - E[j])
+            own = ahead[i] + behind[i] + ahead[j] + behind[j]
+            second[i, j] = second[j, i] = (both - own + 2 * here) / (2 * h**2)
+    return elbow.jacobian(q) @ N, second
+
+
+def _newton_step(
+    A: Array, H: Array, g: Array, N: Array, q: Array, lower: Array, upper: Array
+) -> tuple[Array, bool]:
+    """Choose z (r,): to the minimum of the quadratic model, with joints at their limits.
+
+    A joint that is at its limit, or beyond, and would go on outward moves to the limit. Also return
+    whether the model has one minimum.
+    """
+    held = np.zeros(len(q), bool)
+    goal = np.clip(q, lower, upper)
+    at_limit = (q < lower + 1e-9) | (q > upper - 1e-9)
+    while True:
+        z, unique = _model_step(A, H, g, N[held], (goal - q)[held])
+        ahead = q + N @ z
+        beyond = np.where(at_limit & ~held, np.maximum(lower - ahead, ahead - upper), -np.inf)
+        if beyond.max() <= 1e-12 or held.sum() >= len(z):
+            break
+        held[int(np.argmax(beyond))] = True
+    # no other joint beyond its limit, and none too far
+    way = N @ z
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(way > 0, (upper - q) / way, np.where(way < 0, (lower - q) / way, np.inf))
+    share = min(
+        1.0, _LONGEST / max(np.abs(way).max(), 1e-300), reach[~held & ~at_limit].min(initial=1)
+    )
+    return share * z, unique
+
+
+def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
+    """Minimise ``gᵀz + ½ zᵀHz`` with ``rows z = back``; no motion along what changes too little."""
+    begin: Array = np.zeros(len(g))
+    if len(rows):
+        begin = np.asarray(np.linalg.lstsq(rows, back, rcond=None)[0], float)
+    Z = nullspace(rows) if len(rows) else np.eye(len(g))
+    if Z.shape[1] == 0:
+        return begin, True
+    curvature, U = np.linalg.eigh(Z.T @ H @ Z)
+    slope = U.T @ (Z.T @ (g + H @ begin))
+    size = np.hypot(curvature, slope)
+    moves = size > _FLAT * np.linalg.norm(A, 2) ** 2
+    y = np.where(moves, -slope / np.where(size > 0, size, 1.0), 0.0)
+    top = moves & (curvature < 0) & (np.abs(y) < _FLAT)  # a maximum is left
+    y[top] = _LONGEST
+    return begin + Z @ (U @ y), bool(moves.all())
+
+
+def _accepted(
+    inverse: _OnLeaves, elbow: Elbow, q: Array, way: Array, point: Array, least: float
+) -> Array | None:
+    """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
+
+    It keeps the joint limits and the leaf margin ``least``; the way is halved until it does.
+    """
+    task = inverse.task
+    place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
+    small = np.abs(way).max() < 10 * _INSIDE
+    for _ in range(_HALVES):
+        try:
+            ahead = _retracted(inverse, q + way, place)
+            nearer = small or np.linalg.norm(elbow.point(ahead) - point) < before
+            inside = task.limit_margin(ahead).min() >= min(0.0, float(task.limit_margin(q).min()))
+            if nearer and inside and _margin(inverse, ahead) >= least:
+                return ahead
+        except SingularityError:
+            pass
+        way = way / 2
+    return None
+
+
+def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:
+    """Bring the frame back to ``place`` by Newton's method; the level is that of q.
+
+    SingularityError is raised if it does not converge.
+    """
+    for _ in range(_NEWTON):
+        before, q = q, inverse.step(q, place, 1.0)
+        if np.abs(q - before).max() < _EXACT:
+            return q
+    raise SingularityError("no configuration at the pose was found next to the elbow's way")
+
+
+def _margin(inverse: _OnLeaves, q: Array) -> float:
+    """Evaluate the leaf margin at q."""
+    N = nullspace(inverse.task.jacobian(q))
+    return float(leaf_margin(N, inverse.potentials.gradient(q)))
