@@ -187,7 +187,7 @@ def descend(
         report=report,
     )
     at = found.at
-    gradient = 2 * float(np.linalg.norm(problem.model(at)[0]))
+    gradient = 2 * float(np.linalg.norm(problem.gradient(at)))
     *_, sides = at.data
     return Descent(basis @ at.x, at.cost, gradient, found.converged, found.steps, sides)
 

@@ -81,6 +81,18 @@ class _JointPlacements:
 TELLING = 1e-6
 """Minimum distance between two centres at which their direction is well defined, m."""
 
+APART = 1e-6
+"""Error allowed to a measured distance, m."""
+
+_FAST = 1e9
+"""Rate of a joint with unbounded rates, m per rad or m."""
+
+_NEARBY = 0.05
+"""Way of a pair since its last test up to which its distance is measured, m."""
+
+_KEPT, _CREDIT = 64, 8
+"""Distances kept per pair, and how many more are measured than tests are spared."""
+
 
 class BodyBounds:
     """Lower bounds on the distances of pairs of convex bodies, from bounding spheres and boxes.
@@ -218,6 +230,77 @@ class BodyBounds:
                         row[j - 1] = far
                     far += float(np.linalg.norm(model.jointPlacements[j].translation))
         return reach
+
+
+class KnownApart:
+    r"""Configurations at which the surfaces of pairs were measured, and what follows around them.
+
+    Surfaces at a distance d at x are apart at every q with ρ·\|q − x\| < d, where ρ are the rates
+    of :meth:`BodyBounds.reach`. They do not meet on the straight way from x to q either, so that no
+    body gets inside another one.
+
+    Parameters
+    ----------
+    reach
+        Rates (P, N) of all pairs, m per rad or m.
+    strokes
+        Positions (N,) up to which the rates hold, rad or m; infinite for revolute joints.
+    """
+
+    def __init__(self, reach: Array, strokes: Array) -> None:
+        # a joint with unbounded rates keeps a pair known only while it stands still
+        self._reach = np.minimum(reach, _FAST)
+        self._strokes = strokes
+        self._tested: dict[int, Array] = {}
+        self._credit: dict[int, int] = {}
+        self._moves = [np.flatnonzero(rates) for rates in reach]
+        self._known: dict[int, tuple[Array, Array]] = {}
+        self._noted: dict[int, int] = {}
+
+    def knows(self, pair: int, q: Array) -> bool:
+        """Test whether a pair is known to be apart at q (N,)."""
+        if pair not in self._known or (np.abs(q) > self._strokes).any():
+            return False
+        at, distances = self._known[pair]
+        ways = np.abs(at - self._scaled(pair, q)).sum(axis=1)
+        known = bool((ways < distances - APART).any())
+        if known:
+            self._credit[pair] = min(self._credit.get(pair, _CREDIT) + 1, _CREDIT)
+        return known
+
+    def pays(self, pair: int, q: Array) -> bool:
+        """Note that a pair is tested at q (N,), and tell whether its distance is measured, too.
+
+        It pays if the last test was close to this one, so that more of them are likely to follow,
+        and if the distances measured before have spared about as many tests.
+        """
+        last, self._tested[pair] = self._tested.get(pair), q
+        near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY
+        credit = self._credit.get(pair, _CREDIT)
+        if near and credit > 0:
+            self._credit[pair] = credit - 1
+        return near and credit > 0
+
+    def note(self, pair: int, q: Array, distance: float) -> None:
+        """Keep the distance of the surfaces of a pair at q (N,), m, in place of the oldest one."""
+        if (np.abs(q) > self._strokes).any():
+            return
+        if pair not in self._known:
+            self._known[pair] = np.zeros((_KEPT, len(self._moves[pair]))), np.zeros(_KEPT)
+        row = self._noted[pair] = (self._noted.get(pair, -1) + 1) % _KEPT
+        at, distances = self._known[pair]
+        at[row], distances[row] = self._scaled(pair, q), distance
+
+    def _scaled(self, pair: int, q: Array) -> Array:
+        """Return the joints at q that move a pair against each other, times their rates, m."""
+        moves = self._moves[pair]
+        return np.asarray(q[moves] * self._reach[pair, moves])
+
+
+def strokes(model: pin.Model, joints: Mapping[str, Joint]) -> Array:
+    """Return the positions (N,) up to which :meth:`BodyBounds.reach` holds, rad or m."""
+    kinds = (joints[name] for name in list(model.names)[1:])
+    return np.array([_stroke(j) if j.kind == "prismatic" else np.inf for j in kinds])
 
 
 def _stroke(joint: Joint) -> float:

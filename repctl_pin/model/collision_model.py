@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import Array
 from ..base.errors import InputError
-from .body_bounds import BodyBounds
+from .body_bounds import APART, BodyBounds, KnownApart, strokes
 from .body_shapes import BodyShape, UnusableShape, body_shape, collide, contains, transform
 from .catalogue import disabled_pairs
 from .model import fixed_placements, link_frames, origin
@@ -263,6 +263,7 @@ class _CollisionModel:
 
     def _move(self, q: Array) -> None:
         """Update the placements of the robot's bodies to the model's configuration q (N,)."""
+        self._q = q.copy()
         pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
         self._transforms.clear()
 
@@ -310,21 +311,40 @@ class _CollisionModel:
     def _collide(self, k: int) -> bool:
         """Test whether the two bodies of pair k, whose hulls overlap, collide.
 
-        Two convex bodies do then; for meshes the exact surfaces are compared.
+        Two convex bodies do then; for meshes the exact surfaces are compared, unless a distance
+        measured nearby shows that they are apart.
         """
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         if one.convex and other.convex:
             return True
-        return collide(one, self._transform(a), other, self._transform(b))
+        if self._known.knows(k, self._q):
+            return False
+        hit = collide(one, self._transform(a), other, self._transform(b))
+        if self._known.pays(k, self._q) and not hit:
+            self._known.note(k, self._q, self._between_surfaces(k))
+        return hit
 
     def _exact_distance(self, k: int) -> float:
         """Compute the distance of the exact shapes of pair k at the current placements, m.
 
         It is below 0 in a collision.
         """
-        if self._collide(k):
-            return -_TOUCHING
+        a, b = self._both[k]
+        one, other = self._bodies[a], self._bodies[b]
+        distance = self._between_surfaces(k)
+        if distance <= APART or (one.convex and other.convex):
+            return -_TOUCHING if self._collide(k) else distance
+        # surfaces that are apart leave only the question whether one body contains the other
+        if not self._known.knows(k, self._q):
+            here, there = self._transform(a), self._transform(b)
+            if contains(one, here, other, there) or contains(other, there, one, here):
+                return -_TOUCHING
+        self._known.note(k, self._q, distance)
+        return distance
+
+    def _between_surfaces(self, k: int) -> float:
+        """Compute the distance of the surfaces of pair k at the current placements, m."""
         (a, b), result = self._both[k], coal.DistanceResult()
         one, other = self._bodies[a].exact, self._bodies[b].exact
         here, there = self._transform(a), self._transform(b)
@@ -345,7 +365,7 @@ class _CollisionModel:
         request.security_margin = _MARGIN
         if not coal.collide(one, here, other, there, request, coal.CollisionResult()):
             return _MARGIN
-        return float(coal.distance(one, here, other, there, self._request, coal.DistanceResult()))
+        return self._between_surfaces(k)
 
     def _transform(self, k: int) -> coal.Transform3s:
         """Return the current placement of body k as coal's Transform3s.
@@ -529,6 +549,7 @@ class _CollisionModel:
         self._placed = pin.GeometryData(self._shapes)
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
+        self._known = KnownApart(self.reach(), strokes(self._model, self._joints))
 
     def _sampled_collisions(self, task: Task, near: _Mask) -> tuple[_Mask, Array, _Mask]:
         """Test the pairs for collisions at the reference pose and at random configurations.

@@ -8,6 +8,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -108,6 +109,35 @@ def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None
     on_it = bodies.nearest(np.array([0.4 / 3, 0.0, 0.0]))
     assert on_it.links == ("base", "tip") and on_it.distance < 0
     assert bodies.nearest(np.array([0.7 / 3, 0.0, 0.0])).distance > 0
+
+
+def test_few_exact_tests_decide_a_motion_near_a_mesh(
+    chain: rp.Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tip's ball moves in the hole of a ring and into it (56.1): its collisions are known."""
+    ring = trimesh.creation.torus(0.4, 0.1, major_sections=128, minor_sections=64)
+    ring.export(tmp_path / "ring.stl")
+    text = (tmp_path / "chain.urdf").read_text()
+    mesh = '<origin xyz="3 0 0"/><geometry><mesh filename="ring.stl"/></geometry>'
+    text = text.replace('<origin xyz="0 0 0"/><geometry><sphere radius="0.1"/></geometry>', mesh, 1)
+    (tmp_path / "chain.urdf").write_text(text)
+    chain = rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position")
+    bodies = rp.Bodies(chain)
+    Q = 0.1 * np.sin(np.linspace(0, 20, 3000)[:, None] * [1, 1.3, 1.7])
+    tip = np.array([chain.placement(q).act(np.array([1.0, 0, 0])) for q in Q])
+    gap = np.abs(np.linalg.norm(tip - [3, 0, 0], axis=1) - 0.4) - 0.2
+    calls, collide = [0], coal.collide
+
+    def counted(*arguments: object) -> int:
+        calls[0] += 1
+        return int(collide(*arguments))
+
+    monkeypatch.setattr(coal, "collide", counted)
+    hits = np.array([bodies.distances(q[None])[0] < 0 for q in Q])
+    clear = np.abs(gap) > 2e-3
+    assert (hits == (gap < 0))[clear].all() and hits.sum() > 300
+    free = (gap > 0) & (np.linalg.norm(tip - [3, 0, 0], axis=1) < 0.4)
+    assert free.sum() > 300 and calls[0] - hits.sum() < free.sum() / 2
 
 
 def surrounded(tmp_path: Path, *shapes: str, at: str = "3 0 0") -> rp.Bodies:
