@@ -18,6 +18,7 @@ from ....base.arguments import Array, as_matrices, finite, read_only, vector
 from ....base.errors import InputError
 from ....base.fit_options import FitOptions, fit_options
 from ....base.progress import Report, reporter
+from ....base.threads import one_blas_thread
 from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
 from ....model.several_frames import one_frame
@@ -114,6 +115,7 @@ class BestCell:
         return f"<BestCell: {cell.size()} around {cell.where(np.zeros(cell.k))}, {fits}>"
 
 
+@one_blas_thread()
 def best_cell(
     task: Task,
     size: ArrayLike | None = None,

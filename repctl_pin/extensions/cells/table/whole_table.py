@@ -25,7 +25,7 @@ from ..cell_design import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, covered_share, ended_at_bodies, near_all_round, trimmed
+from ..fit.trimming import Required, covered_share, near_all_round, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.kinematics import joined, placed
@@ -53,6 +53,13 @@ _NEAREST = 0.06
 _SETS, _COMPARED, _ALMOST = 16, 6, 0.02
 """Numbers of sets of joints that are locked as in the middle of a design, and of arms with locked
 joints that are compared; and the difference of shares below which these are equal."""
+
+_DEAREST, _SHARES = 6.0, 5
+"""Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
+out; and number of such maxima that are tried down to the mean itself."""
+
+_BETTER = 0.05
+"""Advantage in worth, relative, below which a place is not compared with the best one."""
 
 _HELD_OUT = 8192
 _SETTLED = 40
@@ -210,7 +217,9 @@ def whole_table(
         )
     fit = CellFit(Pseudoinverse(task), limit_margin=0.05, held_out=_HELD_OUT, seed=seed, keep=True)
     limits = Required(*most_extra, _CLEAR)
-    sectors = _sectors(table, clear, found, line, symmetries)
+    widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    within = _affordable(clear, widest, limits)
+    sectors = _sectors(table, clear, within, line, symmetries)
     design = _designed(fit, _ranked(fit, sectors, limits, report), limits, report)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
@@ -225,54 +234,103 @@ def whole_table(
     )
 
 
+class _Place(NamedTuple):
+    """Sector, the posture in its middle (n,), its best possible worth, and a quick design."""
+
+    cell: Cell
+    posture: Array
+    most: float
+    design: CellDesign | None = None
+
+
 def _sectors(
-    table: Table, clear: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
-) -> list[tuple[Cell, Array]]:
-    """Choose the best sectors with unlike postures in their middles (n,), the largest first."""
-    postures = clear.middles(found)[1]
-    order = np.argsort(-found.area * _turns(table, clear, found, symmetries))
+    table: Table, floods: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
+) -> list[_Place]:
+    """Choose the best sectors with unlike postures in their middles (n,), the best first."""
+    postures = floods.middles(found)[1]
+    worth = found.area * SPACING**2 * _turns(table, floods, found, symmetries)
+    order = np.argsort(-worth)[: int((worth > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     return [
-        (_sector(table, line, symmetries, found.first[k], found.last[k]), postures[k])
+        _Place(
+            _sector(table, line, symmetries, found.first[k], found.last[k]),
+            postures[k],
+            float(worth[k]),
+        )
         for k in order
     ]
 
 
+def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
+    """Find the largest rectangle of each flood in which joint speed can be within the limits.
+
+    No function through the configurations of a flood needs less joint speed than ``G E``, with
+    E = ∂x/∂u and G = J⁺ but for the columns of symmetric coordinates, along which one joint moves
+    alone. The dearest nodes are left out until the mean over the rectangle is small enough.
+    """
+    own, usual = np.full((2, *clear.reached.shape), np.nan)
+    own[clear.reached], usual[clear.reached] = _least_speeds(cell, clear.Q[clear.reached])
+    with np.errstate(invalid="ignore"):
+        extra = np.sqrt(own / usual) - 1
+        best = rectangles(extra < limits.worst)
+        best.area[_mean_extra(best, own, usual) > limits.mean] = 0.0
+        for most in limits.mean * np.geomspace(_DEAREST, 1, _SHARES):
+            tried = rectangles(extra < min(most, limits.worst))
+            better = tried.area > best.area
+            better &= _mean_extra(tried, own, usual) <= limits.mean
+            for kept, new in zip(best, tried, strict=True):
+                kept[better] = new[better]
+    return best
+
+
+def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
+    """Evaluate the mean extra joint speed over the rectangle of each of S floods: (S,)."""
+    extra = np.zeros(len(own))
+    for k, ((i, j), (i_end, j_end)) in enumerate(zip(found.first, found.last + 1, strict=True)):
+        inside = k, slice(i, i_end), slice(j, j_end)
+        extra[k] = np.sqrt(own[inside].sum() / usual[inside].sum()) - 1
+    return extra
+
+
 def _ranked(
-    fit: CellFit, sectors: list[tuple[Cell, Array]], limits: Required, report: Report
-) -> list[tuple[Cell, Array]]:
-    """Rank sectors and their postures by a quick design of each, the best first."""
-    quick = []
-    for k, (cell, posture) in enumerate(sectors):
-        report(f"posture {k + 1} of {len(sectors)}", 0.3 + 0.15 * k)
+    fit: CellFit, places: list[_Place], limits: Required, report: Report
+) -> list[_Place]:
+    """Rank places by a quick design of each, the best first.
+
+    A place that cannot be better than the best one by more than 5 % is not designed.
+    """
+    worths, ranked = [0.0], []
+    for k, place in enumerate(places):
+        report(f"posture {k + 1} of {len(places)}", 0.3 + 0.15 * k)
+        if place.most < (1 + _BETTER) * max(worths):
+            ranked.append((0.0, place))
+            continue
         with suppress(InputError):
-            q = given(cell, posture)
-            share, design = covered_share(fit, cell, q, limits)
-            quick.append((share * _worth(cell, design), cell, q))
-    quick.sort(key=lambda part: -part[0])
-    return [(cell, q) for _, cell, q in quick]
+            q = given(place.cell, place.posture)
+            share, design = covered_share(fit, place.cell, q, limits)
+            worths.append(share * _worth(place.cell, design))
+            ranked.append((worths[-1], place._replace(posture=q, design=design)))
+    ranked.sort(key=lambda pair: -pair[0])
+    return [place for _, place in ranked]
 
 
 def _designed(
-    fit: CellFit, ranked: list[tuple[Cell, Array]], limits: Required, report: Report
+    fit: CellFit, ranked: list[_Place], limits: Required, report: Report
 ) -> CellDesign:
     """Design the first sector that one function covers without a collision.
 
-    InputError is raised if there is none; it names the bodies that collide.
+    InputError is raised if there is none.
     """
-    collide = ""
-    for k, (cell, q) in enumerate(ranked):
+    for k, place in enumerate(ranked):
         report("the function", 0.75 + 0.08 * k)
-        part = trimmed(fit, cell, q, limits)
-        if part is None:
-            continue
-        design = ended_at_bodies(fit, part.design, _CLEAR, sides=True)
-        if design.body_distance >= 0:
-            return design
-        collide = f": {' and '.join(design.evaluation.nearest_bodies)} collide"
+        with suppress(InputError):
+            q = given(place.cell, place.posture)
+            design = trimmed(fit, place.cell, q, limits, place.design)
+            if design is not None:
+                return design
     name = fit.desired.task.robot.name
     raise InputError(
-        f"no function covers a sector of {name} at this orientation{collide}",
+        f"no function covers a sector of {name} at this orientation",
         remedy="turn the tool, or use --size",
     )
 
@@ -445,13 +503,12 @@ def _clear(table: Table, floods: _Floods) -> _Floods:
 def _near(table: Table, on: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
     """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
 
-    Where convex hulls are too near, the bodies themselves are tested at one node of nine, because
-    that test takes forty times as long.
+    Where they are, it is tested at one node of nine if they are so all round.
     """
-    hulls = np.flatnonzero(bodies_of(table.task).hull_distances(Q) < _CLEAR)
-    _, first, block = np.unique(on[hulls] // 3, axis=0, return_index=True, return_inverse=True)
+    near = np.flatnonzero(bodies_of(table.task)._nearer(Q, _CLEAR))
+    _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
     found = np.zeros(len(Q), bool)
-    found[hulls] = near_all_round(table.task, Q[hulls[first]], _CLEAR, table.joint)[block.ravel()]
+    found[near] = near_all_round(table.task, Q[near[first]], _CLEAR, table.joint)[block.ravel()]
     return found
 
 
@@ -574,13 +631,31 @@ def _locked_joints(
 
 def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
     """Evaluate the extra joint speed, mean and worst, of an arm with locked joints at Q (K, n)."""
-    p, R, J = placed(cell.task, Q)
-    Y = cell._measured(p, R)
-    E = cell._all_twists(Y, R)
-    moved = [*cell.moved, *cell._removed]
-    E = E[:, :, moved]
-    squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
-    C = (V / np.sqrt(squares)[:, None]) @ np.swapaxes(V, 1, 2)
-    own, usual = ((np.linalg.pinv(each) @ E @ C) for each in (J * ~held, J))
-    mine, least = ((speeds**2).sum(axis=(1, 2)) for speeds in (own, usual))
+    J, E, C = _unit_twists(cell, Q)
+    mine, least = _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
     return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)
+
+
+def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
+    """Evaluate the least squared joint speed of a function at Q (K, n), and that of J⁺: (K,).
+
+    Along the coordinates that symmetries remove, the function moves one joint alone.
+    """
+    J, E, C = _unit_twists(cell, Q)
+    usual = np.linalg.pinv(J) @ E
+    own = usual.copy()
+    own[:, :, len(cell.moved) :] = cell.along
+    return _squares(own @ C, usual @ C)
+
+
+def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
+    """Evaluate J, E = ∂x/∂u of all coordinates, and C = (EᵀE)^(−1/2), at Q (K, n)."""
+    p, R, J = placed(cell.task, Q)
+    E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]
+    squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
+    return J, E, (V / np.sqrt(squares)[:, None]) @ np.swapaxes(V, 1, 2)
+
+
+def _squares(own: Array, usual: Array) -> tuple[Array, Array]:
+    """Sum the squares of joint speeds (K, n, k), of a function and of J⁺: (K,) each."""
+    return (own**2).sum(axis=(1, 2)), (usual**2).sum(axis=(1, 2))
