@@ -44,8 +44,9 @@ and of postures for which functions are designed."""
 _ALIKE = 0.3
 """Difference of the joints, rad or m, below which two postures are alike."""
 
-_CLEAR = 0.005
-"""Body distance that a whole table keeps, m."""
+_CLEAR, _TIGHT, _MUCH = 0.005, 0.001, 0.85
+"""Body distance that a whole table keeps, m; that which it keeps if the larger one leaves less than
+this share of the area, as where two links are always near each other."""
 
 _NEAREST = 0.06
 """Smallest radius of a node, m."""
@@ -207,8 +208,7 @@ def whole_table(
     floods = _free_floods(table, nodes, Q, locked)
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
-    clear = _clear(table, floods)
-    found = rectangles(clear.reached)
+    distance, clear, found = _best_clear(table, floods)
     if not found.area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
@@ -216,7 +216,7 @@ def whole_table(
             remedy="turn the tool, or use --size or another kind of task",
         )
     fit = CellFit(Pseudoinverse(task), limit_margin=0.05, held_out=_HELD_OUT, seed=seed, keep=True)
-    limits = Required(*most_extra, _CLEAR)
+    limits = Required(*most_extra, distance)
     widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
     within = _affordable(clear, widest, limits)
     sectors = _sectors(table, clear, within, line, symmetries)
@@ -308,7 +308,7 @@ def _ranked(
         with suppress(InputError):
             q = given(place.cell, place.posture)
             share, design = covered_share(fit, place.cell, q, limits)
-            worths.append(share * _worth(place.cell, design))
+            worths.append(share * _worth(place.cell, design, limits.distance))
             ranked.append((worths[-1], place._replace(posture=q, design=design)))
     ranked.sort(key=lambda pair: -pair[0])
     return [place for _, place in ranked]
@@ -335,7 +335,7 @@ def _designed(
     )
 
 
-def _worth(cell: Cell, design: CellDesign | None) -> float:
+def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
     """Evaluate a quick design by area, how far round it goes, body distance and joint speed.
 
     Bodies cost a share of the area later, some 10 % where they are near and 30 % where they collide
@@ -344,7 +344,7 @@ def _worth(cell: Cell, design: CellDesign | None) -> float:
     """
     if design is None:
         return 0.5 * area_of(cell)
-    near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < _CLEAR else 1.0
+    near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < distance else 1.0
     turns = [max(min(turn.reach / np.pi / 2, 1.0), 0.0) for turn in design.evaluation.turns]
     extra = float(np.nan_to_num(design.extra_speed, nan=1.0))
     return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
@@ -482,15 +482,30 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
     return _Floods(flooded(table, at, begin, held), at, held)
 
 
-def _clear(table: Table, floods: _Floods) -> _Floods:
-    """Remove nodes with collisions from the best floods, and what is then no longer connected."""
+def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangles]:
+    """Choose the body distance to keep, m; return it with the floods and rectangles that do."""
+    wide = _clear(table, floods, _CLEAR)
+    found = rectangles(wide.reached)
+    if found.area.max() < _MUCH * rectangles(floods.reached).area.max():
+        tight = _clear(table, floods, _TIGHT)
+        most = rectangles(tight.reached)
+        if found.area.max() < _MUCH * most.area.max():
+            return _TIGHT, tight, most
+    return _CLEAR, wide, found
+
+
+def _clear(table: Table, floods: _Floods, distance: float) -> _Floods:
+    """Remove nodes where bodies are too near, and what is then no longer connected.
+
+    Only the best floods with unlike postures are kept. ``distance`` is that of the bodies, m.
+    """
     found = rectangles(floods.reached)
     order, postures = np.argsort(-found.area), floods.middles(found)[1]
     order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
     Q = floods.Q[order].copy()
     for flood in Q:
         on = np.argwhere(np.isfinite(flood[..., 0]))
-        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]])]
+        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]], distance)]
         flood[shut[:, 0], shut[:, 1]] = np.nan
     nodes, held = floods.nodes[order], floods.held[order]
     clear = _Floods(Q, nodes, held)
@@ -500,15 +515,18 @@ def _clear(table: Table, floods: _Floods) -> _Floods:
     return _Floods(Q, middles, held)
 
 
-def _near(table: Table, on: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
+def _near(
+    table: Table, on: NDArray[np.intp], Q: Array, distance: float
+) -> NDArray[np.bool_]:
     """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
 
     Where they are, it is tested at one node of nine if they are so all round.
     """
-    near = np.flatnonzero(bodies_of(table.task)._nearer(Q, _CLEAR))
+    near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
     found = np.zeros(len(Q), bool)
-    found[near] = near_all_round(table.task, Q[near[first]], _CLEAR, table.joint)[block.ravel()]
+    shut = near_all_round(table.task, Q[near[first]], distance, table.joint)
+    found[near] = shut[block.ravel()]
     return found
 
 
@@ -580,7 +598,7 @@ def _best_locked(
     best: LockedJoints | None = None
     # those within the limits of joint speed first, then by area, then by price
     for k in np.lexsort((prices[:, 0], -np.round(share / _ALMOST), dear))[:_COMPARED]:
-        one = _locked_joints(table, locked, int(k), cell, inside)
+        one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is not None and (best is None or one.share > best.share + _ALMOST):
             best = one
         if best is not None and best.share > share[k] - _ALMOST:
@@ -600,7 +618,7 @@ def _larger(
         inside = np.zeros(table.shape, bool)
         (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
         inside[i:i_end, j:j_end] = True
-        one = _locked_joints(table, locked, int(k), cell, inside)
+        one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is None or one.area <= area_of(design.cell) * (1 + _ALMOST):
             continue
         if one.extra <= limits.mean and one.worst <= limits.worst:
@@ -609,12 +627,17 @@ def _larger(
 
 
 def _locked_joints(
-    table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_]
+    table: Table,
+    locked: _Floods,
+    k: int,
+    cell: Cell,
+    inside: NDArray[np.bool_],
+    distance: float,
 ) -> LockedJoints | None:
-    """Evaluate the locked flood k on the nodes ``inside`` (I, J), without those with collisions."""
+    """Evaluate the locked flood k on the nodes ``inside`` (I, J) where bodies keep a distance, m."""
     task, clear = table.task, locked.reached[k].copy()
     on = np.argwhere(clear)
-    shut = on[_near(table, on, locked.Q[k][clear])]
+    shut = on[_near(table, on, locked.Q[k][clear], distance)]
     clear[shut[:, 0], shut[:, 1]] = False
     Q = locked.Q[k][clear & inside]
     if not len(Q):
