@@ -19,7 +19,7 @@ from ....model.bodies import bodies_of
 from ....model.task import Task
 from ..cell_design import CellDesign
 from ..chart.chart import Chart
-from ..evaluate.cell_evaluation import evaluate_cell, sampled
+from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
 from ..evaluate.margins import CandidateFunction, distances_of, searched
 from ..evaluate.reach import rays, unlike_rows
 from ..evaluate.turning import expanded, narrowed
@@ -80,9 +80,10 @@ def trimmed(
 ) -> CellDesign | None:
     """Design a function on a part of a cell, whose sides are moved inward until it is covered.
 
-    Quick designs find most of the part. ``q`` (n,) is the configuration in the middle, ``guess`` a quick
-    design from there. The function of full accuracy is not designed again where it fails: sides
-    are moved until the same function covers what is left. Return None if no part of 5 % is covered.
+    Quick designs find most of the part. ``q`` (n,) is the configuration in the middle, ``guess`` a
+    quick design from there. The function of full accuracy is not designed again where it fails:
+    sides are moved until the same function covers what is left. Return None if no part of 5 % is
+    covered.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -138,23 +139,28 @@ def _failing(
     if not isinstance(found, CellDesign):
         ends = rays(fit.desired, cell, q, U[::4])
         return ends.U, (ends.reached < 1) | (ends.least < 0)
-    chart = found.function.chart
-    at = sampled(fit.desired, CandidateFunction.zero(chart), U)
-    with np.errstate(invalid="ignore"):
-        bad = ~at.covered | ~(at.ratio < (1 + limits.worst) ** 2)
-    others = [stop.u for stop in found.failures if stop.cause != "collision"]
-    if others:
-        more = cell._split(np.clip(np.array(others), -1, 1))[0]
-        U, bad = np.concatenate([U, more]), np.concatenate([bad, np.ones(len(more), bool)])
+    at = sampled(fit.desired, CandidateFunction.zero(found.function.chart), U)
+    bad = _too_dear(at, limits, dear=False) | ~at.covered
+    more = cell._split(_stops(found, Required(), bodies_only=False))[0]
+    U, bad = np.concatenate([U, more]), np.pad(bad, (0, len(more)), constant_values=True)
     if np.isfinite(limits.distance):
         some = np.flatnonzero(~bad[: len(at.Q)])[:_BODIES]
         joints = [one.joint for one in cell.removed if one.coordinate == ANGLE]
         joint = joints[0] if joints else None
         bad[some] = near_all_round(cell.task, at.Q[some], limits.distance, joint)
-    if found.extra_speed > limits.mean and not bad.any():  # the dearest poses go
-        ratio = np.nan_to_num(np.pad(at.ratio, (0, len(U) - len(at.ratio))), posinf=0.0)
-        bad |= ratio > np.quantile(ratio, _DEAREST)
+    if found.extra_speed > limits.mean and not bad.any():
+        bad[: len(at.Q)] = _too_dear(at, limits, dear=True)
     return U, bad
+
+
+def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
+    """Test at which sampled poses a function needs too much joint speed: (K,).
+
+    With ``dear``, the dearest 3 % of the poses do.
+    """
+    ratio = np.nan_to_num(at.ratio, nan=np.inf)
+    most = np.quantile(ratio[np.isfinite(ratio)], _DEAREST) if dear else np.inf
+    return np.asarray((ratio >= (1 + limits.worst) ** 2) | (ratio > most))
 
 
 def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> NDArray[np.bool_]:
@@ -266,12 +272,7 @@ def _uncovered(
     With ``dear``, the dearest 3 % of the poses cost too much.
     """
     at = sampled(fit.desired, CandidateFunction.zero(chart), chart.cell._split(U)[0])
-    with np.errstate(invalid="ignore"):
-        good = at.covered & (at.ratio < (1 + limits.worst) ** 2)
-    if dear:
-        ratio = np.nan_to_num(at.ratio, posinf=0.0)
-        good &= ratio <= np.quantile(ratio, _DEAREST)
-    return np.asarray(~good)
+    return np.asarray(~at.covered | _too_dear(at, limits, dear=dear))
 
 
 def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.bool_]]:

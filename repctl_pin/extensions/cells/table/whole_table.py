@@ -62,6 +62,9 @@ out; and number of such maxima that are tried down to the mean itself."""
 _BETTER = 0.05
 """Advantage in worth, relative, below which a place is not compared with the best one."""
 
+_WINDOWS = 4
+"""Number of middles for a box per flood and side of the arm."""
+
 _HELD_OUT = 8192
 _SETTLED = 40
 """Newton steps with which a random configuration is brought to a node."""
@@ -234,6 +237,70 @@ def whole_table(
     )
 
 
+def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Find middles for a box in floods around the arm: positions (K, 3), m, and Q (K, n).
+
+    They are those with most nodes of a flood in a sector that contains the box, on four sides of
+    the arm. Most of the box's poses are then reached without a change of branch. There are none if
+    the arm has no joint that turns it about a vertical axis.
+    """
+    task, heights = box.task, (-np.inf, np.inf)
+    try:
+        line, symmetries = _symmetries(task)
+        table, nodes, Q = _drawn(task, box.placement.rotation, line, symmetries, heights, rng)
+    except InputError:
+        return np.zeros((0, 3)), np.zeros((0, task.n))
+    floods = _free_floods(table, nodes, Q, _locked_floods(table, nodes, Q, rng))
+    clear = _clear(table, floods, 0.0)
+    sides = []
+    for quarter in range(4):
+        x, y, z = box.half_width if quarter % 2 == 0 else box.half_width[[1, 0, 2]]
+        share = _window_shares(table, clear.reached, float(x), float(y), float(z))
+        flat = (share * clear.reached).reshape(len(share), -1)
+        best = np.argsort(-flat, axis=1)[:, :_WINDOWS]
+        nodes = np.column_stack(np.unravel_index(best.ravel(), table.shape))
+        Q = clear.Q[np.arange(len(flat)).repeat(best.shape[1]), nodes[:, 0], nodes[:, 1]]
+        there = np.isfinite(Q[:, 0])
+        sides.append(_at_side(table, symmetries, nodes[there], Q[there], quarter * np.pi / 2))
+    p, Q = (np.concatenate(each) for each in zip(*sides, strict=True))
+    return p, Q
+
+
+def _at_side(
+    table: Table, symmetries: tuple[Symmetry, ...], nodes: NDArray[np.intp], Q: Array, angle: float
+) -> tuple[Array, Array]:
+    """Turn nodes (K, 2) and their configurations Q (K, n) about the axis, and the tool back.
+
+    Return positions (K, 3), m, and configurations (K, n). Joints may be beyond their limits.
+    """
+    task, Q = table.task, Q.copy()
+    back = -angle * np.sign(table.rotation[2, 2])
+    for one, turn in zip(symmetries, (angle, back), strict=False):
+        low = task.lower[one.joint] if np.isfinite(task.lower[one.joint]) else 0.0
+        Q[:, one.joint] = low + (Q[:, one.joint] + one.sign * turn - low) % (2 * np.pi)
+    p, _ = table.goals(nodes)
+    return table.origin + (p - table.origin) @ pin.exp3(angle * table.up).T, Q
+
+
+def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float, z: float) -> Array:
+    """Evaluate which share of a box's window each of S floods reaches, by its middle: (S, I, J).
+
+    The window has the radii and heights of a box of half-widths x, along the radius, y and z, m.
+    """
+    S, rows, columns = reached.shape
+    total = np.zeros((S, rows + 1, columns + 1))
+    total[:, 1:, 1:] = reached.cumsum(axis=1).cumsum(axis=2)
+    first = np.rint((table.radii - x - _NEAREST) / SPACING).astype(int)
+    last = np.rint((np.hypot(table.radii + x, y) - _NEAREST) / SPACING).astype(int) + 1
+    up = round(z / SPACING)
+    low, high = np.arange(columns) - up, np.arange(columns) + up + 1
+    area = (last - first)[:, None] * (high - low)
+    i, i_end = np.clip(first, 0, rows)[:, None], np.clip(last, 0, rows)[:, None]
+    j, j_end = np.clip(low, 0, columns), np.clip(high, 0, columns)
+    inside = total[:, i_end, j_end] - total[:, i, j_end] - total[:, i_end, j] + total[:, i, j]
+    return np.asarray(inside / area)
+
+
 class _Place(NamedTuple):
     """Sector, the posture in its middle (n,), its best possible worth, and a quick design."""
 
@@ -292,9 +359,7 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
     return extra
 
 
-def _ranked(
-    fit: CellFit, places: list[_Place], limits: Required, report: Report
-) -> list[_Place]:
+def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
     """Rank places by a quick design of each, the best first.
 
     A place that cannot be better than the best one by more than 5 % is not designed.
@@ -314,9 +379,7 @@ def _ranked(
     return [place for _, place in ranked]
 
 
-def _designed(
-    fit: CellFit, ranked: list[_Place], limits: Required, report: Report
-) -> CellDesign:
+def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
     """Design the first sector that one function covers without a collision.
 
     InputError is raised if there is none.
@@ -412,6 +475,31 @@ def _drawn(
     z = p @ line[1]
     flat = p - z[:, None] * line[1]
     rho = np.linalg.norm(flat, axis=1)
+    table = _grid(task, rotation, line, symmetries, heights, rho, z)
+    # turned so that the frame lies at the angle 0
+    around = symmetries[0]
+    Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
+    at = np.column_stack([(rho - _NEAREST) / SPACING, (z - table.heights[0]) / SPACING])
+    nodes = np.clip(np.rint(at).astype(int), 0, np.array(table.shape) - 1)
+    Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), _SETTLED)
+    if not good.any():
+        raise InputError(
+            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
+            remedy="turn the tool, or use another kind of task",
+        )
+    return table, nodes[good], Q[good]
+
+
+def _grid(
+    task: Task,
+    rotation: Array,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    heights: tuple[float, float],
+    rho: Array,
+    z: Array,
+) -> Table:
+    """Make the nodes that cover radii and heights (K,), m, between two given heights."""
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
     counted[[one.joint for one in symmetries]] = False
@@ -431,18 +519,7 @@ def _drawn(
             f"the arm reaches no heights between {heights[0]:g} and {heights[1]:g} m",
             argument="heights",
         )
-    # turned so that the frame lies at the angle 0
-    around = symmetries[0]
-    Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
-    at = np.column_stack([(rho - _NEAREST) / SPACING, (z - table.heights[0]) / SPACING])
-    nodes = np.clip(np.rint(at).astype(int), 0, np.array(table.shape) - 1)
-    Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), _SETTLED)
-    if not good.any():
-        raise InputError(
-            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
-            remedy="turn the tool, or use another kind of task",
-        )
-    return table, nodes[good], Q[good]
+    return table
 
 
 def _locked_floods(
@@ -515,9 +592,7 @@ def _clear(table: Table, floods: _Floods, distance: float) -> _Floods:
     return _Floods(Q, middles, held)
 
 
-def _near(
-    table: Table, on: NDArray[np.intp], Q: Array, distance: float
-) -> NDArray[np.bool_]:
+def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
     """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
 
     Where they are, it is tested at one node of nine if they are so all round.
@@ -627,14 +702,12 @@ def _larger(
 
 
 def _locked_joints(
-    table: Table,
-    locked: _Floods,
-    k: int,
-    cell: Cell,
-    inside: NDArray[np.bool_],
-    distance: float,
+    table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_], distance: float
 ) -> LockedJoints | None:
-    """Evaluate the locked flood k on the nodes ``inside`` (I, J) where bodies keep a distance, m."""
+    """Evaluate the locked flood k on the nodes ``inside`` (I, J) where bodies keep a distance.
+
+    The distance is in m.
+    """
     task, clear = table.task, locked.reached[k].copy()
     on = np.argwhere(clear)
     shut = on[_near(table, on, locked.Q[k][clear], distance)]
