@@ -24,7 +24,7 @@ _THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
 CELL_THEOREM = 5
-"""Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is no leaf margin: it is larger."""
+"""Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is larger than a leaf margin."""
 
 CHECKED_BEFORE = 100
 """Number of points at which files without that number checked that a path itself closes."""

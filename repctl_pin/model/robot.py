@@ -211,9 +211,8 @@ class Robot(Mechanism):
         if base is not None:
             require_type(base, str, "base", "a link name")
         for folder in own:
-            if not os.path.isdir(
-                package_folder(folder)[1]
-            ):  # unlike Path.is_dir, also for names that are too long
+            # Unlike Path.is_dir, isdir takes names that are too long, too.
+            if not os.path.isdir(package_folder(folder)[1]):
                 raise InputError(
                     f": there is no folder {folder!r}",
                     argument="package_dirs",

@@ -10,7 +10,7 @@
 #define REPCTL_ARM_H
 
 #ifndef EXPORTED
-#define CHART /* potentials of a cell, and a cell as region: chart.c */
+#define CHART /* potentials of a cell, and a cell as region */
 #define EXPORT __attribute__((visibility("default")))
 #define SHARED /* a function that several files of the library call */
 #define N (arm->n)
@@ -114,7 +114,6 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 
 SHARED void place(const Arm *arm, const double q[], double p[], double R[], double J[][N]);
 SHARED void find_poses(const Arm *arm, const double q[], Pose pose[]);
-SHARED double angle_per_sine(double square, double cosine);
 SHARED int rotation(const double R[9]);
 SHARED double angle_per_sine(double square, double cosine);
 SHARED int usable(const Arm *arm, const Pose *target);
@@ -122,22 +121,6 @@ SHARED void task_error(const Arm *arm, const double p[], const double R[], const
 SHARED void frame_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]);
 SHARED void add_frame_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]);
 SHARED void add_rate(const Arm *arm, const double R[], const double twist[], double dt, double b[]);
-SHARED void potentials(const Arm *arm, const double q[], const double p[], const double R[], double J[][N],
-                       double h[], double V[][N]);
-#ifdef CHART
-SHARED void add_cell_potentials(const Arm *arm, const struct Chart *chart, const double q[], const double p[3],
-                                const double R[9], double J[][N], double h[], double V[][N]);
-SHARED int in_cell(const Arm *arm, const struct Chart *chart, const double p[3], const double R[9]);
-#endif
 SHARED int within_limits(const Arm *arm, const double q[]);
-
-/* ---- the control law; each returns OK, SINGULAR, BAD_NUMBER or OUTSIDE, and writes its results only with OK ---- */
-
-SHARED int find_leaf(const Arm *arm, const double q[], double c[]);
-SHARED int find_inverse(const Arm *arm, const double q[], double G[]);
-SHARED int find_velocity(const Arm *arm, const double q[], const double xdot[], double qdot[]);
-SHARED int find_inside(const Arm *arm, const double q[]);
-SHARED int take_step(const Arm *arm, const double q[], const Pose *target, double dt, const double *twist,
-                     const double *leaf, const Options *options, Report *report, double q_next[]);
 
 #endif

@@ -27,7 +27,7 @@ LIBRARY = FOLDER / "librepctl.so.1"
 _FLAGS = ("-std=c99", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 """Without fused multiply-add, every compiler and processor computes the same numbers."""
 
-_LOOPS = ("arm.c", "body_guard.c", "governor.c", "least_speed.c")
+_LOOPS = ("arm.c", "body_guard.c", "governor.c", "law.c", "least_speed.c")
 """Files of the control loops, at -O3. The others are no faster for it, and take twice as long to
 compile."""
 

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stddef.h>
 
-#include "arm.h"
+#include "law.h"
 #include "least_speed.h"
 
 typedef struct {

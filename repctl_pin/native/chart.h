@@ -59,5 +59,8 @@ SHARED void scaled_coordinates(const Arm *arm, const Chart *chart, const double 
 SHARED void cell_rates(const Arm *arm, const Chart *chart, const double R[9], const double y[], double d[]);
 SHARED void cell_place(const Arm *arm, const Chart *chart, const double y[6], Pose *x);
 SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], int b, double twist[6]);
+SHARED void add_cell_potentials(const Arm *arm, const Chart *chart, const double q[], const double p[3],
+                                const double R[9], double J[][N], double h[], double V[][N]);
+SHARED int in_cell(const Arm *arm, const Chart *chart, const double p[3], const double R[9]);
 
 #endif

@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "governor.h"
+#include "law.h"
 
 #define TINY 1e-300
 #define STRIDE 0.004 /* time between two plans, s */

@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "governor.h"
+#include "law.h"
 
 /* Chebyshev-Lobatto nodes from 0 to 1, of two degrees; extrapolation to node j from the nodes before j, and, column j,
    from the derivative at node 0; coefficients of 1, u, u^2, ... from values at the nodes. */

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "arm.h"
+#include "law.h"
 #include "least_speed.h"
 
 typedef struct {

@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "governor.h"
+#include "law.h"
 
 #define LONGEST_STEP 0.1  /* motion of a joint per step of the continuation, rad or m */
 #define CONTRACTION 0.25  /* ratio of a Newton step to the one before; beyond it lies perhaps another branch */

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#include "law.h"
 #include "torque.h"
 
 #define DIFFERENCE 1e-3 /* half the length of the central difference along qdot, rad or m */

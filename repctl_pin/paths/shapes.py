@@ -159,10 +159,8 @@ def figure_eight(
     >>> np.allclose(begin.translation, half.translation)  # it crosses itself at the start
     True
     """
-    radius, start_angle = (
-        positive(radius, _RADIUS, "m"),
-        finite(start_angle, "start_angle", "rad"),
-    )
+    radius = positive(radius, _RADIUS, "m")
+    start_angle = finite(start_angle, "start_angle", "rad")
     here, e1, e2, plane = _frame(task, q0, normal)
     along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
     across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2

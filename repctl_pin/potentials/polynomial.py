@@ -76,10 +76,8 @@ class Polynomial(PotentialBasis):
         self.center = vector(center, None, "the center of a polynomial basis")
         self.n = n = len(self.center)
         self.scale = per_joint(scale, n, "the scale of a polynomial basis", finite=True)
-        self.degree, self.cross = (
-            as_int(degree, "the degree of a polynomial basis", 1),
-            flag(cross, "cross"),
-        )
+        self.degree = as_int(degree, "the degree of a polynomial basis", 1)
+        self.cross = flag(cross, "cross")
         self.variables = as_joint_indices(variables, n)
         size = comb(len(self.variables) + self.degree, self.degree) - 1
         if size > _MAX_SIZE:

@@ -58,7 +58,7 @@ def array(values: object) -> ctypes.Array:
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """The library with all functions that its files share visible."""
     path = tmp_path_factory.mktemp("parts") / "parts.so"
-    names = ["arm", "chart", "straight_lines", "joint_plan", "target_joints", "governor"]
+    names = ["arm", "chart", "law", "straight_lines", "joint_plan", "target_joints", "governor"]
     files = [str(FOLDER / f"{name}.c") for name in names]
     flags = ["-std=c99", "-O1", "-w", "-fPIC", "-shared"]
     compiler = c_compiler()

@@ -216,10 +216,8 @@ class _Search:
             Q, half = centered(self.low[least, None], self.high[least, None])
             refuted = self.reason and not self.gave_up
             worst = self.worst if refuted else (Q[0], half[0])
-            bound, sigma = (
-                min(bound, float(self.bound[least])),
-                min(sigma, float(self.sigma.min())),
-            )
+            bound = min(bound, float(self.bound[least]))
+            sigma = min(sigma, float(self.sigma.min()))
             if self.gave_up:
                 worst = self._named(worst)
         proved = bound > 0 and (self.goal is None or (bound >= self.goal and not self.reason))

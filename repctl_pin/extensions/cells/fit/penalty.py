@@ -76,10 +76,8 @@ class ActiveConstraint:
             return False
         found = searched(candidate, margin, self.U[np.argsort(near)[: margin.starts]])
         new = _without(_GRID * np.round(found / _GRID), self.U)
-        self.U, near = (
-            np.concatenate([self.U, new]),
-            np.concatenate([near, margin.least(candidate.at(new))]),
-        )
+        self.U = np.concatenate([self.U, new])
+        near = np.concatenate([near, margin.least(candidate.at(new))])
         worst = np.argsort(near)[: 4 * margin.violators]
         worst = worst[near[worst] < margin.required]
         enough = margin.required / (1 - _NEARLY)
@@ -133,12 +131,10 @@ class PenaltyMethod:
         constraints: Sequence[ActiveConstraint],
         rounds: int,
     ) -> None:
-        self.desired, self.chart, self.nodes, self.constraints = (
-            desired,
-            chart,
-            nodes,
-            constraints,
-        )
+        self.desired = desired
+        self.chart = chart
+        self.nodes = nodes
+        self.constraints = constraints
         first = _WEIGHTS[1] / 10 ** max(rounds - 1, 0)
         self.rounds, self.weight = rounds, max(first, _WEIGHTS[0])
 

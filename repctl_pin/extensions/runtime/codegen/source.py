@@ -105,9 +105,9 @@ def write_source(
         "frames": arm.frames,
         **_frame_sizes(arm),
         "terms": max(part.count for part in arm.held["part"]),
-        "declared": chart + pasted("arm.h", *headers),
+        "declared": chart + pasted("arm.h", *headers, "law.h"),
         "tables": constants(arm, "Arm", f"{name}_tables"),
-        "library": pasted("arm.c", *sources),
+        "library": pasted("arm.c", *sources, "law.c"),
         "staying": int(cell is not None),
         "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
