@@ -733,7 +733,7 @@ def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float,
 
 
 def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
-    """Evaluate the least squared joint speed of a function at Q (K, n), and that of J⁺: (K,).
+    """Evaluate the minimum squared joint speed of a function at Q (K, n), and that of J⁺: (K,).
 
     Along the coordinates that symmetries remove, the function moves one joint alone.
     """
