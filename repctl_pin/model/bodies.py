@@ -246,6 +246,11 @@ class Bodies:
         gradient shows which motion separates them."""
         return self._all(Q, hulls=True)[0]
 
+    def _nearer(self, Q: ArrayLike, distance: float) -> NDArray[np.bool_]:
+        """Test at every row of Q (K, n) if :meth:`distances` is below a distance, m: (K,)."""
+        Q = as_configurations(Q, self.task.n, repr(self.task))
+        return np.asarray(self._model.nearer(self._drive.joints(Q), distance))
+
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
 
@@ -287,6 +292,10 @@ class _NoBodies:
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Return inf and −1 for every row of Q (K, N)."""
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
+
+    def nearer(self, Q: Array, distance: float) -> NDArray[np.bool_]:
+        """Return False for every row of Q (K, N)."""
+        return np.zeros(len(Q), bool)
 
 
 def _model_of(task: Task) -> Any:

@@ -137,6 +137,23 @@ class _CollisionModel:
             which[k] = last if found[k] < np.inf else -1
         return found, which
 
+    def nearer(self, Q: Array, distance: float) -> NDArray[np.bool_]:
+        """Test at every row of Q (K, N) if any two bodies are nearer than a distance, m: (K,).
+
+        Only pairs whose bounds do not show that they are apart are measured, until one is nearer.
+        So it takes a fraction of the time of :meth:`least`.
+        """
+        found = np.zeros(len(Q), bool)
+        for k, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
+            doubtful = np.flatnonzero(bounds < distance)
+            if not len(doubtful):
+                continue
+            nearest_first = doubtful[np.argsort(bounds[doubtful])].tolist()
+            with self._lock:
+                self._move(q)
+                found[k] = any(self._exact(pair) < distance for pair in nearest_first)
+        return found
+
     def reach(self) -> Array:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
 

@@ -117,6 +117,21 @@ def test_a_cut_of_a_function_is_the_same_function(panda_pose: rp.Task) -> None:
     assert np.abs(part.solve(U).Q - whole.Q).max() < 1e-9
 
 
+def test_a_cut_of_a_box_that_turns_keeps_the_middle_of_the_rotation(panda_pose: rp.Task) -> None:
+    """The same law, for a box with rotations, which become narrower on both sides."""
+    place = panda_pose.placement(panda_pose.reference)
+    cell = rp.Cell(panda_pose, place, (0.05, 0.05, 0.0), half_angle=(0.2, 0.0, 0.0))
+    few = rp.FitOptions(samples=64, held_out=64)
+    chart = rp.nearest_inverse_function(
+        rp.Pseudoinverse(panda_pose), cell, degree=1, options=few
+    ).function.chart
+    part = chart.between(np.array([-0.5, -1.0, -1.0]), np.array([1.0, 0.8, 0.5]))
+    assert part.cell.rotation[0] == pytest.approx(0.1)
+    U = part.cell.sample(50, 1)
+    whole = chart.solve(chart.cell.coordinates(*part.cell.placements(U))[0])
+    assert np.abs(part.solve(U).Q - whole.Q).max() < 1e-9
+
+
 def test_a_singularity_is_no_fold() -> None:
     """55.1: joints 3 and 5 at 0 cover this sector, but at q = 0 J of xarm7 has no full rank."""
     task = rp.Robot.load("xarm7").task()

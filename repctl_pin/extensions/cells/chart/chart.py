@@ -93,6 +93,7 @@ class Chart:
 
         q_ref and n_ref are the same polynomials, in coordinates of the part.
         """
+        low, high = self.cell._kept_middles(low, high)
         if (low == -1).all() and (high == 1).all():
             return self
         U = np.concatenate([self.cell.sample(4 * self.monomials.size, 7), self.cell.corners()])

@@ -149,7 +149,7 @@ class Evaluation:
         return f"{np.floor(1e4 * self.coverage) / 100:.2f} % of the held-out poses"
 
 
-class _Sample(NamedTuple):
+class Sample(NamedTuple):
     """A function F at K poses of its cell: its configurations, joint speeds and margins there.
 
     F gives one configuration for each pose u; E = ∂x/∂u, C scales u to unit task speed, and G_d is
@@ -204,7 +204,7 @@ class _Sample(NamedTuple):
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
 
-def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> _Sample:
+def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> Sample:
     """Evaluate a candidate function with s = 0 at poses U (K, k), in coordinates of the cell.
 
     ``desired`` is G_d, with which joint speeds are compared. The sample says, too, at which poses a
@@ -226,7 +226,7 @@ def _sides(at: Points) -> Array:
     return np.asarray(np.sign(np.linalg.det(J_V)))
 
 
-def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array) -> _Sample:
+def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array) -> Sample:
     """Evaluate a sample of a candidate function at some of the poses, U (K, k).
 
     ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell. Where the sign is
@@ -247,7 +247,7 @@ def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
     margin = chart.cell.limit_margin(at.Q).min(axis=1)
     leaf = leaf_margins(chart, at)
     figures = at.Q, at.residual, margin, *squares, s[:, -1], leaf, ok, sheet
-    return _Sample._make([U, *figures])
+    return Sample._make([U, *figures])
 
 
 def _largest_ratio(A: Array, B: Array) -> Array:
@@ -347,7 +347,7 @@ def _nothing_covered(failures: tuple[FailureReason, ...]) -> Evaluation:
     return Evaluation(**figures)
 
 
-def _speed_figures(inside: _Sample, tested: _Sample) -> dict[str, Any]:
+def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
     """Evaluate cost and extra joint speed: means over the poses ``inside``, maxima of ``tested``.
 
     Both are covered poses: the held-out ones, and all that were sampled or found by search.
@@ -367,7 +367,7 @@ def _speed_figures(inside: _Sample, tested: _Sample) -> dict[str, Any]:
     }
 
 
-def _limit_figures(candidate: CandidateFunction, held_out: _Sample, low: _Sample) -> dict[str, Any]:
+def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
     """Evaluate the smallest limit margins, at held-out poses and at those found by search (low).
 
     With each comes the largest margin that any leaf attains at that pose.
@@ -386,7 +386,7 @@ def _limit_figures(candidate: CandidateFunction, held_out: _Sample, low: _Sample
     }
 
 
-def _searched(desired: Inverse, candidate: CandidateFunction, at: _Sample, quick: bool) -> Array:
+def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick: bool) -> Array:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
     These are poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and larger
@@ -426,7 +426,7 @@ def _worst(values: Array, U: Array, count: int) -> Array:
     return ordered[unlike_rows(ordered, _SPREAD, count)]
 
 
-def _failures(cell: Cell, at: _Sample, low: _Sample, near: Array) -> tuple[FailureReason, ...]:
+def _failures(cell: Cell, at: Sample, low: Sample, near: Array) -> tuple[FailureReason, ...]:
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
     ``at`` are the sampled poses, ``low`` those found by search. ``near`` (L, n) are configurations
@@ -445,7 +445,7 @@ def _failures(cell: Cell, at: _Sample, low: _Sample, near: Array) -> tuple[Failu
 
 
 def _bodies(
-    candidate: CandidateFunction, at: _Sample, count: int, quick: bool
+    candidate: CandidateFunction, at: Sample, count: int, quick: bool
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 

@@ -17,7 +17,7 @@ from ....redundancy import nullspace
 from ....solvers import newton_rows
 from ....strategies.strategy import Inverse
 from ..geometry.cell import Cell
-from ..geometry.kinematics import bases, null_bases, placed
+from ..geometry.kinematics import inverses, null_bases, placed
 
 EXACT = 1e-9
 """Norm of the task error, m and rad, below which a pose is reached."""
@@ -72,13 +72,14 @@ def reached(
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
         p_now, R_now, J = placed(task, Q)
-        G, N, _ = bases(J)
+        G, _ = inverses(J)
         e = cell.errors(p[on], R[on], p_now, R_now)
         dQ = np.einsum("Knm,Km->Kn", G, e)
         if inward:
             low = np.maximum(0.0, task.lower + inner - Q)
             back = low - np.maximum(0.0, Q - task.upper + inner)
-            dQ += _PUSH * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
+            # in the null space, (I − J⁺ J) back
+            dQ += _PUSH * (back - np.einsum("Knm,Kml,Kl->Kn", G, J, back, optimize=True))
         return dQ
 
     Q, _ = newton_rows(correction, Q, longest=_LONGEST, tolerance=EXACT / 10, iterations=iterations)
@@ -226,13 +227,9 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
     jumps = np.zeros(len(now), bool)
     for step in range(STEPS + 1):
         # where the whole rim is reached, regular and inside the limits
-        p_now, R_now, J = placed(task, now)
-        G, _, s = bases(J)
         aims = (p[on, None] + step / STEPS * offsets).reshape(-1, 3)
-        error = box.errors(aims, np.tile(R, (len(on), 1, 1)), p_now, R_now)
-        least = task.limit_margin(now).min(axis=1)
-        good = (s[:, -1] > SINGULAR * s[:, 0]) & (least > 0) & ~jumps
-        good &= np.linalg.norm(error, axis=1) < near
+        G, error, least, good = _rim(box, aims, np.tile(R, (len(on), 1, 1)), now)
+        good &= ~jumps & (np.linalg.norm(error, axis=1) < near)
         together = good.reshape(-1, C).all(axis=1)
         rows = together.repeat(C)
         on, now = on[together], now[rows]
@@ -246,6 +243,19 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
         jumps = np.abs(dQ).max(axis=1) > _LONGEST
         now = now + dQ
     return Grown(p, Q, steps, margin, ends)
+
+
+def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
+    """Evaluate configurations Q (K, n) that are to be at poses p (K, 3), m, and R (K, 3, 3).
+
+    Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and where J is regular and the
+    limits are kept (K,).
+    """
+    p_now, R_now, J = placed(box.task, Q)
+    G, s = inverses(J)
+    least = box.task.limit_margin(Q).min(axis=1)
+    good = (s[:, -1] > SINGULAR * s[:, 0]) & (least > 0)
+    return G, box.errors(p, R, p_now, R_now), least, good
 
 
 def _middles(box: Cell, p: Array, Q: Array) -> tuple[Array, Array]:

@@ -168,7 +168,7 @@ class CellFit:
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
         hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
-        chart = self._first_chart(cell, q, rows_of(ends, good))
+        chart = self._first_chart(cell, q, rows_of(ends, good), quick)
         U, edge = _where_found(chart, U[good[:count]], edge[good[count:]])
         if len(U) < count / 4:
             return _why(cell, ends, count)
@@ -213,7 +213,7 @@ class CellFit:
             steps=descent.steps,
         )
 
-    def _first_chart(self, cell: Cell, q: Array, ends: Rays) -> Chart:
+    def _first_chart(self, cell: Cell, q: Array, ends: Rays, quick: bool) -> Chart:
         """Fit the first chart to the ends of rays, with a degree at which n_ref follows N.
 
         A null space N that turns by more than 90° within few poses is across a polynomial of low
@@ -224,7 +224,8 @@ class CellFit:
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
             return chart
-        U = np.concatenate([cell.sample(_DENSE, self.seed + 1), cell.corners()])
+        count = _DENSE // 4 if quick else _DENSE
+        U = np.concatenate([cell.sample(count, self.seed + 1), cell.corners()])
         more = rays(self.desired, cell, q, U)
         more = rows_of(more, more.reached == 1)
         if _follows(chart, more.U, more.N):

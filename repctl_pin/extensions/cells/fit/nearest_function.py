@@ -211,7 +211,7 @@ def _found(fit: CellFit, cell: Cell, posture: Any, incomplete: str) -> CellDesig
     if incomplete == "shrink":
         part = trimmed(fit, cell, q, Required())
         if part is not None:
-            return ended_at_bodies(fit, part.design)
+            return ended_at_bodies(fit, part)
     fits, smaller = _largest(fit, cell, q, quick=incomplete != "shrink")
     if incomplete == "shrink" and smaller is not None:
         return smaller

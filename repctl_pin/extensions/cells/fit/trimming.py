@@ -5,9 +5,10 @@ A box or sector that one corner spoils thus loses one side, and not a share of a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from ....model.bodies import bodies_of
 from ....model.task import Task
 from ..cell_design import CellDesign
 from ..chart.chart import Chart
-from ..evaluate.cell_evaluation import evaluate_cell, sampled
+from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
 from ..evaluate.margins import CandidateFunction, distances_of, searched
 from ..evaluate.reach import rays, unlike_rows
 from ..evaluate.turning import expanded, narrowed
@@ -44,8 +45,15 @@ _STARTS, _SPREAD = 6, 0.3
 _TURNS = (0.9, -0.9, 1.8, -1.8)
 """Further values of the joint that turns the arm at which bodies are tested, rad."""
 
+_DEAREST = 0.97
+"""Share of the poses that are kept where a function costs too much on average."""
+
 _INSIDE = 0.01
 """Distance in u by which the first cut leaves out more than the worst pose; later ones more."""
+
+_NEARLY = 0.7
+"""Share of the cell that is left by a cut of a quick design from which on the function of full
+accuracy is designed."""
 
 _LEAST = 0.05
 """Share of the cell below which nothing of use is left."""
@@ -67,36 +75,33 @@ class Required(NamedTuple):
     distance: float = -np.inf
 
 
-class Part(NamedTuple):
-    """Part of a cell, the configuration q (n,) in its middle, and a function that covers it."""
-
-    cell: Cell
-    q: Array
-    design: CellDesign
-
-
-def trimmed(fit: CellFit, cell: Cell, q: Array, limits: Required) -> Part | None:
+def trimmed(
+    fit: CellFit, cell: Cell, q: Array, limits: Required, guess: CellDesign | None = None
+) -> CellDesign | None:
     """Design a function on a part of a cell, whose sides are moved inward until it is covered.
 
-    Quick designs find the part. ``q`` (n,) is the configuration in the middle. Return None if no
-    part of 5 % is covered.
+    Quick designs find most of the part. ``q`` (n,) is the configuration in the middle, ``guess`` a
+    quick design from there. The function of full accuracy is not designed again where it fails:
+    sides are moved until the same function covers what is left. Return None if no part of 5 % is
+    covered.
     """
-    volume, quick = 1.0, True
+    volume = 1.0
     for _ in range(_ROUNDS):
-        found = fit.design(cell, q, quick=quick)
-        U, bad = _failing(fit, cell, q, found, limits)
-        if bad.any():
-            low, high = cut_sides(U, bad)
-            volume *= float(np.prod((high - low) / 2))
-            inner = None if volume < _LEAST else _between(fit, cell, q, found, low, high)
+        quick = guess or fit.design(cell, q, quick=True)
+        guess = None
+        low, high = cut_sides(*_failing(fit, cell, q, quick, limits))
+        left = float(np.prod((high - low) / 2))
+        volume *= left
+        if volume < _LEAST:
+            return None
+        if left < 1:
+            inner = _between(fit, cell, q, quick, low, high)
             if inner is None:
                 return None
             cell, q = inner
-        elif quick and isinstance(found, CellDesign):
-            quick = False
-        else:
-            covered = isinstance(found, CellDesign) and found.evaluation.everywhere
-            return Part(cell, q, cast(CellDesign, found)) if covered else None
+        if left > _NEARLY and isinstance(quick, CellDesign):
+            found = fit.design(cell, q)
+            return kept_where_good(fit, found, limits) if isinstance(found, CellDesign) else None
     return None
 
 
@@ -134,23 +139,28 @@ def _failing(
     if not isinstance(found, CellDesign):
         ends = rays(fit.desired, cell, q, U[::4])
         return ends.U, (ends.reached < 1) | (ends.least < 0)
-    chart = found.function.chart
-    at = sampled(fit.desired, CandidateFunction.zero(chart), U)
-    with np.errstate(invalid="ignore"):
-        bad = ~at.covered | ~(at.ratio < (1 + limits.worst) ** 2)
-    others = [stop.u for stop in found.failures if stop.cause != "collision"]
-    if others:
-        more = cell._split(np.clip(np.array(others), -1, 1))[0]
-        U, bad = np.concatenate([U, more]), np.concatenate([bad, np.ones(len(more), bool)])
+    at = sampled(fit.desired, CandidateFunction.zero(found.function.chart), U)
+    bad = _too_dear(at, limits, dear=False) | ~at.covered
+    more = cell._split(_stops(found, Required(), bodies_only=False))[0]
+    U, bad = np.concatenate([U, more]), np.pad(bad, (0, len(more)), constant_values=True)
     if np.isfinite(limits.distance):
         some = np.flatnonzero(~bad[: len(at.Q)])[:_BODIES]
         joints = [one.joint for one in cell.removed if one.coordinate == ANGLE]
         joint = joints[0] if joints else None
         bad[some] = near_all_round(cell.task, at.Q[some], limits.distance, joint)
-    if found.extra_speed > limits.mean and not bad.any():  # the dearest poses go
-        ratio = np.nan_to_num(np.pad(at.ratio, (0, len(U) - len(at.ratio))), posinf=0.0)
-        bad |= ratio > np.quantile(ratio, 0.97)
+    if found.extra_speed > limits.mean and not bad.any():
+        bad[: len(at.Q)] = _too_dear(at, limits, dear=True)
     return U, bad
+
+
+def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
+    """Test at which sampled poses a function needs too much joint speed: (K,).
+
+    With ``dear``, the dearest 3 % of the poses do.
+    """
+    ratio = np.nan_to_num(at.ratio, nan=np.inf)
+    most = np.quantile(ratio[np.isfinite(ratio)], _DEAREST) if dear else np.inf
+    return np.asarray((ratio >= (1 + limits.worst) ** 2) | (ratio > most))
 
 
 def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> NDArray[np.bool_]:
@@ -161,12 +171,11 @@ def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> 
     the ``joint`` that turns the arm, if there is one, as far as it goes.
     """
     bodies = bodies_of(task)
-    near = bodies.hull_distances(Q) < distance
-    near[near] = bodies.distances(Q[near]) < distance
+    near = bodies._nearer(Q, distance)
     for turn in () if joint is None else _TURNS:
         turned = Q[near] + turn * np.eye(task.n)[joint]
         inside = task.limit_margin(turned)[:, joint] >= 0
-        near[np.flatnonzero(near)[inside]] = bodies.distances(turned[inside]) < distance
+        near[np.flatnonzero(near)[inside]] = bodies._nearer(turned[inside], distance)
     return near
 
 
@@ -182,34 +191,88 @@ def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) 
     return np.asarray(Q[0] - cell.along @ cell._measured(p, R)[0, cell._removed])
 
 
-def ended_at_bodies(
-    fit: CellFit, found: CellDesign, distance: float = 0.0, *, sides: bool = False
-) -> CellDesign:
-    """Cut the ranges ``"all"`` of a sector, such as the angle, where bodies come too close.
+def ended_at_bodies(fit: CellFit, found: CellDesign) -> CellDesign:
+    """Cut the ranges ``"all"`` of a sector, such as the angle, where bodies collide.
 
-    With ``sides``, those of radius and height are cut, too. The function is the same, over a
-    smaller sector. It is cut until no sampled pose, and none that a search finds, has bodies nearer
-    than ``distance``, m. The design is returned unchanged if no such part of 5 % is found.
+    The function is the same, over a smaller sector. It is cut until no sampled pose, and none that
+    a search finds, has a collision. The design is returned unchanged if no such part of 5 % is
+    found.
     """
-    if not found.body_distance < distance:
+    free = found.function.chart.cell.free
+    if not found.body_distance < 0 or not free:
         return found
-    whole, chart, left, design = found.function.chart.cell, found.function.chart, 1.0, found
-    coordinates = [*whole.free, *(whole.moved if sides else ())]
-    for k in range(_CUTS if coordinates else 0):
-        U, bad = _near(chart, distance, seed=19 + k)
+    return _cut_until_good(fit, found, Required(distance=0.0), free, bodies_only=True) or found
+
+
+def kept_where_good(fit: CellFit, found: CellDesign, limits: Required) -> CellDesign | None:
+    """Cut all sides of a cell, and its ranges ``"all"``, until a function keeps the limits.
+
+    The function is the same, over a smaller cell. Return None if no such part of 5 % is found.
+    """
+    cell = found.function.chart.cell
+    return _cut_until_good(fit, found, limits, [*cell.free, *cell.moved], bodies_only=False)
+
+
+def _cut_until_good(
+    fit: CellFit,
+    found: CellDesign,
+    limits: Required,
+    coordinates: Sequence[int],
+    *,
+    bodies_only: bool,
+) -> CellDesign | None:
+    """Cut a cell along some of its coordinates until a function keeps the limits on what is left.
+
+    These are tested at sampled poses, and at poses that searches and the evaluation find. With
+    ``bodies_only``, only the body distance is tested.
+    """
+    chart, left, design = found.function.chart, 1.0, found
+    stops = _stops(found, limits, bodies_only)
+    for k in range(_CUTS):
+        U, bad = _near(chart, limits.distance, seed=19 + k)
+        if not bodies_only:
+            bad |= _uncovered(fit, chart, U, limits, dear=design.extra_speed > limits.mean)
+        U, bad = np.concatenate([U, stops]), np.pad(bad, (0, len(stops)), constant_values=True)
         if bad.any():
             columns = [int(np.flatnonzero(chart.cell.whole.moved == i)[0]) for i in coordinates]
             low, high = cut_sides(U[:, columns], bad, _INSIDE * (k + 1))
             left *= float(np.prod((high - low) / 2))
             if left < _LEAST:
-                return found
-            chart = _cut(chart, dict(zip(coordinates, zip(low, high, strict=True), strict=True)),
-                         fit.limit_margin)  # fmt: skip
+                return None
+            ends = dict(zip(coordinates, zip(low, high, strict=True), strict=True))
+            chart, stops = _cut(chart, ends, fit.limit_margin), stops[:0]
             continue
-        design = _evaluated(fit, found, chart)
-        if not design.body_distance < distance:
+        design = design if design.function.chart is chart else _evaluated(fit, found, chart)
+        stops = _stops(design, limits, bodies_only)
+        if not len(stops) and design.extra_speed <= limits.mean:
             return design
-    return found if design.body_distance < 0 else design
+    return None
+
+
+def _stops(design: CellDesign, limits: Required, bodies_only: bool) -> Array:
+    """Return the poses, in all coordinates of the cell (K, k), at which a design's function fails.
+
+    Collisions count only if a body distance is required.
+    """
+    collide = bool(np.isfinite(limits.distance))
+    return np.array(
+        [
+            np.clip(stop.u, -1, 1)
+            for stop in design.failures
+            if (collide if stop.cause == "collision" else not bodies_only)
+        ]
+    ).reshape(-1, design.function.chart.cell.whole.k)
+
+
+def _uncovered(
+    fit: CellFit, chart: Chart, U: Array, limits: Required, *, dear: bool
+) -> NDArray[np.bool_]:
+    """Test at which poses U (K, k), in all coordinates, a function fails or costs too much.
+
+    With ``dear``, the dearest 3 % of the poses cost too much.
+    """
+    at = sampled(fit.desired, CandidateFunction.zero(chart), chart.cell._split(U)[0])
+    return np.asarray(~at.covered | _too_dear(at, limits, dear=dear))
 
 
 def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.bool_]]:
@@ -224,26 +287,36 @@ def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.b
     U = whole.cell.sample(_TURNED, seed)
     ends = np.random.default_rng(seed).random(U.shape) < 1 / 3  # bodies are nearest at the edges
     U = np.concatenate([np.where(ends, np.sign(U), U), whole.cell.corners()])
-    distances = _distances(candidate, U)
-    if not (distances < distance).any():
-        starts = U[np.argsort(distances)]
+    near, Q, there = _nearer(candidate, U, distance)
+    if np.isfinite(distance) and not near.any():
+        hulls = np.full(len(U), np.inf)
+        hulls[there] = bodies_of(whole.cell.task).hull_distances(Q[there])
+        starts = U[np.argsort(hulls)]
         starts = starts[unlike_rows(starts, _SPREAD, _STARTS)]
-        U = searched(candidate, distances_of(whole.cell.task), starts)
-        distances = _distances(candidate, U)
-    return U, distances < distance
+        more = searched(candidate, distances_of(whole.cell.task), starts)
+        U = np.concatenate([U, more])
+        near = np.concatenate([near, _nearer(candidate, more, distance)[0]])
+    return U, near
 
 
-def _distances(candidate: CandidateFunction, U: Array) -> Array:
-    """Compute the body distances (K,) of a function at U (K, k), m; infinite beyond the limits."""
+def _nearer(
+    candidate: CandidateFunction, U: Array, distance: float
+) -> tuple[NDArray[np.bool_], Array, NDArray[np.bool_]]:
+    """Test where bodies of a function are nearer than a distance, m, at U (K, k): (K,).
+
+    Return also its configurations (K, n), and where these are inside the limits (K,). Bodies are
+    not tested elsewhere.
+    """
     points, task = candidate.at(U), candidate.chart.cell.task
-    good = points.found & (task.limit_margin(points.Q).min(axis=1) > -1e-6)
-    distances = np.full(len(U), np.inf)
-    distances[good] = bodies_of(task).distances(points.Q[good])
-    return distances
+    there = points.found & (task.limit_margin(points.Q).min(axis=1) > -1e-6)
+    near = np.zeros(len(U), bool)
+    if np.isfinite(distance):
+        near[there] = bodies_of(task)._nearer(points.Q[there], distance)
+    return near, points.Q, there
 
 
 def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> Chart:
-    """Return the chart of the same function over a part of its sector.
+    """Return the chart of the same function over a part of its cell.
 
     ``ends`` are from −1 to 1, by the index of the coordinate. A range that ended at the limits of a
     joint keeps the limit ``margin``, rad, at the end that is not cut.
@@ -254,7 +327,7 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
             w = cell.widths[i]
             least = -w + margin * (i in cell.free and w < np.pi - 1e-9)
             ranges[i] = max(w * low, least), min(w * high, -least)
-    chart = narrowed(chart, ranges)
+    chart = narrowed(chart, ranges) if ranges else chart
     low, high = np.array([ends.get(int(i), (-1.0, 1.0)) for i in cell.moved]).T
     return chart.between(low, high)
 

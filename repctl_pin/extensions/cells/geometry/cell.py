@@ -206,22 +206,30 @@ class Cell:
 
         Rotations keep their middle, and become narrower on both sides.
         """
-        middles, widths = self._middles_and_widths(low, high, range(len(self.half_width)))
+        middles, widths = self._middles_and_widths(low, high)
         p, _ = self._placed(middles[None])
         return self._changed(placement=pin.SE3(self.placement.rotation, p[0]), widths=widths)
 
-    def _middles_and_widths(
-        self, low: Array, high: Array, movable: Sequence[int]
-    ) -> tuple[Array, Array]:
+    @property
+    def _movable(self) -> Sequence[int]:
+        """Indices, among the m task coordinates, of those whose middle a part may move."""
+        return range(len(self.half_width))
+
+    def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Return the corners (k,) of a part, see :meth:`_part`, as far as its middle may move."""
+        half = np.minimum(-low, high)
+        fixed = ~np.isin(self.moved, self._movable)
+        return np.where(fixed, -half, low), np.where(fixed, half, high)
+
+    def _middles_and_widths(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Compute the offset of the middle (m,) and half-widths (m,) of a part, see :meth:`_part`.
 
-        Only the coordinates ``movable`` get another middle; others become narrower on both sides.
+        Only the coordinates :attr:`_movable` get another middle.
         """
+        low, high = self._kept_middles(low, high)
         middles, widths = np.zeros(len(self.widths)), self.widths.copy()
-        for i, below, above in zip(self.moved, low, high, strict=True):
-            half = (above - below) / 2 if i in movable else min(-below, above)
-            middles[i] = self.widths[i] * (above + below) / 2 if i in movable else 0.0
-            widths[i] *= half
+        middles[self.moved] = self.widths[self.moved] * (high + low) / 2
+        widths[self.moved] *= (high - low) / 2
         return middles, widths
 
     @property

@@ -139,6 +139,17 @@ def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
     return G, N if near is None else align(N, near), s
 
 
+def inverses(J: Array) -> tuple[Array, Array]:
+    """Evaluate J⁺ (K, n, m) and the singular values (K, m) as :func:`bases` does, but faster.
+
+    They are computed from the eigenvectors of J Jᵀ, so near a singularity they are less exact.
+    """
+    squares, U = np.linalg.eigh(J @ np.swapaxes(J, 1, 2))
+    s = np.sqrt(np.maximum(squares, 0.0))
+    G = np.swapaxes(J, 1, 2) @ (U / np.maximum(s, 1e-8)[:, None] ** 2) @ np.swapaxes(U, 1, 2)
+    return G, s[:, ::-1]
+
+
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
     """Evaluate N and the singular values, with the arguments and results of :func:`bases`; faster.
 

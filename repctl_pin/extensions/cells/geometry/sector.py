@@ -322,10 +322,14 @@ class Sector(Cell):
 
         Tilts keep their middle, and become narrower on both sides.
         """
-        movable = [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
-        middles, widths = self._middles_and_widths(low, high, movable)
+        middles, widths = self._middles_and_widths(low, high)
         p, R = self._placed(middles[None])
         return self._changed(placement=pin.SE3(R[0].copy(), p[0]), widths=widths)
+
+    @property
+    def _movable(self) -> Sequence[int]:
+        """Indices, among the m task coordinates, of those whose middle a part may move."""
+        return [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
         """Return a sector whose placement is moved along symmetric coordinates.

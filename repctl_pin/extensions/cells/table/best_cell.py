@@ -18,11 +18,13 @@ from ....base.arguments import Array, as_matrices, finite, read_only, vector
 from ....base.errors import InputError
 from ....base.fit_options import FitOptions, fit_options
 from ....base.progress import Report, reporter
+from ....base.threads import one_blas_thread
 from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
 from ....model.several_frames import one_frame
 from ....model.task import Task, require_task
 from ....strategies import Pseudoinverse
+from ....strategies.strategy import Inverse
 from ..cell_design import CellDesign
 from ..evaluate.failures import FailureReason
 from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
@@ -32,9 +34,9 @@ from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
 from ..place.posture_search import Candidate, judged, searched
 from .approach import Approach, approach_axis, with_approach
-from .whole_table import WholeTable, whole_table
+from .whole_table import WholeTable, middles_in_floods, whole_table
 
-_DRAWN = 4096
+_DRAWN = 2048
 """Number of random configurations that are turned to the orientation."""
 
 _PARENTS, _CHILDREN = 16, 6
@@ -54,9 +56,9 @@ _ENOUGH, _APART, _MARGIN = 0.3, 0.02, 0.05
 """Limit margin, rad or m, and body distance, m, above which larger ones are no longer an advantage;
 and the limit margin that designs keep where possible."""
 
-_JUDGED, _CONFIRMED, _HELD_OUT = 3, 2, 2048
-"""Numbers of places at which designs of one size are compared, and of designs of full accuracy per
-size; and of their held-out poses."""
+_JUDGED, _BATCHES, _CONFIRMED, _HELD_OUT = 3, 3, 2, 2048
+"""Numbers of places at which designs of one size are compared, of such comparisons per size, and of
+designs of full accuracy per comparison; and of their held-out poses."""
 
 _TOOL = {
     "down": np.diag([1.0, -1.0, -1.0]),
@@ -114,6 +116,7 @@ class BestCell:
         return f"<BestCell: {cell.size()} around {cell.where(np.zeros(cell.k))}, {fits}>"
 
 
+@one_blas_thread()
 def best_cell(
     task: Task,
     size: ArrayLike | None = None,
@@ -201,7 +204,15 @@ def best_cell(
     approached, task, R = _oriented(task, orientation, approach, yaw)
     if size is None:
         place = _whole(task, R, at, heights, most_extra, seed, progress)
-        return replace(place, approach=approached)
+    else:
+        place = _of_size(task, R, size, at, seed, progress)
+    return replace(place, approach=approached)
+
+
+def _of_size(
+    task: Task, R: Array, size: ArrayLike, at: ArrayLike | None, seed: int, progress: bool | Report
+) -> BestCell:
+    """Find the best place for a box at an orientation, as :func:`best_cell` does with a size."""
     edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
@@ -224,7 +235,7 @@ def best_cell(
     factor = float(cell.widths.max() / box.widths.max())
     if factor < 1:
         reason = _obstruction(cell.scaled(1 / factor), own.q) or reason
-    return BestCell(cell, own.q, factor, own.margin, reason * (factor < 1), approach=approached)
+    return BestCell(cell, own.q, factor, own.margin, reason * (factor < 1))
 
 
 def _whole(
@@ -307,11 +318,15 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
 
     Random configurations are turned to the orientation of the box without moving the frame's
     origin. With ``at`` (3,), m, they also move towards that position, each by another share of the
-    way. Then middles beside the best ones are tried. An InputError is raised if none is reached.
+    way. Without it, middles of floods around the arm are tried, too. Then middles beside the best
+    ones are tried. An InputError is raised if none is reached.
     """
     p, Q = drawn(box, _DRAWN, rng)
     if at is not None:
         p = at + np.linspace(0, 1, _DRAWN)[:, None] * (p - at)
+    elif box.task.m > 4:
+        more = middles_in_floods(box, rng)
+        p, Q = (np.concatenate(both) for both in zip((p, Q), more, strict=True))
     found = _ordered(box, grown(box, p, Q), at)
     if not len(found.p):
         raise InputError(
@@ -382,38 +397,57 @@ class _Fitting(NamedTuple):
 def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
     """Choose the middle around which the largest box fits, and a posture there; None if none fits.
 
-    Among equal boxes, quick designs of postures that differ show which has the best margins and the
-    lowest joint speed. A design of full accuracy confirms that one function covers the box.
+    Few places are tried at a time, and the box is smaller only after all of them.
     """
     desired = Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
     unlike = unlike_rows(free.Q, _ALIKE, _TRIED)
     rows = [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]
-    largest = [_largest_steps(desired, box, free, k) for k in dict.fromkeys(rows)]
     rows = list(dict.fromkeys(rows))
+    largest = [_largest_steps(desired, box, free, k) for k in rows]
     fit = CellFit(desired, limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False)
     reason = ""
     for size in range(max(largest), 0, -1):
-        places = [k for k, most in zip(rows, largest, strict=True) if most >= size][:_JUDGED]
-        cells = [_box_at(box, free.p[k], size / STEPS) for k in places]
-        tried = [
-            (c, judged(desired, c, free.Q[k][None])[0]) for c, k in zip(cells, places, strict=True)
-        ]
-        if cells:
-            with suppress(InputError):  # it draws other configurations, which may all fail
-                tried += [(cells[0], c) for c in searched(desired, cells[0])[:_JUDGED] if _fits(c)]
-        quick = [(fit.design(cell, own.q, quick=True), cell, own) for cell, own in tried]
-        quick.sort(key=lambda part: -_worth(part[0]))
-        good = sum(_worth(guess) > 0 for guess, *_ in quick)
-        for guess, cell, own in quick[: max(1, min(good, _CONFIRMED))]:
-            design = fit.design(cell, own.q, guess=guess)
-            if isinstance(design, CellDesign) and _worth(design) > 0:
-                return _Fitting(cell, own, reason)
-            reason = reason or _said(design)
+        places = [k for k, most in zip(rows, largest, strict=True) if most >= size]
+        for first in range(0, min(len(places), _BATCHES * _JUDGED), _JUDGED):
+            some = rows_of(free, places[first : first + _JUDGED])
+            best, why = _best_of(fit, box, some, size, search=first == 0)
+            reason = reason or why
+            if best is not None:
+                return _Fitting(*best, reason if size < max(largest) else "")
     return None
 
 
-def _largest_steps(desired: Pseudoinverse, box: Cell, found: Grown, k: int) -> int:
+def _best_of(
+    fit: CellFit, box: Cell, places: Grown, size: int, *, search: bool
+) -> tuple[tuple[Cell, Candidate] | None, str]:
+    """Choose the best of some places for a box of a size, in steps; None if it fits at none.
+
+    Quick designs of postures that differ show which has the best margins and the lowest joint
+    speed. With ``search``, other postures are searched for at the first place. A design of full
+    accuracy confirms that one function covers the box. Return also why one does not.
+    """
+    desired, reason = fit.desired, ""
+    cells = [_box_at(box, p, size / STEPS) for p in places.p]
+    tried = [
+        (cell, judged(desired, cell, q[None])[0]) for cell, q in zip(cells, places.Q, strict=True)
+    ]
+    if search:
+        with suppress(InputError):  # it draws other configurations, which may all fail
+            others = searched(desired, cells[0])[:_JUDGED]
+            tried += [(cells[0], one) for one in others if _fits(one)]
+    quick = [(fit.design(cell, own.q, quick=True), cell, own) for cell, own in tried]
+    quick.sort(key=lambda part: -_worth(part[0]))
+    good = sum(_worth(guess) > 0 for guess, *_ in quick)
+    for guess, cell, own in quick[: max(1, min(good, _CONFIRMED))]:
+        design = fit.design(cell, own.q, guess=guess)
+        if isinstance(design, CellDesign) and _worth(design) > 0:
+            return (cell, own), reason
+        reason = reason or _said(design)
+    return None, reason
+
+
+def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
     """Find the largest number of steps by which a box grows around a middle k, and still fits."""
     low, high = 0, int(found.steps[k])
     middle = high

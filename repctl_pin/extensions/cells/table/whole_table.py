@@ -25,7 +25,7 @@ from ..cell_design import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, covered_share, ended_at_bodies, near_all_round, trimmed
+from ..fit.trimming import Required, covered_share, near_all_round, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.kinematics import joined, placed
@@ -44,8 +44,9 @@ and of postures for which functions are designed."""
 _ALIKE = 0.3
 """Difference of the joints, rad or m, below which two postures are alike."""
 
-_CLEAR = 0.005
-"""Body distance that a whole table keeps, m."""
+_CLEAR, _TIGHT, _MUCH = 0.005, 0.001, 0.85
+"""Body distance that a whole table keeps, m; that which it keeps if the larger one leaves less than
+this share of the area, as where two links are always near each other."""
 
 _NEAREST = 0.06
 """Smallest radius of a node, m."""
@@ -53,6 +54,16 @@ _NEAREST = 0.06
 _SETS, _COMPARED, _ALMOST = 16, 6, 0.02
 """Numbers of sets of joints that are locked as in the middle of a design, and of arms with locked
 joints that are compared; and the difference of shares below which these are equal."""
+
+_DEAREST, _SHARES = 6.0, 5
+"""Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
+out; and number of such maxima that are tried down to the mean itself."""
+
+_BETTER = 0.05
+"""Advantage in worth, relative, below which a place is not compared with the best one."""
+
+_WINDOWS = 4
+"""Number of middles for a box per flood and side of the arm."""
 
 _HELD_OUT = 8192
 _SETTLED = 40
@@ -200,8 +211,7 @@ def whole_table(
     floods = _free_floods(table, nodes, Q, locked)
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
-    clear = _clear(table, floods)
-    found = rectangles(clear.reached)
+    distance, clear, found = _best_clear(table, floods)
     if not found.area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
@@ -209,8 +219,10 @@ def whole_table(
             remedy="turn the tool, or use --size or another kind of task",
         )
     fit = CellFit(Pseudoinverse(task), limit_margin=0.05, held_out=_HELD_OUT, seed=seed, keep=True)
-    limits = Required(*most_extra, _CLEAR)
-    sectors = _sectors(table, clear, found, line, symmetries)
+    limits = Required(*most_extra, distance)
+    widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    within = _affordable(clear, widest, limits)
+    sectors = _sectors(table, clear, within, line, symmetries)
     design = _designed(fit, _ranked(fit, sectors, limits, report), limits, report)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
@@ -225,59 +237,168 @@ def whole_table(
     )
 
 
+def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Find middles for a box in floods around the arm: positions (K, 3), m, and Q (K, n).
+
+    They are those with most nodes of a flood in a sector that contains the box, on four sides of
+    the arm. Most of the box's poses are then reached without a change of branch. There are none if
+    the arm has no joint that turns it about a vertical axis.
+    """
+    task, heights = box.task, (-np.inf, np.inf)
+    try:
+        line, symmetries = _symmetries(task)
+        table, nodes, Q = _drawn(task, box.placement.rotation, line, symmetries, heights, rng)
+    except InputError:
+        return np.zeros((0, 3)), np.zeros((0, task.n))
+    floods = _free_floods(table, nodes, Q, _locked_floods(table, nodes, Q, rng))
+    clear = _clear(table, floods, 0.0)
+    sides = []
+    for quarter in range(4):
+        x, y, z = box.half_width if quarter % 2 == 0 else box.half_width[[1, 0, 2]]
+        share = _window_shares(table, clear.reached, float(x), float(y), float(z))
+        flat = (share * clear.reached).reshape(len(share), -1)
+        best = np.argsort(-flat, axis=1)[:, :_WINDOWS]
+        nodes = np.column_stack(np.unravel_index(best.ravel(), table.shape))
+        Q = clear.Q[np.arange(len(flat)).repeat(best.shape[1]), nodes[:, 0], nodes[:, 1]]
+        there = np.isfinite(Q[:, 0])
+        sides.append(_at_side(table, symmetries, nodes[there], Q[there], quarter * np.pi / 2))
+    p, Q = (np.concatenate(each) for each in zip(*sides, strict=True))
+    return p, Q
+
+
+def _at_side(
+    table: Table, symmetries: tuple[Symmetry, ...], nodes: NDArray[np.intp], Q: Array, angle: float
+) -> tuple[Array, Array]:
+    """Turn nodes (K, 2) and their configurations Q (K, n) about the axis, and the tool back.
+
+    Return positions (K, 3), m, and configurations (K, n). Joints may be beyond their limits.
+    """
+    task, Q = table.task, Q.copy()
+    back = -angle * np.sign(table.rotation[2, 2])
+    for one, turn in zip(symmetries, (angle, back), strict=False):
+        low = task.lower[one.joint] if np.isfinite(task.lower[one.joint]) else 0.0
+        Q[:, one.joint] = low + (Q[:, one.joint] + one.sign * turn - low) % (2 * np.pi)
+    p, _ = table.goals(nodes)
+    return table.origin + (p - table.origin) @ pin.exp3(angle * table.up).T, Q
+
+
+def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float, z: float) -> Array:
+    """Evaluate which share of a box's window each of S floods reaches, by its middle: (S, I, J).
+
+    The window has the radii and heights of a box of half-widths x, along the radius, y and z, m.
+    """
+    S, rows, columns = reached.shape
+    total = np.zeros((S, rows + 1, columns + 1))
+    total[:, 1:, 1:] = reached.cumsum(axis=1).cumsum(axis=2)
+    first = np.rint((table.radii - x - _NEAREST) / SPACING).astype(int)
+    last = np.rint((np.hypot(table.radii + x, y) - _NEAREST) / SPACING).astype(int) + 1
+    up = round(z / SPACING)
+    low, high = np.arange(columns) - up, np.arange(columns) + up + 1
+    area = (last - first)[:, None] * (high - low)
+    i, i_end = np.clip(first, 0, rows)[:, None], np.clip(last, 0, rows)[:, None]
+    j, j_end = np.clip(low, 0, columns), np.clip(high, 0, columns)
+    inside = total[:, i_end, j_end] - total[:, i, j_end] - total[:, i_end, j] + total[:, i, j]
+    return np.asarray(inside / area)
+
+
+class _Place(NamedTuple):
+    """Sector, the posture in its middle (n,), its best possible worth, and a quick design."""
+
+    cell: Cell
+    posture: Array
+    most: float
+    design: CellDesign | None = None
+
+
 def _sectors(
-    table: Table, clear: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
-) -> list[tuple[Cell, Array]]:
-    """Choose the best sectors with unlike postures in their middles (n,), the largest first."""
-    postures = clear.middles(found)[1]
-    order = np.argsort(-found.area * _turns(table, clear, found, symmetries))
+    table: Table, floods: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
+) -> list[_Place]:
+    """Choose the best sectors with unlike postures in their middles (n,), the best first."""
+    postures = floods.middles(found)[1]
+    worth = found.area * SPACING**2 * _turns(table, floods, found, symmetries)
+    order = np.argsort(-worth)[: int((worth > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     return [
-        (_sector(table, line, symmetries, found.first[k], found.last[k]), postures[k])
+        _Place(
+            _sector(table, line, symmetries, found.first[k], found.last[k]),
+            postures[k],
+            float(worth[k]),
+        )
         for k in order
     ]
 
 
-def _ranked(
-    fit: CellFit, sectors: list[tuple[Cell, Array]], limits: Required, report: Report
-) -> list[tuple[Cell, Array]]:
-    """Rank sectors and their postures by a quick design of each, the best first."""
-    quick = []
-    for k, (cell, posture) in enumerate(sectors):
-        report(f"posture {k + 1} of {len(sectors)}", 0.3 + 0.15 * k)
+def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
+    """Find the largest rectangle of each flood in which joint speed can be within the limits.
+
+    No function through the configurations of a flood needs less joint speed than ``G E``, with
+    E = ∂x/∂u and G = J⁺ but for the columns of symmetric coordinates, along which one joint moves
+    alone. The dearest nodes are left out until the mean over the rectangle is small enough.
+    """
+    own, usual = np.full((2, *clear.reached.shape), np.nan)
+    own[clear.reached], usual[clear.reached] = _least_speeds(cell, clear.Q[clear.reached])
+    with np.errstate(invalid="ignore"):
+        extra = np.sqrt(own / usual) - 1
+        best = rectangles(extra < limits.worst)
+        best.area[_mean_extra(best, own, usual) > limits.mean] = 0.0
+        for most in limits.mean * np.geomspace(_DEAREST, 1, _SHARES):
+            tried = rectangles(extra < min(most, limits.worst))
+            better = tried.area > best.area
+            better &= _mean_extra(tried, own, usual) <= limits.mean
+            for kept, new in zip(best, tried, strict=True):
+                kept[better] = new[better]
+    return best
+
+
+def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
+    """Evaluate the mean extra joint speed over the rectangle of each of S floods: (S,)."""
+    extra = np.zeros(len(own))
+    for k, ((i, j), (i_end, j_end)) in enumerate(zip(found.first, found.last + 1, strict=True)):
+        inside = k, slice(i, i_end), slice(j, j_end)
+        extra[k] = np.sqrt(own[inside].sum() / usual[inside].sum()) - 1
+    return extra
+
+
+def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
+    """Rank places by a quick design of each, the best first.
+
+    A place that cannot be better than the best one by more than 5 % is not designed.
+    """
+    worths, ranked = [0.0], []
+    for k, place in enumerate(places):
+        report(f"posture {k + 1} of {len(places)}", 0.3 + 0.15 * k)
+        if place.most < (1 + _BETTER) * max(worths):
+            ranked.append((0.0, place))
+            continue
         with suppress(InputError):
-            q = given(cell, posture)
-            share, design = covered_share(fit, cell, q, limits)
-            quick.append((share * _worth(cell, design), cell, q))
-    quick.sort(key=lambda part: -part[0])
-    return [(cell, q) for _, cell, q in quick]
+            q = given(place.cell, place.posture)
+            share, design = covered_share(fit, place.cell, q, limits)
+            worths.append(share * _worth(place.cell, design, limits.distance))
+            ranked.append((worths[-1], place._replace(posture=q, design=design)))
+    ranked.sort(key=lambda pair: -pair[0])
+    return [place for _, place in ranked]
 
 
-def _designed(
-    fit: CellFit, ranked: list[tuple[Cell, Array]], limits: Required, report: Report
-) -> CellDesign:
+def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
     """Design the first sector that one function covers without a collision.
 
-    InputError is raised if there is none; it names the bodies that collide.
+    InputError is raised if there is none.
     """
-    collide = ""
-    for k, (cell, q) in enumerate(ranked):
+    for k, place in enumerate(ranked):
         report("the function", 0.75 + 0.08 * k)
-        part = trimmed(fit, cell, q, limits)
-        if part is None:
-            continue
-        design = ended_at_bodies(fit, part.design, _CLEAR, sides=True)
-        if design.body_distance >= 0:
-            return design
-        collide = f": {' and '.join(design.evaluation.nearest_bodies)} collide"
+        with suppress(InputError):
+            q = given(place.cell, place.posture)
+            design = trimmed(fit, place.cell, q, limits, place.design)
+            if design is not None:
+                return design
     name = fit.desired.task.robot.name
     raise InputError(
-        f"no function covers a sector of {name} at this orientation{collide}",
+        f"no function covers a sector of {name} at this orientation",
         remedy="turn the tool, or use --size",
     )
 
 
-def _worth(cell: Cell, design: CellDesign | None) -> float:
+def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
     """Evaluate a quick design by area, how far round it goes, body distance and joint speed.
 
     Bodies cost a share of the area later, some 10 % where they are near and 30 % where they collide
@@ -286,7 +407,7 @@ def _worth(cell: Cell, design: CellDesign | None) -> float:
     """
     if design is None:
         return 0.5 * area_of(cell)
-    near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < _CLEAR else 1.0
+    near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < distance else 1.0
     turns = [max(min(turn.reach / np.pi / 2, 1.0), 0.0) for turn in design.evaluation.turns]
     extra = float(np.nan_to_num(design.extra_speed, nan=1.0))
     return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
@@ -354,6 +475,31 @@ def _drawn(
     z = p @ line[1]
     flat = p - z[:, None] * line[1]
     rho = np.linalg.norm(flat, axis=1)
+    table = _grid(task, rotation, line, symmetries, heights, rho, z)
+    # turned so that the frame lies at the angle 0
+    around = symmetries[0]
+    Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
+    at = np.column_stack([(rho - _NEAREST) / SPACING, (z - table.heights[0]) / SPACING])
+    nodes = np.clip(np.rint(at).astype(int), 0, np.array(table.shape) - 1)
+    Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), _SETTLED)
+    if not good.any():
+        raise InputError(
+            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
+            remedy="turn the tool, or use another kind of task",
+        )
+    return table, nodes[good], Q[good]
+
+
+def _grid(
+    task: Task,
+    rotation: Array,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    heights: tuple[float, float],
+    rho: Array,
+    z: Array,
+) -> Table:
+    """Make the nodes that cover radii and heights (K,), m, between two given heights."""
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
     counted[[one.joint for one in symmetries]] = False
@@ -373,18 +519,7 @@ def _drawn(
             f"the arm reaches no heights between {heights[0]:g} and {heights[1]:g} m",
             argument="heights",
         )
-    # turned so that the frame lies at the angle 0
-    around = symmetries[0]
-    Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
-    at = np.column_stack([(rho - _NEAREST) / SPACING, (z - table.heights[0]) / SPACING])
-    nodes = np.clip(np.rint(at).astype(int), 0, np.array(table.shape) - 1)
-    Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), _SETTLED)
-    if not good.any():
-        raise InputError(
-            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
-            remedy="turn the tool, or use another kind of task",
-        )
-    return table, nodes[good], Q[good]
+    return table
 
 
 def _locked_floods(
@@ -424,15 +559,30 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
     return _Floods(flooded(table, at, begin, held), at, held)
 
 
-def _clear(table: Table, floods: _Floods) -> _Floods:
-    """Remove nodes with collisions from the best floods, and what is then no longer connected."""
+def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangles]:
+    """Choose the body distance to keep, m; return it with the floods and rectangles that do."""
+    wide = _clear(table, floods, _CLEAR)
+    found = rectangles(wide.reached)
+    if found.area.max() < _MUCH * rectangles(floods.reached).area.max():
+        tight = _clear(table, floods, _TIGHT)
+        most = rectangles(tight.reached)
+        if found.area.max() < _MUCH * most.area.max():
+            return _TIGHT, tight, most
+    return _CLEAR, wide, found
+
+
+def _clear(table: Table, floods: _Floods, distance: float) -> _Floods:
+    """Remove nodes where bodies are too near, and what is then no longer connected.
+
+    Only the best floods with unlike postures are kept. ``distance`` is that of the bodies, m.
+    """
     found = rectangles(floods.reached)
     order, postures = np.argsort(-found.area), floods.middles(found)[1]
     order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
     Q = floods.Q[order].copy()
     for flood in Q:
         on = np.argwhere(np.isfinite(flood[..., 0]))
-        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]])]
+        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]], distance)]
         flood[shut[:, 0], shut[:, 1]] = np.nan
     nodes, held = floods.nodes[order], floods.held[order]
     clear = _Floods(Q, nodes, held)
@@ -442,16 +592,16 @@ def _clear(table: Table, floods: _Floods) -> _Floods:
     return _Floods(Q, middles, held)
 
 
-def _near(table: Table, on: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
+def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
     """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
 
-    Where convex hulls are too near, the bodies themselves are tested at one node of nine, because
-    that test takes forty times as long.
+    Where they are, it is tested at one node of nine if they are so all round.
     """
-    hulls = np.flatnonzero(bodies_of(table.task).hull_distances(Q) < _CLEAR)
-    _, first, block = np.unique(on[hulls] // 3, axis=0, return_index=True, return_inverse=True)
+    near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
+    _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
     found = np.zeros(len(Q), bool)
-    found[hulls] = near_all_round(table.task, Q[hulls[first]], _CLEAR, table.joint)[block.ravel()]
+    shut = near_all_round(table.task, Q[near[first]], distance, table.joint)
+    found[near] = shut[block.ravel()]
     return found
 
 
@@ -523,7 +673,7 @@ def _best_locked(
     best: LockedJoints | None = None
     # those within the limits of joint speed first, then by area, then by price
     for k in np.lexsort((prices[:, 0], -np.round(share / _ALMOST), dear))[:_COMPARED]:
-        one = _locked_joints(table, locked, int(k), cell, inside)
+        one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is not None and (best is None or one.share > best.share + _ALMOST):
             best = one
         if best is not None and best.share > share[k] - _ALMOST:
@@ -543,7 +693,7 @@ def _larger(
         inside = np.zeros(table.shape, bool)
         (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
         inside[i:i_end, j:j_end] = True
-        one = _locked_joints(table, locked, int(k), cell, inside)
+        one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is None or one.area <= area_of(design.cell) * (1 + _ALMOST):
             continue
         if one.extra <= limits.mean and one.worst <= limits.worst:
@@ -552,12 +702,15 @@ def _larger(
 
 
 def _locked_joints(
-    table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_]
+    table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_], distance: float
 ) -> LockedJoints | None:
-    """Evaluate the locked flood k on the nodes ``inside`` (I, J), without those with collisions."""
+    """Evaluate the locked flood k on the nodes ``inside`` (I, J) where bodies keep a distance.
+
+    The distance is in m.
+    """
     task, clear = table.task, locked.reached[k].copy()
     on = np.argwhere(clear)
-    shut = on[_near(table, on, locked.Q[k][clear])]
+    shut = on[_near(table, on, locked.Q[k][clear], distance)]
     clear[shut[:, 0], shut[:, 1]] = False
     Q = locked.Q[k][clear & inside]
     if not len(Q):
@@ -574,13 +727,31 @@ def _locked_joints(
 
 def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
     """Evaluate the extra joint speed, mean and worst, of an arm with locked joints at Q (K, n)."""
-    p, R, J = placed(cell.task, Q)
-    Y = cell._measured(p, R)
-    E = cell._all_twists(Y, R)
-    moved = [*cell.moved, *cell._removed]
-    E = E[:, :, moved]
-    squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
-    C = (V / np.sqrt(squares)[:, None]) @ np.swapaxes(V, 1, 2)
-    own, usual = ((np.linalg.pinv(each) @ E @ C) for each in (J * ~held, J))
-    mine, least = ((speeds**2).sum(axis=(1, 2)) for speeds in (own, usual))
+    J, E, C = _unit_twists(cell, Q)
+    mine, least = _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
     return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)
+
+
+def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
+    """Evaluate the minimum squared joint speed of a function at Q (K, n), and that of J⁺: (K,).
+
+    Along the coordinates that symmetries remove, the function moves one joint alone.
+    """
+    J, E, C = _unit_twists(cell, Q)
+    usual = np.linalg.pinv(J) @ E
+    own = usual.copy()
+    own[:, :, len(cell.moved) :] = cell.along
+    return _squares(own @ C, usual @ C)
+
+
+def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
+    """Evaluate J, E = ∂x/∂u of all coordinates, and C = (EᵀE)^(−1/2), at Q (K, n)."""
+    p, R, J = placed(cell.task, Q)
+    E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]
+    squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
+    return J, E, (V / np.sqrt(squares)[:, None]) @ np.swapaxes(V, 1, 2)
+
+
+def _squares(own: Array, usual: Array) -> tuple[Array, Array]:
+    """Sum the squares of joint speeds (K, n, k), of a function and of J⁺: (K,) each."""
+    return (own**2).sum(axis=(1, 2)), (usual**2).sum(axis=(1, 2))
