@@ -290,7 +290,7 @@ class Proof:
         freeze(self, excepted=tuple(map(str, self.excepted)))
         if self.seal and self.seal != self._fingerprint():
             raise InputError(
-                "a proof cannot be changed in part: its bounds hold together; "
+                "a proof cannot be changed in part: its bounds hold only together; "
                 "prove again with rp.prove"
             )
 

@@ -141,7 +141,10 @@ class Robot(Mechanism):
     def _set_limits(
         self, free: Sequence[str], ranges: Sequence[Range], poses: Mapping[str, Array]
     ) -> None:
-        """Set limits, kinds and poses of the movable joints, from those of all free joints."""
+        """Set limits, types and poses of the movable joints.
+
+        They are selected from those of ``free``, all joints that mimic no other, also locked ones.
+        """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]
         self.lower = _frozen([one.lower for one in kept])

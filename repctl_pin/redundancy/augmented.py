@@ -115,7 +115,10 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
     try:
         return G_d - N @ np.linalg.solve(V_T @ N, V_T @ G_d)  # (32)
     except np.linalg.LinAlgError:
-        raise SingularityError("algorithmic singularity: det(Nᵀ V) = 0") from None
+        raise SingularityError(
+            "algorithmic singularity: Nᵀ V is singular",
+            remedy="choose another configuration, or other potentials",
+        ) from None
 
 
 def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:

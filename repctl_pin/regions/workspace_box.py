@@ -128,7 +128,7 @@ class WorkspaceBox(Region):
             if drawn >= max(_MOST_DRAWS, 64 * count):
                 reached = sum(map(len, found))
                 raise InputError(
-                    f"of {drawn} configurations of within= only {reached} bring "
+                    f"only {reached} of {drawn} configurations in within= bring "
                     f"{self.task.frame!r} into the workspace box; make the workspace box larger, "
                     "or within= smaller"
                 )

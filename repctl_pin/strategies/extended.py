@@ -145,7 +145,9 @@ class _ExtendedMap(Potentials):
         if (s[:, -1] < 1e-9).any():
             at = row(Q[int(np.argmin(s[:, -1]))])
             raise SingularityError(
-                f"the null space is perpendicular to the extended Jacobian's reference at {at}"
+                f"at q = {at}, a direction of the null space is perpendicular to the null space "
+                "at the reference",
+                remedy="choose reference= nearer to q",
             )
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
 

@@ -32,7 +32,10 @@ def native_arm(task: Task, potentials: Potentials | None = None, region: Any = N
     """
     made = native_chain(task)
     if made is None:
-        raise InputError(f"{task!r} has more than 64 joints, too many for the code in C")
+        raise InputError(
+            f"{task!r} has more than 64 joints, the maximum of the code in C",
+            remedy="lock the joints that it does not need, by lock= of Robot.load",
+        )
     arm, _ = made
     if potentials is not None:
         parts = _native_parts(potentials)

@@ -79,7 +79,9 @@ def solve(
     q = vector(q0, task.n, "q0")
     target = task.as_target(target, "the target")
     if not np.isfinite(target.homogeneous).all():
-        raise InputError("the target must be finite numbers, m and a rotation")
+        raise InputError(
+            "the target has a number that is not finite; give a finite position, m, and rotation"
+        )
     c_start = potentials.value(q)
     c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one per potential")
     between = _line(task, task.placements(q), target)

@@ -52,7 +52,7 @@ def test_units_are_suspected(panda_pose: rp.Task, joints: np.ndarray, poses: np.
     assert "they look like millimetres; divide them by 1000" in text
     assert "the arm reaches" in refused(panda_pose, poses=poses * thousand**4)
     text = refused(panda_pose, joints=np.degrees(joints))
-    assert "fit their limits as degrees only; convert them to rad" in text
+    assert "fit their limits only as degrees; convert them to rad" in text
 
 
 def test_quaternions_that_are_none_are_refused(

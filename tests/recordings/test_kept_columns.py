@@ -211,7 +211,9 @@ def test_lerobot_names_the_numbers_of_a_parquet_file(
         found = rp.Recording.read(data / "file-000.parquet", design.task)
         assert np.array_equal(found.joints, Q)
         return
-    what = "names the 7 numbers of 'observation.state' a0, a1, .*: none is a joint of the task"
+    what = (
+        "none of the 7 names of 'observation.state' in meta/info.json is a joint .*: got a0, a1, "
+    )
     unnamed = "'observation.state' has 7 numbers per row"
     with pytest.raises(rp.InputError, match=what if form == "others" else unnamed):
         rp.Recording.read(data / "file-000.parquet", design.task)

@@ -1,7 +1,7 @@
-"""Self-motion to another leaf: the frame rests, and the joints keep their limits.
+"""Self-motion to another leaf: the frame stays at rest, the joints stay within their limits.
 
-A leaf is the set h(q) = c on which a repeatable inverse keeps the arm; at another level c the elbow
-is in another place.
+A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. On another leaf, the same
+pose of the frame has another elbow position.
 """
 
 from __future__ import annotations
