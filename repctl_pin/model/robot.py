@@ -378,7 +378,7 @@ class Robot(Mechanism):
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.
 
-        A joint that others mimic is listed at the first joint that it drives.
+        A joint that others mimic takes the place of the first joint that it drives.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(

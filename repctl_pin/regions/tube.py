@@ -27,7 +27,7 @@ _MOST_SAMPLES = 256
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class Tube(Region):
-    """All q within ``|q_i − s_i| ≤ radius_i`` of any sample s: a box moved along a motion.
+    """All q with ``|q_i − s_i| ≤ radius_i`` for some sample s: a box moved along a motion.
 
     The mean over a tube is the average of the means over the samples' boxes. Parts of the motion
     with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes are
