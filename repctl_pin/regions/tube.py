@@ -79,7 +79,7 @@ class Tube(Region):
     def bounds(self) -> Box:
         """Smallest box around the tube.
 
-        Half-widths of it scale the steps of searches.
+        Its half-widths scale the steps of searches.
         """
         return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
@@ -92,7 +92,7 @@ class Tube(Region):
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale factor that brings the tube's boundary to each row of Q: (K,).
 
-        The factor is of its radius: below 1 for a row inside, above 1 outside.
+        The factor scales the tube's radius: below 1 for a row inside, above 1 outside.
         """
         return self._nearest(Q)[1]
 
