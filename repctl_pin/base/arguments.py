@@ -79,7 +79,7 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
 
 
 def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
-    """Require a text that is one of ``names``; in the message, ``kind`` says what they name."""
+    """Require one of ``names``; in the message, ``kind`` says what is chosen."""
     names = tuple(names)
     if isinstance(value, str) and value in names:
         return value
@@ -254,7 +254,7 @@ def evaluated(
     Raises
     ------
     InputError
-        If the function does not; the message calls its result ``what``, and gives q.
+        If the function returns anything else; the message names the result, and q.
     """
     required = " × ".join(map(str, shape)) + " finite numbers"
     try:
@@ -288,7 +288,7 @@ def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
 def list_of(values: Any, name: str, what: str) -> list[Any]:
     """Convert an iterable to a list; refuse text and mappings.
 
-    A text is an iterable of letters, which is never meant.
+    A text would become a list of its letters, which the user never means.
     """
     no_list = isinstance(values, (str, bytes, type, Mapping)) or (
         isinstance(values, np.ndarray) and values.ndim != 1
@@ -373,7 +373,7 @@ def file_name(value: Any, name: str = "file") -> Path:
 def _number(value: Any) -> float:
     """Convert a number to a float; NaN if it is not a number, which the caller then refuses.
 
-    Text is no number here, even ``"1"``, and neither is an array.
+    A text such as ``"1"`` does not count as a number, and neither does an array.
     """
     try:
         return (

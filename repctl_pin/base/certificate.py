@@ -204,7 +204,7 @@ class ClosingRadius:
 
 
 def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
-    """Tell whether a closing radius does not cover a configuration of a repeatable inverse.
+    """Test whether a configuration is outside the closing radius of a repeatable inverse.
 
     Within the radius of the start, closed paths are proved to close. True means that q is on
     another leaf than the start, the set h(q) = c, or that its pose is farther from the start's than
@@ -290,7 +290,7 @@ class Proof:
         freeze(self, excepted=tuple(map(str, self.excepted)))
         if self.seal and self.seal != self._fingerprint():
             raise InputError(
-                "a proof cannot be changed in part: its bounds hold together; "
+                "a proof cannot be changed in part: its bounds hold only together; "
                 "prove again with rp.prove"
             )
 
@@ -316,7 +316,7 @@ class Proof:
         return replace(bound, seal=bound._fingerprint())
 
     def _fingerprint(self) -> str:
-        """Compute the fingerprint of all fields but the seal, which any change breaks."""
+        """Compute the fingerprint of all fields but the seal; any change of a field alters it."""
         names = [n for n in self.__dataclass_fields__ if n not in ("seal", "closes")]
         own = [getattr(self, name) for name in names]
         if self.closes is not None:
@@ -389,8 +389,8 @@ class Proof:
 def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0) -> Proof | None:
     """Return a proof of the subject; None, with a warning, if it proves something else.
 
-    A saved or changed design thus never shows a proof that is not its own. ``subject`` computes the
-    fingerprint of what the proof shall prove, and ``theorem`` is the lowest version of the theorem
+    A saved or changed design thus never shows the proof of another design. ``subject`` computes the
+    fingerprint of what must be proved, and ``theorem`` is the lowest version of the theorem
     that bounds the same quantities.
     """
     if proof is None:
@@ -416,7 +416,7 @@ def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0)
 
 
 def fingerprint(*parts: Any) -> str:
-    """Hash nested plain data: numbers exactly, texts, arrays and sequences of them.
+    """Hash nested plain data: exact numbers, texts, arrays, and sequences of these.
 
     Numbers that are equal give the same hash, whether they are integers, floats or 0 and −0.
     """
@@ -429,7 +429,7 @@ def fingerprint(*parts: Any) -> str:
 def _pieces(part: Any) -> Iterator[str]:
     """Yield the texts that describe a part of a fingerprint, in order.
 
-    A part is a number, a text, None, an array, or a sequence of parts, which brackets keep apart.
+    A part is a number, a text, None, an array, or a sequence of parts, put in brackets.
     Equal numbers of different types give the same text.
     """
     if isinstance(part, (np.ndarray, np.generic)):
@@ -446,7 +446,7 @@ def _pieces(part: Any) -> Iterator[str]:
 
 
 def _below(value: float, digits: int = 3) -> str:
-    """Format a lower bound with some digits, rounded down, so that the text is true as well."""
+    """Format a lower bound with some digits, rounded down, so that the text is still a bound."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
     step = 10.0 ** (np.floor(np.log10(abs(value))) - digits + 1)
@@ -465,7 +465,7 @@ def proved_words(proof: Proof | None) -> str:
     """Write whether a leaf margin is proved, with its bound, or only found by a search.
 
     The leaf margin is the distance from an algorithmic singularity. A search gives the smallest
-    value that it found, and there may be a smaller one.
+    value among its samples; a smaller value may exist.
     """
     return f"proved > {_below(proof.leaf_margin)}" if proof else "found, not proved"
 

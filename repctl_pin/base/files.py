@@ -1,6 +1,7 @@
 """Atomic writing of files, and reading of regular files up to a maximum size.
 
-Atomic: the new file replaces the old one at once, so that an interrupted run leaves no half file.
+Atomic means that the new file replaces the old one in one operation: an interrupted run leaves no
+incomplete file.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
     Raises
     ------
     InputError
-        If the folder cannot be created or written.
+        If the folder cannot be created or written to.
     """
     try:
         if make:
@@ -73,7 +74,7 @@ def written_together(folder: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the folder cannot be written, or a file would replace a folder.
+        If the folder cannot be written to, or a file would replace a folder.
     """
     with not_left_empty(folder):
         prepare_folder(folder)
@@ -107,10 +108,10 @@ def _staged(folder: Path) -> Iterator[Path]:
 
 
 def _move(file: Path, target: Path) -> None:
-    """Move a file to a target, which keeps its mode; write through a device, replace a link.
+    """Move a file to a target, which keeps its mode.
 
-    A device, such as /dev/null, must not be replaced by a file. InputError is raised for a link
-    that cannot be replaced.
+    A link is replaced. A device, such as /dev/null, is written to, because a file must not replace
+    it. InputError is raised for a link that cannot be replaced.
     """
     old = target.lstat() if os.path.lexists(target) else None
     if old is not None and not stat.S_ISREG(old.st_mode) and not target.is_symlink():
@@ -211,7 +212,7 @@ def read_whole(path: str | Path, largest: int) -> str:
 def read_bytes(path: str | Path, largest: int) -> bytes:
     """Read a regular file of at most ``largest`` bytes.
 
-    A device could otherwise be read without end.
+    Other files are refused: a device could be read without end.
 
     Raises
     ------
@@ -255,8 +256,8 @@ def _own_output(file: os.stat_result) -> int | None:
 def _target(path: str | Path) -> Path:
     """Resolve the file to write: the target of a symbolic link, else the path itself.
 
-    The file itself is then replaced, and not the link. A link to a pipe stays as it is, because
-    the name that it leads to is in no folder.
+    So the writer replaces the target, and not the link. A link to a pipe is not resolved, because
+    the pipe is in no folder.
 
     Raises
     ------

@@ -31,7 +31,7 @@ class FitOptions:
         start configuration, too.
     restarts : int
         Number of additional descents, each from randomly changed start coefficients; the best
-        descent is used. This option and the next are for :func:`nearest_repeatable` only.
+        descent is used. Only :func:`nearest_repeatable` uses ``restarts`` and ``tolerance``.
     tolerance : float
         The optimiser stops when a step is predicted to lower the cost by at most this fraction, or
         when three steps in a row change the cost by at most this fraction each.

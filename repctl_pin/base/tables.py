@@ -44,7 +44,7 @@ class NewCells(NamedTuple):
     values : (K, w) array
         New numbers, one row per row of the table.
     at : sequence of int
-        Their w places in a row of the column; 0 for a column of one number per row.
+        Indices of the w numbers in a row of the column; 0 for a column of one number per row.
     rows : (K,) array of bool
         Rows that are replaced; the others keep their cells.
     """
@@ -62,7 +62,7 @@ class Table(ABC):
     file : Path
         The file.
     widths : dict of str to int
-        Number of numbers per row of each column, by its name; 0 for text and the like.
+        Count of numbers per row, by the column's name; 0 for a column without numbers.
     """
 
     file: Path
@@ -165,7 +165,7 @@ def number(text: str) -> float:
 
 
 def refuse_twice(names: Sequence[str], where: str | Path) -> None:
-    """Raise InputError if two columns have one name: reading by name would take one of them.
+    """Raise InputError if two columns have the same name: a column is read by its name.
 
     ``where`` is the file, for the message.
     """
@@ -202,9 +202,9 @@ def _format(file: Path) -> str:
 
 
 class CsvTable(Table):
-    """A CSV file: a header, and lines of cells; empty lines, or of empty cells, are no rows.
+    """A CSV file: a header, and lines of cells; lines without a filled cell are skipped.
 
-    The file is kept as it is. Columns are read when they are asked for.
+    The file stays unchanged. Columns are read on request.
     """
 
     def __init__(
@@ -331,7 +331,7 @@ class CsvTable(Table):
         return start + out.getvalue().encode()
 
     def _records(self) -> Iterator[tuple[int, list[str], str]]:
-        """Yield number, cells and text of each line; a quoted cell may go over several lines."""
+        """Yield number, cells and text of each record; a quoted cell may contain line breaks."""
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         raw: list[str] = []
 
@@ -354,7 +354,7 @@ class CsvTable(Table):
         return cell if cell in self._known else cell.strip("#\"' \t")
 
     def _loaded(self, places: Sequence[int]) -> Array | None:
-        """Read numbers by NumPy, in a third of the time; None if the file needs a closer look."""
+        """Read numbers by NumPy, in a third of the time; None if cells must be read one by one."""
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         kinds = [(f"c{i}", float if i in places else "U1") for i in range(len(self.names))]
         one = len(set(places)) == len(self.names)
@@ -438,7 +438,7 @@ def _lines_of(rows: Iterable[tuple[object, ...]]) -> bytes:
 
 
 class _Arrays(Table):
-    """Arrays of a .npz file; arrays without rows are kept, but are no columns."""
+    """Arrays of a .npz file; arrays without rows are kept, but do not count as columns."""
 
     def __init__(self, file: Path) -> None:
         self.file = file

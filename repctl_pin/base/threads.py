@@ -1,6 +1,6 @@
-"""Objects per thread, such as memory, and the limit of BLAS to one thread.
+"""One object per thread, such as scratch memory, and the limit of BLAS to one thread.
 
-BLAS is the library of matrix operations that NumPy calls; it starts threads of its own.
+BLAS is the library of matrix operations that NumPy calls; BLAS starts threads of its own.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _limits: Any = None
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread, also usable as a decorator.
 
-    One is faster than two for the matrices of this package. The last thread to exit restores the
-    previous limit.
+    One thread is faster than two for the small matrices of this package. The last thread to leave
+    the context restores the previous limit.
     """
     global _working, _limits
     from threadpoolctl import threadpool_limits

@@ -203,7 +203,7 @@ def _saved(options: Options) -> _Case:
     InputError is raised for ``--weight``, which would choose another controller.
     """
     if options.weight:
-        raise InputError(f"{options.what} is a strategy", remedy="omit --weight")
+        raise InputError(f"{options.what} has its own controller", remedy="omit --weight")
     design = options.load_design()
     problem = options.problem_of(design, path=False)
     start_is = problem.start_is

@@ -135,7 +135,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     if not residual.max() < 1e-6:
         k = int(np.argmax(np.where(np.isfinite(residual), residual, np.inf)))
         raise InputError(
-            f"the desired strategy is not an inverse: J G = I is missed by {residual[k]:.2g} "
+            f"the desired strategy is not an inverse: J G differs from I by {residual[k]:.2g} "
             f"at {named(task, Q[k])}"
         )
     D = np.asarray(potentials.gradients(Q), float)

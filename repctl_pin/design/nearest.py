@@ -217,8 +217,9 @@ def _check(
     task = desired.task
     if task.r < 1:
         raise InputError(
-            f"a {task.kind} task leaves the {task.n} joints that move {task.frame!r} "
-            f"no redundancy (r = {task.r})"
+            f"the task is not redundant (r = {task.r}): {task.n} joints move {task.frame!r}, and "
+            f"a {task.kind} task has {task.m} coordinates",
+            remedy="use another kind of task",
         )
     if (potentials is None) == (degree is None):
         raise InputError("potentials and degree= are mutually exclusive; give one of them")

@@ -1,7 +1,7 @@
 """Repeatability tests: the Lie bracket condition, predicted drift, and stable surfaces.
 
-Without following a path they tell whether an inverse G drifts. The Lie bracket of two columns of G
-is the joint motion that remains after a small loop of the frame along both.
+The tests tell whether an inverse G drifts, without following a path. The Lie bracket of two columns
+of G is the joint motion that remains after a small loop of the frame along both.
 """
 
 from .derivative import differentiate as differentiate

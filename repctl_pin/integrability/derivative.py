@@ -59,7 +59,7 @@ class _Derivative:
 def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
 
-    Lie brackets, which tell whether an inverse is repeatable, are made of them. J⁺,
+    Lie brackets, which tell whether an inverse is repeatable, need both. J⁺,
     J⁺ with a constant weight, and repeatable inverses have formulas. All others are differentiated
     numerically, with an error estimate.
 
@@ -147,7 +147,7 @@ def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
     """Estimate the rounding error of ∂G/∂q_k, (K, n), by a formula that inverts a matrix (K, a, n).
 
     The error grows with the condition number of the matrix, J or J_V. ``L`` (n,) is the unit of
-    each joint, 1 rad or the arm's length. A test compares defects with it.
+    each joint, 1 rad or the arm's length. A test compares defects with this error.
     """
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]

@@ -149,7 +149,7 @@ def is_repeatable(
 def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:
     """Sample the configurations of a region at which an inverse is tested: (K, n), K ≥ samples.
 
-    They are the same for the same seed. A region of another number of joints is refused.
+    The same seed gives the same configurations.
 
     Raises
     ------

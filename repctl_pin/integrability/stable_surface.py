@@ -128,8 +128,8 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
     """Create the function s(q), divided by its median norm over the regular rows of Q.
 
-    s are the stacked defects, which are 0 on a candidate surface. Tolerances on it then do not
-    depend on the arm's size. The result maps Q (K, n) to s (K, pairs · n) and its error (K,).
+    s are the stacked defects, which are 0 on a candidate surface. Tolerances on the divided s do
+    not depend on the arm's size. The result maps Q (K, n) to s (K, pairs · n) and its error (K,).
     """
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
@@ -294,8 +294,8 @@ def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
 def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
     """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each.
 
-    It is the rate at which motions of G leave the surface s = 0: 0 on a stable surface. The
-    tolerance is what the errors of s and of its derivative can produce.
+    Motions of G leave the surface s = 0 at this rate, which is 0 on a stable surface. The tolerance
+    is the rate that the errors of s and of its derivative can produce.
     """
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
@@ -365,6 +365,6 @@ def _walked(
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
     """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units: (K,).
 
-    It is 0 at a singularity, near which defects cannot be evaluated.
+    The ratio is 0 at a singularity, near which defects cannot be evaluated.
     """
     return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))

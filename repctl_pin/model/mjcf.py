@@ -72,7 +72,7 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         said = " ".join(str(error).split())
-        raise UrdfError(f"MuJoCo cannot compile it: {said}") from error
+        raise UrdfError(f"MuJoCo cannot compile the file: {said}") from error
     folder = path.absolute().parent / _mesh_folder(data)
     return urdf_of_model(model, notes, folder)
 
@@ -264,10 +264,10 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
 
 
 def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str, str]]]:
-    """Write a shape of MuJoCo by its half sizes.
+    """Convert a MuJoCo shape to a URDF shape: a list with its placement, tag and attributes.
 
-    ``kind`` is MuJoCo's number of the type. Each result is a placement, and the tag and attributes
-    of a URDF shape; there are none for types that URDF does not have.
+    ``kind`` is MuJoCo's type number, ``size`` the half sizes, m. The list is empty for other types
+    than sphere, box, cylinder and capsule.
     """
     if kind == _SPHERE:
         return [(at, {"tag": "sphere", "radius": repr(float(size[0]))})]
@@ -307,7 +307,7 @@ def _root(data: bytes) -> etree._Element:
     try:
         return etree.fromstring(data, etree.XMLParser(resolve_entities=False))
     except etree.XMLSyntaxError as error:
-        raise UrdfError(f"not valid XML ({error})") from error
+        raise UrdfError(f"the file is not valid XML ({error}); correct it") from error
 
 
 # ---- the text --------------------------------------------------------------------------------

@@ -141,7 +141,10 @@ class Robot(Mechanism):
     def _set_limits(
         self, free: Sequence[str], ranges: Sequence[Range], poses: Mapping[str, Array]
     ) -> None:
-        """Set limits, kinds and poses of the movable joints, from those of all free joints."""
+        """Set limits, types and poses of the movable joints.
+
+        They are selected from those of ``free``, all joints that mimic no other, also locked ones.
+        """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]
         self.lower = _frozen([one.lower for one in kept])
@@ -375,7 +378,7 @@ class Robot(Mechanism):
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.
 
-        A joint that others mimic is listed at the first joint that it drives.
+        A joint that others mimic takes the place of the first joint that it drives.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(

@@ -125,7 +125,8 @@ class SeveralFrames(Task):
         Code for one frame must not take the first of several by accident.
         """
         raise InputError(
-            f"the task has {len(self.parts)} frames ({', '.join(self.frames)})",
+            f"placement(q) requires one frame, but the task has {len(self.parts)} "
+            f"({', '.join(self.frames)})",
             remedy="use placements(q)",
         )
 

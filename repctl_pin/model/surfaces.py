@@ -126,15 +126,18 @@ def _read(path: Path, most: int) -> Surface:
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                 faces += len(mesh.faces)
                 if faces > most:
-                    raise InputError(f"it has over {most} triangles: make it coarser")
+                    raise InputError(f"the mesh has over {most} triangles; make it coarser")
                 pieces.append(_piece(mesh, np.asarray(transform)))
         scale = unit(data) if kind == ".dae" else 1.0
     except InputError as error:
         raise InputError(f"mesh {path} cannot be drawn: {error}") from error
     except Exception as error:  # readers of many formats, each with its own errors
-        raise InputError(f"mesh {path} cannot be read ({type(error).__name__}: {error})") from error
+        raise InputError(
+            f"mesh {path} cannot be read ({type(error).__name__}: {error})",
+            remedy="check the file, or export it again",
+        ) from error
     if not any(len(points) for points, *_ in pieces):
-        raise InputError(f"mesh {path} holds no triangles")
+        raise InputError(f"mesh {path} contains no triangles; export it again")
     points, normals, colors = map(np.concatenate, zip(*pieces, strict=True))
     return _join(points, normals, colors, scale)
 
@@ -151,7 +154,8 @@ def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
         try:
             if budget <= 0:
                 raise InputError(
-                    f"mesh {path} is left out: the page holds {_MOST_IN_ALL} triangles already"
+                    f"mesh {path} is left out: the page has {_MOST_IN_ALL} triangles already; "
+                    "make the meshes coarser"
                 )
             found[path] = surface = read_surface(path, min(budget, _MOST_FACES))
         except InputError as error:
@@ -217,7 +221,7 @@ def _read_bytes(path: Path) -> bytes:
     with path.open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
-        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB: make it coarser")
+        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB; make it coarser")
     return data
 
 
@@ -240,8 +244,8 @@ class _Beside:
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
             raise InputError(
-                f"it names {name[:60]!r}, which lies outside the folder above the mesh file; "
-                "move that file beside the mesh"
+                f"the mesh names the file {name[:60]!r}, which lies outside the folder above the "
+                "mesh; move that file beside the mesh"
             )
         if not file.exists():
             raise FileNotFoundError(name)
@@ -259,8 +263,10 @@ def unit(data: bytes) -> float:
     except ValueError:
         meters = math.nan
     if not 0 < meters < math.inf:
+        text = found[1].decode(errors="replace")[:40] if found else ""
         raise InputError(
-            f"its unit is {found[1].decode(errors='replace')[:40] if found else ''!r} m; correct it"
+            f"its unit of length, {text!r} m, must be a positive number",
+            remedy="correct <unit meter=…> in the file",
         )
     return meters
 
@@ -272,7 +278,9 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Arr
     """
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
-        raise InputError("a corner of it is not finite, or is over 1e9 away")
+        raise InputError(
+            "a vertex is not finite, or over 1e9 from the origin; export the mesh again"
+        )
     points = vertices @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(mesh.faces)
     triangles = points.take(faces, 0)

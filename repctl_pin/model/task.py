@@ -506,7 +506,7 @@ class Task:
 
 
 class _Scratch:
-    """Pinocchio data of a task, its scratch memory, for one thread."""
+    """Scratch memory of a task for one thread: Pinocchio's data."""
 
     def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
         self.data = model.createData()

@@ -137,7 +137,7 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
     """
     if other.joint_names != task.joint_names or other.m != task.m:
         raise InputError(
-            f"{other.frame!r} is not on the body of {task.frame!r}: other joints move it",
+            f"{other.frame!r} is not on the body of {task.frame!r}: different joints move the two",
             remedy="give a link that is fixed to it",
         )
     rng = np.random.default_rng(0)
@@ -146,7 +146,8 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
     away = max(np.abs(one.homogeneous - places[0].homogeneous).max() for one in places)
     if away > _SAME:
         raise InputError(
-            f"{other.frame!r} is not on the body of {task.frame!r}: it moves relative to it",
+            f"{other.frame!r} is not on the body of {task.frame!r}: "
+            "the two move relative to each other",
             remedy="give a link that is fixed to it",
         )
     return places[0]

@@ -208,7 +208,10 @@ def _locked(
     lock: LeafLock,
     feedback: float,
 ) -> _Method:
-    """Make the stepper of a motion on the leaf of q0 (n,); InputError without a repeatable law."""
+    """Create the integration method of a motion on the leaf of q0 (n,).
+
+    Raises InputError if the strategy is not repeatable or ``feedback`` is not 0.
+    """
     if feedback:
         raise InputError(
             "feedback= and a leaf lock are mutually exclusive: "

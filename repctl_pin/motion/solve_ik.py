@@ -100,7 +100,9 @@ def solve_ik(
     """
     target = require_task(task).as_target(target)
     if not np.isfinite(target.homogeneous).all():
-        raise InputError("the target must be finite numbers, m and a rotation")
+        raise InputError(
+            "the target has a number that is not finite; give a finite position, m, and rotation"
+        )
     q0 = vector(q0, task.n, "q0")
     tolerance = positive(tolerance, "the tolerance")
     iterations = as_int(iterations, "iterations", 1, MOST_STEPS)

@@ -80,7 +80,7 @@ def refuse_coarse(motion: TimedMotion) -> None:
     if count < _LEAST_SAMPLES:
         rate = np.ceil(_LEAST_SAMPLES / part)
         raise InputError(
-            f"a rate with {count:.2g} samples per {what} loses the path between them",
+            f"{count:.2g} samples per {what} are too few for the path between the samples",
             remedy=f"use a rate of at least {rate:g} per second",
         )
 

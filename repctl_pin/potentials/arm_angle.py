@@ -113,7 +113,7 @@ class ArmAngle(PotentialBasis):
     def distance(self, q: ArrayLike) -> float:
         """Compute the angle, rad, from the wrist's direction to the nearest singular direction.
 
-        There the arm angle is not defined; a design should keep away from it.
+        At a singular direction the arm angle is not defined; a design should keep away from it.
         """
         w = self._points(vector(q, self.task.n, "q"))[1][0]
         w = w / np.linalg.norm(w)

@@ -29,8 +29,7 @@ A_BASIS = (
 class Potentials(Protocol):
     """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller.
 
-    A leaf is the set of configurations on which all motions stay. A class that inherits from it
-    needs no ``gradient`` of its own.
+    Each motion stays on one leaf. A class that inherits from this one needs no ``gradient``.
     """
 
     def value(self, q: Array) -> Array:
@@ -66,14 +65,14 @@ class CurvedPotentials(Potentials, Protocol):
 
 
 def check_joints(potentials: object, n: int) -> None:
-    """Check that potentials are of n joints, as many as a task has, or take any number.
+    """Check that potentials are of n joints, like the task, or take any number of joints.
 
     Otherwise a design for another arm would fail later, with an error about array shapes.
 
     Raises
     ------
     InputError
-        If they are of another number of joints; the message names both numbers.
+        If the potentials are of another number of joints; the message names both numbers.
     """
     of = getattr(potentials, "n", None)
     if of not in (None, n):
@@ -115,7 +114,7 @@ def coefficients(A: ArrayLike, size: int) -> Array:
 class SumMap(Potentials):
     """Sum of several maps of r potentials each: ``h = h_a + h_b + …``.
 
-    It is what a joined basis of different kinds makes of its coefficients.
+    A joined basis of different kinds makes this map from its coefficients.
     """
 
     def __init__(self, maps: Sequence[Potentials]) -> None:
@@ -139,7 +138,7 @@ class SumMap(Potentials):
 class _CurvedSumMap(SumMap):
     """Sum of several maps of r potentials each, all with second derivatives.
 
-    It is a separate class, because the method ``hessian`` marks potentials with second derivatives.
+    This is a separate class, because only potentials with second derivatives have ``hessian``.
     """
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
@@ -211,7 +210,7 @@ class PotentialBasis(ABC):
 class CustomMap(Potentials):
     """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis.
 
-    It serves bases that have no faster map; polynomials and Fourier series have their own.
+    This map is for bases without a faster one; polynomials and Fourier series have their own.
     """
 
     def __init__(self, basis: PotentialBasis, A: Array) -> None:
@@ -317,8 +316,8 @@ class Joined(PotentialBasis):
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
     """Convert the indices of the joints on which potentials depend; None stands for all n joints.
 
-    Returns them sorted and without duplicates, counted from 0. Potentials of few joints have fewer
-    coefficients.
+    Returns the indices sorted and without duplicates, counted from 0. Potentials of fewer joints
+    have fewer coefficients.
 
     Raises
     ------

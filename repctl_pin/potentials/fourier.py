@@ -132,8 +132,8 @@ class Fourier(PotentialBasis):
 class FourierMap(Potentials):
     """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,).
 
-    It evaluates the potentials of a design from its coefficients A (2 K, r): all sines, then all
-    cosines. ``waves`` (K, n) are the wave vectors k, per rad or m.
+    The coefficients A (2 K, r) of a design are those of all sines, then of all cosines. ``waves``
+    (K, n) are the wave vectors k, per rad or m.
     """
 
     def __init__(self, waves: Array, A: Array) -> None:
@@ -169,7 +169,7 @@ class FourierMap(Potentials):
     def _native_part(self) -> Any:
         """Create the struct :data:`PART` of the series, with which C evaluates h and its gradients.
 
-        Waves without coefficients are left out; one wave is kept if none has any.
+        Waves whose coefficients are all 0 are left out, except for one wave if all of them are.
         """
         used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
         used[0] |= not used.any()

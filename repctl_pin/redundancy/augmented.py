@@ -1,8 +1,8 @@
 """Augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and the leaf margin.
 
-V are the gradients of the r potentials that a repeatable inverse keeps constant. Where J_V is
-singular though J has full rank, an algorithmic singularity, this inverse does not exist. The leaf
-margin is the distance from there.
+V are the gradients of the r potentials that a repeatable inverse keeps constant. At an algorithmic
+singularity J has full rank, but J_V is singular, and this inverse does not exist. The leaf margin
+is the distance from such singularities.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
 
     The sine of the angle between row i of A and the span of the other rows is ``1 / (‖row_i of A‖
     ‖column_i of A⁻¹‖)``. Its minimum over the rows must exceed 1e-6. The sine depends neither on
-    the units of the rows nor on the scale of a potential. An inverse of a nearly singular matrix is
-    only rounding error.
+    the units of the rows nor on the scale of a potential. The computed inverse of a nearly singular
+    matrix would be rounding error.
 
     Parameters
     ----------
@@ -115,16 +115,19 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
     try:
         return G_d - N @ np.linalg.solve(V_T @ N, V_T @ G_d)  # (32)
     except np.linalg.LinAlgError:
-        raise SingularityError("algorithmic singularity: det(Nᵀ V) = 0") from None
+        raise SingularityError(
+            "algorithmic singularity: Nᵀ V is singular",
+            remedy="choose another configuration, or other potentials",
+        ) from None
 
 
 def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂)``: from 1 (best) to 0, an algorithmic singularity.
 
-    It is the distance from the failure of a repeatable inverse. N spans the null space of J, V are
-    the gradients of its potentials, and V̂ is an orthonormal basis of the columns of V. The margin
-    is the sine of the smallest angle between span V and the row space of J. The margin is the same
-    for V and V T, with T invertible.
+    The margin measures how far a repeatable inverse is from failure. N spans the null space of J, V
+    are the gradients of the potentials, and V̂ is an orthonormal basis of the columns of V. The
+    margin is the sine of the smallest angle between span V and the row space of J. V and V T, with
+    T invertible, have the same margin.
 
     Parameters
     ----------

@@ -76,8 +76,8 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
     """Evaluate ∂J⁺/∂q, the derivatives of the pseudoinverse with respect to all joints.
 
     ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``. The factor ``(J
-    Jᵀ)⁻¹`` is computed as ``J⁺ᵀ J⁺``. With it the Lie brackets of J⁺, which test repeatability, are
-    exact.
+    Jᵀ)⁻¹`` is computed as ``J⁺ᵀ J⁺``. This derivative makes the Lie brackets of J⁺, which test
+    repeatability, exact.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def row_factor(
 ) -> tuple[Array, Array]:
     """Factor ``Jᵀ = Q R``, and raise an error if J does not have full row rank.
 
-    J⁺ and the null space both come from this factorisation, which tests the rank for all of them.
+    J⁺ and the null space both come from this factorisation, so that one place tests the rank.
 
     Returns
     -------

@@ -13,10 +13,10 @@ from .inverses import row_factor
 def nullspace(J: ArrayLike) -> Array:
     """Evaluate an orthonormal basis N of the null space of J: ``J N = 0``, ``Nᵀ N = I``.
 
-    N is the last r columns of Q in the complete factorisation ``Jᵀ = Q R``. It is not continuous in
-    q: signs and rotations jump from point to point. Use :func:`align` before differentiating or
-    comparing bases, or use :func:`null_vector`. Its columns are the joint velocities that do not
-    move the frame.
+    The columns of N are joint velocities that do not move the frame. N is the last r columns of Q
+    in the complete factorisation ``Jᵀ = Q R``, and is not continuous in q: signs and rotations jump
+    from point to point. Before you differentiate or compare bases, use :func:`align`, or use
+    :func:`null_vector`.
 
     Parameters
     ----------
@@ -39,9 +39,9 @@ def nullspace(J: ArrayLike) -> Array:
 def null_vector(J: ArrayLike) -> Array:
     """Evaluate the null vector that is smooth in q, for r = 1: the generalized cross product.
 
-    ``n_i = (−1)^i det(J without column i)``, i counted from 0. It equals (12) and (18), and √2
-    times (41). It is not normalised: ``‖n‖² = det(J Jᵀ)``, so it vanishes where J loses rank. Bases
-    from a factorisation change sign from point to point; this vector does not.
+    ``n_i = (−1)^i det(J without column i)``, i counted from 0. The vector n equals (12) and (18),
+    and √2 times (41). It is not normalised: ``‖n‖² = det(J Jᵀ)``, so n vanishes where J loses rank.
+    Bases from a factorisation change sign from point to point; this vector does not.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def null_vector(J: ArrayLike) -> Array:
 def align(N: ArrayLike, reference: ArrayLike) -> Array:
     """Rotate a basis within its span to be closest to a reference basis (orthogonal Procrustes).
 
-    It makes bases at neighbouring configurations comparable. N becomes ``N U Vᵀ`` with the singular
+    Bases at neighbouring configurations are then comparable. N becomes ``N U Vᵀ`` with the singular
     value decomposition ``Nᵀ N_ref = U S Vᵀ``. The result is smooth in q wherever ``Nᵀ N_ref`` keeps
     full rank.
 

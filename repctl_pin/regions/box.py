@@ -99,9 +99,9 @@ class Box(Region):
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
         """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1.
 
-        The weighted sum over them approximates the mean over the box. They are a Gauss–Legendre
-        grid, which is exact for polynomials of moderate degree, up to three joints, and Sobol
-        points for more.
+        The weighted sum over the nodes approximates the mean over the box. Up to three joints the
+        nodes are a Gauss–Legendre grid, which is exact for polynomials of moderate degree; for more
+        joints they are Sobol points.
         """
         if self.n > 3:
             return super().nodes(count, seed)
@@ -118,14 +118,14 @@ class Box(Region):
     def random(self, count: int, seed: int) -> Array:
         """Draw scrambled Sobol points in the box: (K, n), K the power of two from ``count`` up.
 
-        They fill it more evenly than random points.
+        Sobol points fill the box more evenly than random points.
         """
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale factor that brings the box's boundary to each row of Q: (K,).
 
-        The factor is of its widths: below 1 for a row inside, above 1 outside.
+        The factor scales the box's widths: below 1 for a row inside, above 1 outside.
         """
         Q = as_configurations(Q, self.n, "this box")
         return (np.abs(Q - self.center) / self.half_width).max(-1)

@@ -1,6 +1,6 @@
 """Design regions Ω of joint space: base class, Sobol points and densities.
 
-Nodes are the configurations at which a design evaluates its cost; with weights, their sum
+Nodes are the configurations at which a design evaluates its cost; a weighted sum over the nodes
 approximates the mean over Ω. A density gives some configurations more weight than others.
 """
 
@@ -67,15 +67,15 @@ class Region(ABC):
     def random(self, count: int, seed: int) -> Array:
         """Draw quasi-random points of the region: (K, n), K ≥ ``count``, determined by the seed.
 
-        They are held-out nodes of a design, and candidates of searches.
+        A design uses the points as held-out nodes, and a search uses them as candidates.
         """
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
 
-        The factor is of its widths: below 1 for a row inside, above 1 outside. A motion is thus
-        known to stay in Ω, where repeatability is guaranteed.
+        The factor scales the region's widths: below 1 for a row inside, above 1 outside. It shows
+        where a motion leaves Ω, outside which repeatability is not guaranteed.
         """
 
     @abstractmethod
@@ -95,7 +95,7 @@ class Region(ABC):
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
         """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
 
-        The weighted sum of a function over them approximates its mean over the region.
+        The weighted sum of a function over the nodes approximates its mean over the region.
         """
         Q = self.random(count, seed)
         return Q, self.weights(Q)
@@ -120,7 +120,7 @@ class Region(ABC):
 def span(widths: Array, sign: str = "") -> str:
     """Format widths as text: the smallest and the largest, or one number if they are equal.
 
-    ``sign`` is written before each, as in ``±0.2 to ±0.5``.
+    ``sign`` is written before each number, as in ``±0.2 to ±0.5``.
     """
     return " to ".join(dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max())))
 

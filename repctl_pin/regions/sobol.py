@@ -36,7 +36,7 @@ _MOST_DIMENSIONS = 2 + _JOE_KUO.count(";")
 def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Array:
     """Draw 2^power Sobol points in the unit cube, scrambled by a random matrix and a digital shift.
 
-    They fill the cube more evenly than random points; seeds give independent sets.
+    The points fill the cube more evenly than random points; each seed gives an independent set.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
     power
         Base-2 logarithm of the number of points, at most 30.
     seed
-        Random seed of the scrambling, of which scipy spawns a generator if it is a number.
+        Random seed of the scrambling; from a number, scipy creates a generator.
 
     Returns
     -------

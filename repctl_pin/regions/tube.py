@@ -27,7 +27,7 @@ _MOST_SAMPLES = 256
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class Tube(Region):
-    """All q within ``|q_i − s_i| ≤ radius_i`` of any sample s: a box moved along a motion.
+    """All q with ``|q_i − s_i| ≤ radius_i`` for some sample s: a box moved along a motion.
 
     The mean over a tube is the average of the means over the samples' boxes. Parts of the motion
     with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes are
@@ -79,7 +79,7 @@ class Tube(Region):
     def bounds(self) -> Box:
         """Smallest box around the tube.
 
-        Half-widths of it scale the steps of searches.
+        Its half-widths scale the steps of searches.
         """
         return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
@@ -92,7 +92,7 @@ class Tube(Region):
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale factor that brings the tube's boundary to each row of Q: (K,).
 
-        The factor is of its radius: below 1 for a row inside, above 1 outside.
+        The factor scales the tube's radius: below 1 for a row inside, above 1 outside.
         """
         return self._nearest(Q)[1]
 

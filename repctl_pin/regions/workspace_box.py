@@ -128,7 +128,7 @@ class WorkspaceBox(Region):
             if drawn >= max(_MOST_DRAWS, 64 * count):
                 reached = sum(map(len, found))
                 raise InputError(
-                    f"of {drawn} configurations of within= only {reached} bring "
+                    f"only {reached} of {drawn} configurations in within= bring "
                     f"{self.task.frame!r} into the workspace box; make the workspace box larger, "
                     "or within= smaller"
                 )
@@ -140,8 +140,8 @@ class WorkspaceBox(Region):
     def weights(self, Q: ArrayLike) -> Array:
         """Quadrature weights of points from :meth:`random`: (K,), which sum to 1.
 
-        They are proportional to ``√det(J Jᵀ)`` and to the density. So the sum over them is a mean
-        over poses and self-motions, not over joint angles.
+        The weights are proportional to ``√det(J Jᵀ)`` and to the density. So the weighted sum is a
+        mean over poses and self-motions, not over joint angles.
         """
         Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
@@ -151,7 +151,7 @@ class WorkspaceBox(Region):
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
 
-        The factor is of the half-widths of both boxes: below 1 for a row inside, above 1 outside.
+        The factor scales the half-widths of both boxes: below 1 for a row inside, above 1 outside.
         """
         kind = self.task.kind
         axes = kind.rows[kind.linear]

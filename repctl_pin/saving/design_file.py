@@ -115,7 +115,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
         )
     if content.checksum != _checksum_of(plain):
         raise InputError(
-            f"{where} was changed after it was written: its checksum does not fit; design again"
+            f"{where} was changed after it was written: its checksum does not match; design again"
         )
     return content
 

@@ -306,9 +306,10 @@ class ClosingRadiusFile(Part):
 class ProofFile(Part):
     """Bounds that are proved over a whole region or cell, see :class:`repctl_pin.Proof`.
 
-    Null stands for a robot without limits, or for a bound that was not required. ``subject`` and
-    ``seal`` say what was proved: older files lack them, and their proof is dropped. ``seconds``
-    stands in older files only, so that equal proofs are written alike.
+    A null limit margin means that the robot has no limits; a null required bound, that none was
+    required. ``subject`` and ``seal`` identify what was proved. A proof without them, from an older
+    file, is dropped. ``seconds`` occurs in older files only: without it, equal proofs give equal
+    files.
     """
 
     what: str

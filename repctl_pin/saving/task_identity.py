@@ -150,7 +150,10 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
         if one != other:
             raise InputError(f"{where} is for the {name} {one!r}, not {other!r}; give that {name}")
     if made_for.frames != mine.frames:
-        raise InputError(f"{where} has frames that are relative to other links")
+        raise InputError(
+            f"{where} has frames with other bases than the task",
+            remedy="give the task's frames the bases of the design",
+        )
     if made_for.joints != mine.joints:
         raise InputError(
             f"{where} is for the joints {', '.join(made_for.joints)}, in this order, "
@@ -214,9 +217,9 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
     """Check that the frames of arm angles are where they were when the design was saved.
 
     An arm angle is a potential made of shoulder, elbow and wrist frames; ``basis`` can join it with
-    other potentials, which need no check. Returns ["the frames of the arm angle"] if the file, from
-    an older version, does not contain them; otherwise an empty list. Raises an InputError that
-    names the frame if one lies elsewhere.
+    other potentials, which need no check. Returns the names of what cannot be checked:
+    ["the frames of the arm angle"] if the file is from an older version without their points,
+    otherwise an empty list. Raises InputError with the name of a frame that has moved.
     """
     if isinstance(basis, JoinedFile):
         parts = [require_arm_angles(part, made_for, task) for part in basis.parts]

@@ -18,7 +18,7 @@ _Rows = NDArray[np.intp]
 class StepLengths:
     """Parameters of the adaptive step lengths in :func:`descend_in_box`.
 
-    Lengths are in the unit in which the problem takes its trial steps.
+    Lengths are in the unit of the trial steps, which the problem chooses.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class StepLengths:
     longest : float
         Maximum step length.
     shortest : float
-        The search from a starting point ends when its step length is not above this.
+        Step length at or below which the search from a starting point ends.
     longer : float
         Factor of the step length after a step that lowered the function.
     shorter : float
@@ -72,7 +72,7 @@ def descend_in_box(
     lengths
         Parameters of the step lengths.
     enough
-        The whole search ends as soon as any value is at most this.
+        Value of the function at or below which the whole search ends.
     accepted : function (rows (L,), better (L,)), optional
         Called after each step with the rows that were tried, and a mask of those whose trial point
         was accepted.

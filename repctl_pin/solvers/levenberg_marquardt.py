@@ -66,7 +66,7 @@ class Step:
     predicted : float
         Decrease of the merit that the damped model predicts.
     damping : float
-        μ that was used; larger than the requested one if H + μ D was not positive definite.
+        The μ that was used; larger than the requested μ if H + μ D was not positive definite.
     """
 
     dx: Array
@@ -77,7 +77,7 @@ class Step:
 class _LeastSquares(Protocol[D, M]):
     """Interface of a nonlinear least-squares problem, which :func:`levenberg_marquardt` minimises.
 
-    It has a merit of x, its gradient g and its Gauss–Newton matrix H.
+    A problem evaluates a merit at x, its gradient g and its Gauss–Newton matrix H.
     """
 
     def evaluate(self, x: Array) -> Point[D]:
@@ -86,7 +86,7 @@ class _LeastSquares(Protocol[D, M]):
     def merit(self, x: Array) -> float:
         """Evaluate the merit alone; infinite where a step may not be accepted.
 
-        The line search needs no more.
+        The line search needs the merit only.
         """
 
     def model(self, at: Point[D]) -> M:
@@ -112,7 +112,7 @@ class Damping:
     smallest, largest : float
         Bounds of μ.
     negligible : float
-        If μ is not above this, lowering it sets it to ``smallest``.
+        A μ at or below this value is lowered to ``smallest`` in one step.
     good, fair : float
         μ is lowered if the gain is above ``good``, and raised if it is not above ``fair``.
     sufficient : float
@@ -194,10 +194,10 @@ def levenberg_marquardt(
         The iteration has converged after ``patience`` steps in a row with a relative change of the
         cost of at most ``tolerance``.
     predicted
-        It has also converged if a step with the smallest damping predicts a decrease of at most
-        this fraction of the cost.
+        The iteration has also converged if a step with the smallest damping predicts a decrease of
+        at most this fraction of the cost.
     enough
-        It has also converged if the cost is at most this.
+        The iteration has also converged if the cost is at most ``enough``.
     report : function (steps, cost), optional
         Progress callback, called before each step.
     """

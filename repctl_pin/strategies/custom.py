@@ -18,8 +18,7 @@ from .strategy import described
 class CustomInverse:
     """``q̇ = G(q) ẋ`` (3) with a user-defined G.
 
-    ``J G = I`` is checked at every evaluation, because the frame does not follow its path with any
-    other G.
+    ``J G = I`` is checked at every evaluation: with another G the frame does not follow its path.
 
     Parameters
     ----------
@@ -95,9 +94,9 @@ class CustomInverse:
 
 
 class FunctionStrategy:
-    """``q̇ = function(q, ẋ)``: a controller outside this package, such as pink or Drake.
+    """``q̇ = function(q, ẋ)``: a controller of another package, such as pink or Drake.
 
-    It makes a plain function a strategy, so that its drift can be measured by :func:`follow`.
+    As a strategy, the function can be passed to :func:`follow`, which measures its drift.
 
     Parameters
     ----------

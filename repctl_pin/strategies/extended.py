@@ -83,8 +83,8 @@ class ExtendedJacobian(RepeatableInverse):
 class _ExtendedMap(Potentials):
     """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients V = ∂hᵀ/∂q.
 
-    With them an extended Jacobian is an ordinary repeatable inverse. U is the function whose
-    stationary points the arm should keep, and N the basis of the null space of J.
+    With these potentials an extended Jacobian is an ordinary repeatable inverse. U is the function
+    to be kept stationary, and N a basis of the null space of J.
     """
 
     def __init__(self, task: Task, potential: _Posture | _Given, N_reference: Array) -> None:
@@ -145,7 +145,9 @@ class _ExtendedMap(Potentials):
         if (s[:, -1] < 1e-9).any():
             at = row(Q[int(np.argmin(s[:, -1]))])
             raise SingularityError(
-                f"the null space is perpendicular to the extended Jacobian's reference at {at}"
+                f"at q = {at}, a direction of the null space is perpendicular to the null space "
+                "at the reference",
+                remedy="choose reference= nearer to q",
             )
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
 
@@ -157,17 +159,11 @@ class _Posture:
         self.posture = posture
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate ``∇U = q − posture`` at every row of Q: (K, n).
-
-        An extended Jacobian is made of them.
-        """
+        """Evaluate ``∇U = q − posture`` at every row of Q: (K, n)."""
         return Q - self.posture
 
     def hessians(self, Q: Array) -> Array:
-        """Evaluate ∂²U/∂q², the identity, at every row of Q: (K, n, n).
-
-        The gradients of the potentials ``Nᵀ ∇U`` need them.
-        """
+        """Evaluate ∂²U/∂q², the identity, at every row of Q: (K, n, n)."""
         return np.broadcast_to(np.eye(Q.shape[1]), (*Q.shape, Q.shape[1]))
 
 
@@ -198,7 +194,7 @@ class _Given:
     def hessians(self, Q: Array) -> Array:
         """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n).
 
-        The differences are made symmetric; their step is longer where ∇U itself is by differences.
+        The differences are made symmetric. Their step is longer if ∇U is numerical, too.
         """
         K, n = Q.shape
         if self._hessian is not None:

@@ -2,8 +2,8 @@
 
 The leaf is the set h(q) = c on which the potentials h keep the arm; the leaf lock corrects c − h(q)
 as a controller corrects the task error. J_V = [J; Vᵀ] is the augmented Jacobian, with V = ∂hᵀ/∂q.
-The law stands twice: in C (:mod:`.native_law`), which is the default, and here, as reference and
-for what C cannot hold: user-defined potentials, arms of more than 64 joints.
+The law is written twice: in C (:mod:`.native_law`), the default, and here. This version is the
+reference, and is used for what C does not support: user-defined potentials, more than 64 joints.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .step_arguments import StepLimits, failure
 
 
 class NumPyLaw:
-    """The control law as its formulas stand: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
+    """The control law as in the formulas: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
 
     It has the methods of :class:`NativeLaw`, whose results it must reproduce. Arguments are checked
     by the caller.
@@ -124,8 +124,8 @@ class NumPyLaw:
     def _solved(self, q: Array, J_V: Array, rhs: Array) -> Array:
         """Solve ``J_V x = rhs`` for the step x (n,); raise an error if that is not possible.
 
-        It is an InputError if ``rhs`` (n,) is not finite, and a SingularityError if J_V is singular
-        or nearly so. q serves the message.
+        The error is an InputError if ``rhs`` (n,) is not finite, and a SingularityError if J_V is
+        singular or nearly so. Its message contains q.
         """
         if not np.isfinite(rhs).all():
             raise failure(self.task, q, rhs)

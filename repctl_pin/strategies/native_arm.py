@@ -22,7 +22,7 @@ from ..regions import Box, Tube, WorkspaceBox
 def native_arm(task: Task, potentials: Potentials | None = None, region: Any = None) -> Any:
     """Create the struct :data:`ARM` of a task with potentials and a region Ω, for C.
 
-    It points to arrays, which it keeps alive.
+    The struct points to arrays, and keeps them alive.
 
     Raises
     ------
@@ -32,7 +32,10 @@ def native_arm(task: Task, potentials: Potentials | None = None, region: Any = N
     """
     made = native_chain(task)
     if made is None:
-        raise InputError(f"{task!r} has more than 64 joints, too many for the code in C")
+        raise InputError(
+            f"{task!r} has more than 64 joints, the maximum of the code in C",
+            remedy="lock the joints that it does not need, by lock= of Robot.load",
+        )
     arm, _ = made
     if potentials is not None:
         parts = _native_parts(potentials)
@@ -46,7 +49,7 @@ def native_arm(task: Task, potentials: Potentials | None = None, region: Any = N
 def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
     """Create the struct :data:`ARM`; None if there is no native library, or C cannot hold the task.
 
-    With None the caller computes in NumPy. C holds up to 64 joints and no Python functions.
+    With None the caller computes in NumPy. C supports up to 64 joints, and no Python functions.
     """
     if library() is None:
         return None
@@ -78,10 +81,10 @@ def _native_parts(potentials: Any) -> list[Any]:
 
 
 def _native_region(region: Any, task: Task) -> Any:
-    """Create the struct :data:`REGION` of a region, which may have its own ``_native_region``.
+    """Create the struct :data:`REGION`, by which C tests whether q lies in the region Ω.
 
-    C tests with it whether q lies in Ω, the region of joint space of the design. Box, tube and
-    workspace box are supported. InputError is raised for other types without such a method.
+    Boxes, tubes and workspace boxes are supported, and regions with a method ``_native_region``.
+    InputError is raised for other types.
     """
     if isinstance(region, Tube):
         samples, half = region.samples, region.radius

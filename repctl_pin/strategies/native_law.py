@@ -28,10 +28,9 @@ _SINGULAR = 1
 
 @cache
 def holding_library() -> ctypes.PyDLL:
-    """Load the library once more: its functions then keep Python's global interpreter lock.
+    """Load the native library so that its functions keep Python's global interpreter lock.
 
-    That is faster for one configuration. Calls for batches use the other library, which releases
-    it.
+    That is faster for one configuration. Batches use the other handle, which releases the lock.
     """
     native = library()
     assert native is not None
@@ -54,7 +53,7 @@ def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], 
 
 
 class NativeLaw:
-    """Control law in C on arguments that are already checked, with the memory of one thread.
+    """Control law in C, for checked arguments; an object must not be shared between threads.
 
     Calls for one configuration keep Python's global interpreter lock, which is faster; calls for
     batches release it.
@@ -167,8 +166,7 @@ class NativeLaw:
     def inverses(self, Q: Array) -> Array:
         """Evaluate G_r (K, n, m), the repeatable inverse, at the rows of Q (K, n).
 
-        Where C finds a singular row, NumPy computes all rows again, so that its error names the
-        number of rows.
+        If a row is singular, NumPy computes all rows again, and raises the error with their number.
         """
         task, h = self._task, self._potentials
         G = np.empty((len(Q), task.n, task.m))
@@ -190,8 +188,8 @@ class NativeLaw:
     def _run_rows(self, name: str, *arrays: Array) -> bool:
         """Call a C function on all rows of arrays, the last of which receives the results.
 
-        Return whether it succeeded at each row. ``name`` is the function's in the library. A row
-        fails at a singularity.
+        ``name`` is the function's name in the library. Returns for each row whether the function
+        succeeded; it fails at a singularity.
         """
         native = library()
         assert native is not None

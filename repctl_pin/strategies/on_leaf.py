@@ -79,7 +79,9 @@ def solve(
     q = vector(q0, task.n, "q0")
     target = task.as_target(target, "the target")
     if not np.isfinite(target.homogeneous).all():
-        raise InputError("the target must be finite numbers, m and a rotation")
+        raise InputError(
+            "the target has a number that is not finite; give a finite position, m, and rotation"
+        )
     c_start = potentials.value(q)
     c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one per potential")
     between = _line(task, task.placements(q), target)
@@ -133,8 +135,8 @@ def _newton(
 def _side(task: Task, potentials: Potentials, q: Array) -> int:
     """Return the sign of det J_V at q: −1, 0 or 1.
 
-    It changes only across a singularity of J_V. So equal signs show that two configurations can be
-    on one solution branch.
+    The sign changes only across a singularity of J_V. So two configurations on one solution branch
+    have equal signs.
     """
     J_V = np.vstack([task.jacobian(q), potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
@@ -143,10 +145,10 @@ def _side(task: Task, potentials: Potentials, q: Array) -> int:
 def _line(
     task: Task, start: Sequence[pin.SE3], target: Any
 ) -> Callable[[float], pin.SE3 | Placements]:
-    """Make the function share → placement on the straight line, of each frame of the task.
+    """Create the function share → placements of the frames on straight lines to the target.
 
-    ``start`` has one placement per frame, and ``target`` is one placement, or :class:`Placements`
-    of several frames. The share runs from 0 to 1.
+    The share runs from 0 to 1. ``start`` has one placement per frame; ``target`` is one placement,
+    or :class:`Placements` of several frames.
     """
     if not isinstance(target, Placements):
         turn = _turn(task.kind, start[0], target)
@@ -161,7 +163,7 @@ def _line(
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
     """Compute the rotation vector (3,) from start to target, base axes, rad.
 
-    It is 0 if the kind of the task does not control the orientation.
+    The vector is 0 if the task does not control the orientation.
     """
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)

@@ -31,7 +31,7 @@ from .strategy import described
 class Pseudoinverse:
     """Minimum joint speed: ``q̇ = J⁺ ẋ``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``. In general not repeatable.
 
-    It is the usual controller, with which all others are compared.
+    This is the usual controller, with which all others are compared.
 
     Raises
     ------
@@ -136,8 +136,7 @@ class WeightedInverse:
     def _weights(self, Q: Array) -> Array:
         """Evaluate the weight matrix M at every row of Q: (K, n, n), or (n, n) if constant.
 
-        M is the inertia matrix of the arm, a user's function of q, or a constant, as the weight was
-        given.
+        According to the given weight, M is the arm's inertia matrix, a function of q, or constant.
         """
         if isinstance(self.weight, str):
             return self.task.inertias(Q)
@@ -155,8 +154,8 @@ def _least_speed(
 ) -> Callable[[Array, Array], Array]:
     """Create the function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``z = K (q_p − q)``, per thread.
 
-    In C, it is least_speed.c. NumPy computes it without the native library, and where C finds no
-    result: it then names the cause.
+    The function is computed in C (least_speed.c). Without the native library NumPy computes it, and
+    also where C finds no result; NumPy's error then names the cause.
 
     Parameters
     ----------
@@ -260,7 +259,7 @@ def _check_inertia(task: Task) -> None:
 def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array]:
     """Check configurations Q (K, n), and return them with their Jacobians J (K, m, n).
 
-    A given J is checked; otherwise J is evaluated. All inverses take their batches in this way.
+    A given J is checked; otherwise J is evaluated. All inverses use this function in ``batch``.
     """
     Q = as_configurations(Q, task.n, "batch()")
     if J is None:

@@ -52,15 +52,15 @@ _EDGE = 1e-9
 
 @runtime_checkable
 class Bounded(Protocol):
-    """A region of joint space that can tell how far inside or outside configurations lie.
+    """A region of joint space that computes how far inside or outside configurations lie.
 
-    This is all that a controller needs of its region Ω, to warn outside it.
+    A controller needs no more of its region Ω to warn when q is outside.
     """
 
     def ratio(self, Q: Array) -> Array:
         """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
 
-        The factor is of its widths: below 1 for a row inside, above 1 outside.
+        The factor scales the region's widths: below 1 for a row inside, above 1 outside.
         """
 
 
@@ -250,7 +250,7 @@ class RepeatableInverse:
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
-        Both tell that the step differs from the requested one: near a singularity, or at a speed
+        They show when the step differs from the requested one: near a singularity, or at a speed
         limit.
 
         Returns
@@ -314,8 +314,8 @@ class RepeatableInverse:
     def same_leaf(self, q: ArrayLike, other: ArrayLike) -> bool:
         """Test whether two configurations lie on one leaf: ``|h(q) − h(q′)| ≤ 1e-6``.
 
-        A leaf is the set of configurations with one value of h(q). What is proved of paths on one
-        leaf is not proved on another.
+        A leaf is the set of configurations with one value of h(q). A proof for paths on one leaf
+        does not cover another leaf.
 
         Parameters
         ----------

@@ -121,6 +121,7 @@ def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
     if not np.isfinite(rhs).all():
         return InputError(
-            "the task velocity ẋ or the target, the leaf and dt must be finite numbers"
+            "an input of the step is not finite: the task velocity ẋ, or the target, twist, leaf "
+            "or dt; give finite numbers"
         )
     return SingularityError(f"{singular or SINGULAR}, at q = {row(q)}")

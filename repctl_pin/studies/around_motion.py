@@ -164,7 +164,7 @@ def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | Non
     if plain_cycle(task, path, q0) is None:
         return None
     return SingularityError(
-        "the design fails on its own cycle, which J⁺ can follow",
+        "the design fails on the cycle it was made for, which J⁺ can follow",
         remedy="choose another start, a smaller path or another degree",
     )
 

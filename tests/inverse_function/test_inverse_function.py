@@ -225,7 +225,7 @@ def test_arrays_of_a_cell_are_lists_of_poses_of_which_some_may_be_missing() -> N
         for a in holes:
             a[2] = np.nan
         if method == cell.inside:
-            with pytest.raises(rp.InputError, match="target 2 must be finite numbers"):
+            with pytest.raises(rp.InputError, match="target 2 has a number that is not finite"):
                 method(*holes)
             continue
         results = [method(*given) for given in (arrays, holes)]

@@ -234,7 +234,7 @@ def test_what_cannot_be_is_refused_in_one_line() -> None:
         ([a], "at least two poses; got only one"),
         ([a, b, b], "pose 2 is equal to pose 1; remove one of them"),
         ([a, far], r"pose 1: the target lies outside the cell: x is \+0\.\d+ m from the middle"),
-        ([a, nan], "pose 1 must be finite numbers"),
+        ([a, nan], "pose 1 has a number that is not finite"),
         (np.zeros((2, 6)), r"poses must be a list of placements, or a \(P, 4, 4\) or"),
         ("ab", "poses must be a list of placements"),
     ):

@@ -52,7 +52,7 @@ def test_units_are_suspected(panda_pose: rp.Task, joints: np.ndarray, poses: np.
     assert "they look like millimetres; divide them by 1000" in text
     assert "the arm reaches" in refused(panda_pose, poses=poses * thousand**4)
     text = refused(panda_pose, joints=np.degrees(joints))
-    assert "fit their limits as degrees only; convert them to rad" in text
+    assert "fit their limits only as degrees; convert them to rad" in text
 
 
 def test_quaternions_that_are_none_are_refused(
@@ -156,7 +156,7 @@ ROWS = "".join(f"{0.3 + 0.01 * i},0.8,0.8\n" for i in range(5))
         (PLANAR, "contains no frames"),
         ("theta1;theta2;theta3\n0;0;0\n", "separate the columns by commas"),
         ("theta1,theta2\n0,0\n", "there is no column 'theta3'; add it"),
-        ("a,b\n0,0\n", "there are columns a, b; name joints theta1, theta2, theta3"),
+        ("a,b\n0,0\n", "there are columns a, b, but none of joints or poses; name joints theta1, "),
         ("theta1,theta1\n0,0\n", "two columns are named 'theta1'"),
         (PLANAR + ROWS + "0.1,0.2\n", "line 7: 2 fields, but the header has 3"),
         (PLANAR + ROWS + "0.1,x,0.2\n", "line 7: theta2 = 'x' is not a finite number"),

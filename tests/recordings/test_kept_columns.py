@@ -211,7 +211,9 @@ def test_lerobot_names_the_numbers_of_a_parquet_file(
         found = rp.Recording.read(data / "file-000.parquet", design.task)
         assert np.array_equal(found.joints, Q)
         return
-    what = "names the 7 numbers of 'observation.state' a0, a1, .*: none is a joint of the task"
+    what = (
+        "none of the 7 names of 'observation.state' in meta/info.json is a joint .*: got a0, a1, "
+    )
     unnamed = "'observation.state' has 7 numbers per row"
     with pytest.raises(rp.InputError, match=what if form == "others" else unnamed):
         rp.Recording.read(data / "file-000.parquet", design.task)
@@ -227,7 +229,9 @@ def test_lerobot_names_of_another_arm_are_not_read_by_position(
     (tmp_path / "meta").mkdir()
     names = {"features": {"observation.state": {"names": ["pan.pos", "lift.pos", "wrist.pos"]}}}
     (tmp_path / "meta" / "info.json").write_text(json.dumps(names), encoding="utf-8")
-    with pytest.raises(rp.InputError, match=r"pan.pos, lift.pos, wrist.pos: none is.*--joints"):
+    with pytest.raises(
+        rp.InputError, match=r"none of the 3 names.*pan.pos, lift.pos, wrist.pos.*--joints"
+    ):
         rp.Recording.read(file, design.task)
     found = rp.Recording.read(file, design.task, joints=NAMES)
     assert np.array_equal(found.joints, Q)

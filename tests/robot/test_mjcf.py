@@ -224,7 +224,7 @@ CURVED = (
     [
         ("", WELD, r"'loop' \(weld\) closes a loop"),
         ("", CURVED, "'odd' is not q₁ = a₀"),
-        ("<body><joint/></body>", "", "MuJoCo cannot compile it"),
+        ("<body><joint/></body>", "", "MuJoCo cannot compile the file"),
     ],
 )
 def test_what_is_not_supported_is_said_in_one_line(

@@ -111,5 +111,5 @@ def test_a_timed_motion_that_would_fill_the_memory_is_refused_before_it_is_sampl
 ) -> None:
     motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, Q0, 0.1), Q0, cycles=2, steps=24)
     duration = rp.timed(motion, rp.Limits(acceleration=1e-8), rate=1.0).duration
-    with pytest.raises(rp.InputError, match="exceed 2,000,000 samples; lower the rate"):
+    with pytest.raises(rp.InputError, match="more than 2,000,000 samples; lower the rate"):
         rp.timed(motion, rp.Limits(acceleration=1e-8), rate=2_100_000 / duration)

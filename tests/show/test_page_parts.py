@@ -216,7 +216,9 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
         "huge.stl": "larger than 50 MB",
     }
     expected |= {"pipe.stl": "not a regular file"}
-    expected |= {f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")}
+    expected |= {
+        f"unit_{meter}.dae": "its unit of length" for meter in ("nan", "0", "-1", "inf", "one")
+    }
     for name, words in expected.items():
         with pytest.raises(rp.InputError, match=words) as caught:
             read_surface(tmp_path / name)

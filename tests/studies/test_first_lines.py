@@ -182,7 +182,7 @@ def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
 
     monkeypatch.setattr("repctl_pin.studies.around_motion.followed", failing)
     why = (
-        "^the design fails on its own cycle, which J⁺ can follow; "
+        "^the design fails on the cycle it was made for, which J⁺ can follow; "
         "choose another start, a smaller path or another degree$"
     )
     with pytest.raises(rp.SingularityError, match=why):

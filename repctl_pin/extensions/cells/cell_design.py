@@ -132,10 +132,7 @@ class CellDesign:
 
     @property
     def inverse(self) -> RepeatableInverse:
-        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is the function.
-
-        A leaf is the set of configurations at which the potentials have the values c.
-        """
+        """Controller ``q̇ = ∂F/∂x ẋ``; its leaf c = 0 consists of the configurations q = F(x)."""
         return self.function.inverse
 
     @property
@@ -368,12 +365,11 @@ class Slice:
 
 
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
-    """Evaluate maps over each pair of translational coordinates of a cell, at most three pairs.
+    """Evaluate limit margin and extra joint speed on grids over pairs of a cell's coordinates.
 
-    The figures of a cell show the limit margin and the extra joint speed in them. There are
-    ``count`` points along each coordinate. If the cell has fewer than two translational
-    coordinates, pairs of all its coordinates are taken. The symmetric coordinates of a sector are
-    0; the figures do not depend on them.
+    The figures of a cell show these maps. The pairs are those of the translational coordinates, or
+    of all coordinates if fewer than two are translational; at most three pairs. Each grid has
+    ``count`` points per coordinate; the other coordinates are 0.
     """
     cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]

@@ -264,7 +264,9 @@ def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
     Q = []
     for name, x in zip(names, X, strict=True):
         if not np.isfinite(x).all():
-            raise InputError(f"{name} must be finite numbers, m and a rotation")
+            raise InputError(
+                f"{name} has a number that is not finite; give a finite position, m, and rotation"
+            )
         try:
             Q.append(F(pin.SE3(x)))
         except InputError as error:

@@ -129,9 +129,10 @@ def parts_of(
 
 
 def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[float]) -> Part:
-    """Join curves q(a) of given lengths, m, to the part that ends at the pose ``last``, an index.
+    """Join consecutive curves q(a) into one part of the motion; ``lengths`` are theirs, m.
 
-    ``passed`` are the lengths from its start, m, at which poses are passed without a rest.
+    ``last`` is the index of the pose at its end. ``passed`` are the distances from its start, m,
+    at which the arm passes a pose without a rest.
     """
     curve, s = _joined(curves, lengths)
     grid = [np.linspace(*ends, _STAGES + 1)[:-1] for ends in pairwise(s)]

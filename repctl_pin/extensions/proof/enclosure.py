@@ -229,7 +229,10 @@ def _proved_arcs(
         return None
 
     def shift(off: Array, level_off: Array) -> Array:
-        """Bound how far the one solution with these errors is from the sample: a share of h."""
+        """Bound the distance of the solution from its sample, as half-widths (K, n) along h.
+
+        ``off`` and ``level_off`` bound the task error and the level error of the sample.
+        """
         moved = bounds.moved(np.repeat(off[:, None, None], 2, 2), level_off)
         share = np.max(moved / h, axis=1) / (1 - np.max(bent / h, axis=1))
         return np.asarray(share[:, None] * h)

@@ -74,7 +74,7 @@ def require_radians(task: Task, Q: Array) -> None:
     size = float(np.abs(Q[:, task.revolute]).max())
     if size > 2 * np.pi and float((task.limit_margin(converted).min(axis=1) >= 0).mean()) > 0.9:
         raise InputError(
-            f"the joints go to {size:.3g} and fit their limits as degrees only",
+            f"the joints go to {size:.3g} and fit their limits only as degrees",
             remedy="convert them to rad",
         )
 

@@ -372,7 +372,9 @@ def _find(
     if not missing:
         found["joints"] = list(task.joint_names)
         if given is not None:
-            raise InputError("each joint has a column of its own", argument="joints")
+            raise InputError(
+                ": each joint has a column of its own", argument="joints", remedy="omit joints="
+            )
     elif len(missing) < task.n:
         raise InputError(f"there is no column {missing[0]!r}", remedy="add it")
     elif "joints" in found:
@@ -393,7 +395,7 @@ def _find(
         del found["poses"]
     if not {"joints", "poses"} & set(found):
         raise InputError(
-            f"there are columns {', '.join(widths)}",
+            f"there are columns {', '.join(widths)}, but none of joints or poses",
             remedy=f"name joints {', '.join(task.joint_names)}, or poses x, y, z, qx, qy, qz, qw",
         )
     return found, places
@@ -430,9 +432,10 @@ def _require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
     own = task.joint_names
     if not set(own) & {_stem(text, own) for text in lerobot}:
         raise InputError(
-            f"meta/info.json names the {len(lerobot)} numbers of {name!r} {', '.join(lerobot)}: "
-            f"none is a joint of the task, {', '.join(own)}",
-            remedy="name all in order by joints= (--joints), with the task's names for its joints",
+            f"none of the {len(lerobot)} names of {name!r} in meta/info.json is a joint of the "
+            f"task: got {', '.join(lerobot)}, but the task has {', '.join(own)}",
+            remedy=f"name all {len(lerobot)} numbers in order by joints= (--joints), "
+            "the task's joints by their own names",
         )
 
 

@@ -203,11 +203,10 @@ def _quantum(Q: Array) -> Array:
 
 
 def _features(task: Task, Q: Array, radian: float) -> Array:
-    """Convert configurations to points (T, d), m, whose distances are those of the hand poses.
+    """Convert configurations to points (T, d), m, whose distance measures that of the hand poses.
 
-    The rows of the rotation, times the length ``radian`` that counts as much as 1 rad, are appended
-    to the position, so that a k-d tree finds nearby poses. Several hands are at one pose when all
-    of them are.
+    Rotations count as lengths, ``radian`` (m) per rad; a k-d tree then finds nearby poses. Poses of
+    several hands are near each other only if those of every hand are.
     """
     placements = zip(*(task.placements(q) for q in Q), strict=True)
     kinds = [one.kind for one in task.single_tasks]
@@ -222,8 +221,8 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Array:
     """Convert the placements of one frame to points (T, d), m, as :func:`_features` describes.
 
-    They have what the kind of task commands only: an axis task has the tool's axis for the
-    rotation.
+    A point has only the coordinates that the kind of task commands. For an axis task, the direction
+    of the tool axis takes the place of the rotation matrix.
     """
     p = np.array([M.translation for M in placements])[:, kind.rows[kind.rows < 3]]
     if not kind.turns:

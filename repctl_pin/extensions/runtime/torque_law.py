@@ -175,7 +175,7 @@ class NumPyTorques:
 
 
 class NativeTorques:
-    """Torque law in C on arguments that are already checked, with the memory of one thread.
+    """Torque law in C, for checked arguments; an object must not be shared between threads.
 
     It is fast enough for a control loop at 1 kHz.
 
@@ -184,11 +184,11 @@ class NativeTorques:
     arm
         Struct Arm of the inverse.
     reference
-        The same law in NumPy, which names what C refuses.
+        The same law in NumPy, called after a failure in C to raise the error with its cause.
     gains
-        The gains.
+        Stiffness, damping ratios, leaf frequency and observer limits.
     task
-        The task.
+        Task of the inverse.
     """
 
     def __init__(self, arm: Any, reference: NumPyTorques, gains: Gains, task: Task) -> None:

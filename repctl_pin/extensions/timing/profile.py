@@ -221,7 +221,7 @@ def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
     if limits.jerk is not None and (slowest := float(np.max(times[-1]))) > _LONGEST:
         raise InputError(
             f"the jerk limits allow no motion shorter than {slowest:.3g} s, more than an hour",
-            remedy="raise them",
+            remedy="raise the jerk limits",
         )
 
 
@@ -233,8 +233,9 @@ def require_samples(count: float, seconds: float, rate: float, least: str = "") 
     """
     if not count < MOST_SAMPLES:
         raise InputError(
-            f"{least}{seconds:.3g} s at {rate:g} samples per second exceed {MOST_SAMPLES:,} "
-            "samples; lower the rate, or raise the limits"
+            f"the motion lasts {least}{seconds:.3g} s, which at {rate:g} samples per second is "
+            f"more than {MOST_SAMPLES:,} samples",
+            remedy="lower the rate, or raise the joint limits",
         )
 
 

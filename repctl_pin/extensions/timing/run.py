@@ -292,6 +292,6 @@ class Run:
         if not away(t) < _NEAR:
             raise InputError(
                 f"q is {away(t):.3g} rad (or m) away from the path; "
-                'move the arm to the path by rp.approach(q, motion, to="nearest")'
+                'move the arm to the path with rp.approach(q, motion, to="nearest")'
             )
         return t

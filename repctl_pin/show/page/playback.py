@@ -245,7 +245,7 @@ def _common_cycles(tracks: Sequence[Playback]) -> int:
     """
     if len({(track.cycles, len(track.Q)) for track in tracks}) != 1:
         raise InputError(
-            "motions can be shown side by side only if all have as many cycles and steps",
+            "motions can be shown side by side only if all have equal numbers of cycles and steps",
             remedy="follow them with equal cycles and steps",
         )
     return tracks[0].cycles

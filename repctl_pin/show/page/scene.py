@@ -99,19 +99,20 @@ class Arm:
     Attributes
     ----------
     label : str
-        Name of the controller: ``J⁺``.
+        Name of the controller, such as ``J⁺``.
     shapes : tuple of Shape
         Visual shapes.
     placements : (T, S, 4, 4) array
         Rigid, unscaled transforms of S shapes at T samples.
     tip, elbow : (T, K, 3) arrays
-        Positions, m, of the frame and of the elbow of K chains, one for each frame of the task.
+        Positions, m, of the frame and the elbow of each of K chains; each frame has one chain.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
     points : tuple of (P, 3) arrays
         Corners of each shape in its own frame, m, see :func:`.body_points.body_drift`.
     off : (T, S) array
-        Displacement of each shape since the same moment of cycle 1, m; 0 where it does not count.
+        Displacement of each shape since the same moment of cycle 1, m; 0 for shapes that are not
+        on the arm.
     color : str
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
@@ -119,7 +120,7 @@ class Arm:
     broken : FirstViolation or None
         First violated joint limit, or first collision.
     carried : (T, 4, 4) array or None
-        Motion of the workpiece, and of the paths on it, since the start; None if they stand still.
+        Motion since the start of the workpiece and the paths on it; None if they do not move.
     """
 
     label: str
@@ -187,7 +188,10 @@ class JointRows:
 
     @staticmethod
     def of(task: Task, shown: Sequence[Array], frames: Frames) -> JointRows:
-        """Choose samples of the shown configurations (T, nq) of every arm, evenly in each cycle."""
+        """Select the rows to plot: configurations of each arm, evenly spaced in each shown cycle.
+
+        ``shown`` has an array (T, nq) per arm, which ``frames`` indexes.
+        """
         count = min(_JOINT_ROWS, frames.per_cycle)
         within = np.rint(np.linspace(0, frames.per_cycle - 1, count)).astype(int)
         index = (np.arange(len(frames.cycles))[:, None] * frames.per_cycle + within).ravel()

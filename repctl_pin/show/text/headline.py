@@ -105,9 +105,9 @@ def names_of(label: str) -> dict[str, str]:
 
 
 def stopped_words(label: str, failure: str) -> str:
-    """Write a sentence that a controller has no motion to show, and why.
+    """Write a sentence that says why a controller has no motion to show.
 
-    ``label`` is that of the controller, ``failure`` its :attr:`.Row.failure`.
+    ``label`` is the controller's label, ``failure`` its :attr:`.Row.failure`.
     """
     if failure.startswith(UNRESOLVED):
         return f"{capital(under(label))} {UNRESOLVED}."
@@ -251,10 +251,10 @@ def _alone(one: MotionSummary) -> str:
 
 
 def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that the path winds around the first joint's axis, if a motion along it is not back.
+    """Write that the path winds around the first joint's axis, if a motion on it is not closed.
 
-    Such a path cannot be shrunk to a point, so even a repeatable controller need not close it. The
-    list of texts is empty otherwise.
+    Such a path cannot be shrunk to a point, so even a repeatable controller need not close the
+    motion. If all motions are closed, the list is empty.
     """
     turns, joint = summaries[-1].winding if summaries else (0, "")
     if not turns or all(one.back and not one.turned for one in summaries):

@@ -330,7 +330,9 @@ class Cell:
         at = int(np.argmax(bad))
         which = f"target {at}" if len(U) > 1 else "the target"
         if not np.isfinite(U[at]).all():
-            raise InputError(f"{which} must be finite numbers, m and a rotation")
+            raise InputError(
+                f"{which} has a number that is not finite; give a finite position, m, and rotation"
+            )
         if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
             raise InputError(
                 f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "

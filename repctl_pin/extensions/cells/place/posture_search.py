@@ -135,7 +135,7 @@ def _configurations(cell: Cell, seed: int) -> Array:
         joint = task.joint_names[int(own.argmin())]
         raise InputError(
             f"{where} is reached only outside the limits of "
-            f"{joint!r}, {-own.min():.3g} beyond them at best; move the cell, or turn it"
+            f"{joint!r}, at best {-own.min():.3g} rad (or m) beyond them; move the cell, or turn it"
         )
     Q = Q[(margins > 0) & _regular(cell, Q)]
     if not len(Q):
