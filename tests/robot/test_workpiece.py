@@ -240,3 +240,31 @@ def test_the_command_takes_the_workpiece(
     with pytest.raises(SystemExit):
         main(["check", "cell.urdf", "--on", "table", "--base", "base"])
     assert "--base and --on are mutually exclusive" in capsys.readouterr().err
+
+
+def test_a_joint_that_only_rounding_couples_to_the_task_is_held() -> None:
+    """57.7: a6 turns the torch about its wire, up to the 4e-6 by which 1.5708 is not π/2."""
+    task = rp.Robot.load(WELD).task("torch", "axis", on="workpiece")
+    q0 = task.reference
+    assert 0 < np.abs(task.jacobian(q0)[:, -1]).max() < 1e-5
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), rp.Cell(task, task.placement(q0), 0.02), posture=q0, degree=2
+    )
+    target = task.placement(q0)
+    target.translation += [0.015, -0.02, 0.02]
+    q = design.function(target)
+    assert design.coverage == 1 and design.extra_speed < 1e-3
+    assert np.abs(task.error(q, target)).max() < 1e-9 and abs(q[-1]) < 1
+
+
+def test_the_largest_sector_on_a_workpiece_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """57.6: the floods of the arm and the table did not end in 280 s."""
+    monkeypatch.chdir(tmp_path)
+    command = ("cell", str(WELD), "--frame", "torch", "--task", "axis", "--down")
+    said = refused(capsys, *command, "--on", "workpiece")
+    assert "'workpiece': joints of the task move that link" in said and "size" in said
+    task = rp.Robot.load(WELD).task("torch", "axis", on="workpiece")
+    with pytest.raises(rp.InputError, match="give the size of a box"):
+        rp.best_cell(task, orientation="down")

@@ -28,6 +28,10 @@ _ENOUGH = 1e-4
 _REGULAR = 1e-10
 """Minimum damping, relative to the diagonal of H."""
 
+_IDLE = 1e-6
+"""Change of the cost per rad² or m² of a label, relative to ‖G_d‖², below which the label is
+held."""
+
 _RULES = Damping()
 """Parameters of the damping: a step that does not lower the cost is computed again with more
 damping."""
@@ -348,10 +352,11 @@ class _Problem:
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
         """Evaluate the gradient (N r,), Gauss–Newton Hessian (N r, N r) and scaling (N r,).
 
-        ``at`` is the result of :meth:`evaluate`.
+        ``at`` is the result of :meth:`evaluate`. Labels of which the cost is nearly independent are
+        held, see :func:`_held`.
         """
         gradient, H = self.cost.model(at.data)
-        return gradient, H, _scaling(H)
+        return gradient, _held(H, at.data), _scaling(H)
 
     def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping``, for one step of the minimisation.
@@ -374,6 +379,15 @@ def _scaling(H: Array) -> Array:
     return diagonal + 1e-12 * diagonal.max()
 
 
+def _held(H: Array, at: _Value) -> Array:
+    """Add to the Hessian H (N r, N r) what holds labels that hardly change the cost.
+
+    A joint that turns the tool about the axis of the task moves the frame by rounding of the URDF
+    alone, for example 1.5708 in place of π/2. Newton's step along it is noise over noise.
+    """
+    return H + _IDLE * at.desired_square * np.eye(len(H))
+
+
 def predicted_gain(cost: Cost, a: Array) -> float:
     """Predict by how much a Gauss–Newton step from coefficients a (N, r) would lower the cost.
 
@@ -384,5 +398,6 @@ def predicted_gain(cost: Cost, a: Array) -> float:
     if not np.isfinite(value.cost):
         return np.inf
     gradient, H = cost.model(value)
+    H = _held(H, value)
     step = np.linalg.solve(H + np.diag(_REGULAR * _scaling(H)), gradient)
     return float(0.5 * gradient @ step / value.cost)

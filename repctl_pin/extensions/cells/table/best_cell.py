@@ -19,6 +19,7 @@ from ....base.errors import InputError
 from ....base.fit_options import FitOptions, fit_options
 from ....base.progress import Report, reporter
 from ....base.threads import one_blas_thread
+from ....model.arm_links import base_placements
 from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
 from ....model.several_frames import one_frame
@@ -256,6 +257,12 @@ def _whole(
             argument="orientation",
             remedy="use a pose or axis task, or give size=",
         )
+    if _on_workpiece(task):
+        raise InputError(
+            f"the largest sector cannot be searched for on {task.robot.base!r}: joints of the task "
+            "move that link",
+            remedy="give the size of a box",
+        )
     low, high = _pair(heights, "heights", "m")
     mean, worst = _pair(most_extra, "most_extra")
     if mean <= 0:
@@ -266,6 +273,16 @@ def _whole(
         )
     design = found.design
     return BestCell(design.cell, design.posture, 1.0, design.limit_margin_worst, "", found)
+
+
+def _on_workpiece(task: Task) -> bool:
+    """Test whether joints of the task move the link to which its poses are relative.
+
+    The floods of the largest sector did not end within minutes for such a task.
+    """
+    Q = np.stack([task.reference, task.reference + 0.05])
+    first, second = base_placements(task.robot, np.stack([task.to_robot(q) for q in Q]))
+    return not np.allclose(first, second, rtol=0, atol=1e-9)
 
 
 def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
