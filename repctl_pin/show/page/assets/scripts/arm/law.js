@@ -226,8 +226,8 @@ export function pieces(paths, speed, steps) {
 const difference = (p, q) => p.map((v, k) => v - q[k]);
 
 // Follow a loop for some cycles by Runge and Kutta's method, open loop: configurations, and q̇ at
-// the start of each step; `stopped`, the number of steps, where a joint would jump. Pauses after each
-// piece.
+// the start of each step; `stopped`, the number of steps, where a joint would jump. Pauses after
+// each piece.
 export function* followed(law, q0, path, cycles) {
   const { chain } = law;
   const { n } = chain;

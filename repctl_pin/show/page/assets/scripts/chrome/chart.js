@@ -201,7 +201,7 @@ export class Chart {
     this.number({ draw, height, em, count, pitch, at }, 0);
   }
 
-  // The curves of all joints, each from limit to limit: a canvas, drawn anew only where they change.
+  // The curves of all joints, each from limit to limit: a canvas, drawn anew where they change.
   curves({ count, foot, at }, values) {
     const scale = window.devicePixelRatio || 1;
     const drawn = [...values, count, this.size, scale, tone("--line")];
