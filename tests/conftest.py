@@ -142,8 +142,9 @@ def only_starts(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 @pytest.fixture
 def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Choose starts, circles and tubes by shorter motions and fewer nodes, for tests of what is
-    done with them; tests of design, motion and problem judge the choices themselves."""
+    """Choose starts, circles and tubes by shorter motions and fewer nodes, and radii by fewer
+    boxes, for tests of what is done with them; tests of design, motion, problem and proof judge
+    the choices themselves."""
 
     def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
         return rp.follow(*given, steps=steps // 4, **options)
@@ -159,8 +160,30 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
         ("motion.solve_ik", "_POINTS", 12),
         ("studies.choose_start", "followed", briefly),
         ("studies.around_motion", "FitOptions", few),
+        ("extensions.proof.closing_radius", "_MOST", {"start": 5000, "path": 1000}),
     ):
         monkeypatch.setattr(import_module(package + module), name, value)
+
+
+@pytest.fixture
+def no_tours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the motion along a sample path out of the page of a cell."""
+    module = import_module("repctl_pin." + "extensions.cells.cell_command")
+    monkeypatch.setattr(module, "_tour", lambda design: ({}, []))
+
+
+@pytest.fixture
+def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look for the place of a box among fewer middles, and judge fewer designs there."""
+    for name, value in (
+        ("_DRAWN", 1024),
+        ("_PARENTS", 6),
+        ("_TRIED", 6),
+        ("_JUDGED", 1),
+        ("_CONFIRMED", 1),
+        ("_HELD_OUT", 256),
+    ):
+        monkeypatch.setattr(import_module(rp.best_cell.__module__), name, value)
 
 
 @pytest.fixture(scope="session")

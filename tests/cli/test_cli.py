@@ -243,6 +243,7 @@ def test_a_study_opens_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     """28.12: ``--open`` and ``.open()`` give the browser the page that was written; without a
     browser one line says so."""
     opened: list[str] = []
+    monkeypatch.setattr(rp, "study", computed_once(rp.study))
     monkeypatch.setattr("webbrowser.open", lambda address: not opened.append(address))
     command = ("study", "planar3r", "--degree", "1", "--cycles", "2", "--steps", "60", "--open")
     done = repctl(*command, "--out", "here", cwd=tmp_path)

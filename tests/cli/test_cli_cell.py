@@ -113,7 +113,7 @@ def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
 
 
 def test_a_cell_round_a_path_and_round_poses(
-    made: Path, capsys: pytest.CaptureFixture[str]
+    made: Path, capsys: pytest.CaptureFixture[str], no_tours: None
 ) -> None:
     arm = cell_of(made)
     words = [
@@ -162,7 +162,9 @@ def test_a_cell_is_exported_with_its_function(
     assert "arm_F(" in (made / "c" / "arm.h").read_text("utf-8")
 
 
-def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_remedies_are_options(
+    made: Path, capsys: pytest.CaptureFixture[str], no_tours: None
+) -> None:
     """What is refused names the options of the command, not Python's arguments."""
     arm = cell_of(made)
     small = ["--degree", "1", "--held-out", "64", "--out", str(made / "large")]

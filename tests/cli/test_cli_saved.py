@@ -149,7 +149,10 @@ def test_a_motion_outside_what_was_designed_for_is_said(rail: Path, capsys) -> N
 
 
 def test_links_under_the_packages_own_names_are_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    no_tours: None,
 ) -> None:
     """Issue 37, item 13: only a file that the user names is written through a symbolic link."""
     monkeypatch.chdir(tmp_path)

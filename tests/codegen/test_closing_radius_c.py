@@ -64,7 +64,15 @@ def on_the_edge(closes: rp.ClosingRadius, rng: np.random.Generator) -> list[pin.
 @NEEDS_C
 @pytest.mark.parametrize(
     ("kind", "around"),
-    [*((kind, "path") for kind in ("pose", "axis", "position", "xz")), ("pose", "start")],
+    [
+        ("pose", "path"),
+        ("axis", "start"),
+        ("xz", "path"),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("axis", "path"), ("position", "path"), ("pose", "start"))
+        ),
+    ],
 )
 def test_c_decides_as_python_does(kind: str, around: str, tmp_path: Path) -> None:
     task = rp.Robot.load("panda").task("panda_hand_tcp", kind)

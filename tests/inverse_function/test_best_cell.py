@@ -129,7 +129,9 @@ def dh_urdf(d: list[float], turn: list[float], limit: np.ndarray) -> str:
     return f'<robot name="iiwa">{"".join(parts)}</robot>'
 
 
-def test_a_planar_box_near_a_place_shrinks_with_the_reason(tmp_path: Path) -> None:
+def test_a_planar_box_near_a_place_shrinks_with_the_reason(
+    tmp_path: Path, quick_places: None
+) -> None:
     """Closed form: the corners of the largest box lie within the sum of the lengths."""
     task = planar_task([0.5, 0.4, 0.3], tmp_path)
     place = rp.best_cell(task, (2.0, 1.2))
@@ -139,7 +141,7 @@ def test_a_planar_box_near_a_place_shrinks_with_the_reason(tmp_path: Path) -> No
     assert np.linalg.norm(near.cell.placement.translation - [0.6, -0.5, 0]) < 0.02
 
 
-def test_a_planar_arm_has_the_box_within_its_reach(tmp_path: Path) -> None:
+def test_a_planar_arm_has_the_box_within_its_reach(tmp_path: Path, quick_places: None) -> None:
     """Closed form: the corners of a box lie within the sum of the lengths."""
     task = planar_task([0.5, 0.4, 0.3], tmp_path)
     place = rp.best_cell(task, 0.3)
@@ -161,6 +163,8 @@ def test_the_command_places_the_box(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     blank_pictures: None,
+    no_tours: None,
+    quick_places: None,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)

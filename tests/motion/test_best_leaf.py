@@ -31,9 +31,8 @@ def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> r
     return rp.follow(inverse, path, q0, cycles=2, steps=300, integrator=rp.LeafLock(2))
 
 
-@pytest.mark.parametrize(
-    "plane, radius, angle", [pytest.param("xy", 0.1, np.pi, marks=pytest.mark.slow), ("yz", 0.2, 0)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("plane, radius, angle", [("xy", 0.1, np.pi), ("yz", 0.2, 0)])
 def test_panda_is_never_worse(
     panda_design, q_panda, plane: str, radius: float, angle: float
 ) -> None:
@@ -73,7 +72,9 @@ def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
     assert violation is not None and violation[1].startswith("panda_joint")
     found = rp.best_leaf(panda_design.inverse, path, worse)
     assert found.given is not None and found.given.limit_margin < 0 < found.best.limit_margin
-    assert dense(panda_design.inverse, path, found.q0).first_violation is None
+    motion = dense(panda_design.inverse, path, found.q0)
+    assert motion.first_violation is None and motion.drift.max() < 1e-8
+    assert abs(motion.limit_margin.min() - found.best.limit_margin) < 5e-3
     first, second = found.summary().splitlines()[1:]
     assert "exceeds its limits" in first and "exceeds" not in second
 

@@ -23,7 +23,9 @@ def inverse_around(name: str) -> tuple[rp.RepeatableInverse, rp.Problem]:
     return design.inverse, problem
 
 
-@pytest.mark.parametrize("name", ["panda", "planar3r", "planar4r", "tiago"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("panda", marks=pytest.mark.slow), "planar3r", "planar4r", "tiago"]
+)
 def test_a_circle_shrinks_and_so_do_the_motions_along_it(name: str) -> None:
     """Circles through the start, of smaller radius, are the paths of the theorem: each closes,
     and each is on the straight lines to the poses of the largest."""

@@ -39,7 +39,7 @@ def test_panda_s_box_is_proved_within_a_few_per_cent_of_the_sampled_margin(
 
 
 def test_what_is_false_is_not_proved_and_the_place_is_shown(panda_design: rp.Design) -> None:
-    proof = rp.prove(panda_design, margin=0.9)
+    proof = rp.prove(panda_design, margin=0.9, closes=False)
     assert (
         not proof
         and proof.reason
@@ -49,12 +49,12 @@ def test_what_is_false_is_not_proved_and_the_place_is_shown(panda_design: rp.Des
         panda_design.region.contains(proof.worst[None])[0]
         and margins(panda_design, proof.worst[None])[0] < 0.9
     )
-    limits = rp.prove(panda_design, margin=0.3, limit_margin=1.0)
+    limits = rp.prove(panda_design, margin=0.3, limit_margin=1.0, closes=False)
     assert not limits and "limit margin" in limits.reason
 
 
 def test_limit_margin_is_that_of_the_region(panda_design: rp.Design) -> None:
-    proof = rp.prove(panda_design, margin=0.3, limit_margin=-0.3)
+    proof = rp.prove(panda_design, margin=0.3, limit_margin=-0.3, closes=False)
     box, task = panda_design.region, panda_design.task
     exact = min((box.lower - task.lower).min(), (task.upper - box.upper).min())
     assert proof and exact - 1e-12 < proof.limit_margin <= exact
@@ -74,9 +74,9 @@ def test_a_tube_is_proved_with_all_that_lies_between_its_samples(panda_design: r
 def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(panda_design: rp.Design) -> None:
     task, box = panda_design.task, panda_design.region.shrunk(0.2)
     region = rp.WorkspaceBox(task, task.placement(box.center).translation, 0.05, within=box)
-    proof = rp.prove(panda_design, region=region, margin=0.8)
+    proof = rp.prove(panda_design, region=region, margin=0.8, closes=False)
     assert proof
-    assert proof.boxes == rp.prove(panda_design, region=box, margin=0.8).boxes
+    assert proof.boxes == rp.prove(panda_design, region=box, margin=0.8, closes=False).boxes
 
 
 def test_what_has_no_bounds_is_refused_by_name(panda_design: rp.Design) -> None:
@@ -197,12 +197,12 @@ def test_a_certificate_is_saved_with_the_design_and_holds_again(
 ) -> None:
     panda_design = replace(panda_design, held_out=64)  # a quick summary
     assert "found, not proved" in panda_design.summary()
-    proof = rp.prove(panda_design, margin=0.6)
+    proof = rp.prove(panda_design, margin=0.6, closes=0.005)
     design = replace(panda_design, proof=proof)
     assert "at worst, proved > 0.6" in design.summary()
     loaded = rp.load(rp.save(design, tmp_path / "design.json"))
     assert repr(loaded.proof) == repr(proof) and loaded.proof.summary() == proof.summary()
-    again = rp.prove(loaded, margin=0.6)
+    again = rp.prove(loaded, margin=0.6, closes=0.005)
     assert (again.leaf_margin, again.boxes) == (proof.leaf_margin, proof.boxes)
     without = rp.load(rp.save(panda_design, tmp_path / "design.json"))
     assert without.proof is None and "proof" not in (tmp_path / "design.json").read_text(
@@ -211,7 +211,11 @@ def test_a_certificate_is_saved_with_the_design_and_holds_again(
 
 
 def test_the_commands_prove_and_check_what_they_saved(
-    panda_design: rp.Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    panda_design: rp.Design,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    quick_choices: None,
+    blank_pictures: None,
 ) -> None:
     file = str(rp.save(panda_design, tmp_path / "plain.json"))
     found = told(capsys, "check", file, "--prove")
@@ -248,5 +252,5 @@ def test_a_study_says_that_its_time_did_not_suffice_for_a_proof(
     found = rp.study("planar3r", cycles=1)
     (note,) = [note for note in found.notes if "not proved" in note]
     assert "--prove" in note and note in study.unproved_note(found.design)
-    proved = replace(found.design, proof=rp.prove(found.design, margin=0.1))
+    proved = replace(found.design, proof=rp.prove(found.design, margin=0.1, closes=False))
     assert study.unproved_note(proved) == []

@@ -126,7 +126,7 @@ LONG = {"proof", "cell", "pick-and-place", "learning"}
     ids=lambda page: page.stem,
 )
 def test_the_python_of_a_page_runs(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_nodes: None
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick_choices: None
 ) -> None:
     """With fewer nodes, which change no claim. What is compiled by jax runs in the slow test."""
     monkeypatch.chdir(tmp_path)
@@ -175,12 +175,12 @@ def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
         r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     )
     assert len(linked) == 6 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)
-    redraw(["drift", "ring", "states", "survey"], tmp_path)
+    redraw(["drift", "ring", "states"], tmp_path)
 
 
 @pytest.mark.slow
 def test_the_dear_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
-    redraw(["cell", "proofs"], tmp_path)
+    redraw(["cell", "proofs", "survey"], tmp_path)
 
 
 def test_version_and_date_are_the_same_wherever_they_stand() -> None:

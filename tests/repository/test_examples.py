@@ -11,6 +11,7 @@ import shlex
 import struct
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -133,6 +134,24 @@ def test_two_arms(run: Run) -> None:
     assert creeping > 1 and closed < 1e-10
 
 
+def test_a_weld_of_few_pieces_and_steps(
+    monkeypatch: pytest.MonkeyPatch, quick_choices: None
+) -> None:
+    """What the slow test holds of ten pieces, of three."""
+    module = example("weld")
+    monkeypatch.setattr(rp, "study", partial(rp.study, steps=100))
+    study = module.study_seam(3.0, 3)
+    differ = {
+        key: np.degrees(np.abs(row.motion.q[::100] - row.motion.q[0]).max())
+        for key in ("pseudoinverse", "repeatable")
+        for row in [study.row(key)]
+    }
+    assert differ["pseudoinverse"] > 5 and differ["repeatable"] < 1e-7
+    slow = study.row("repeatable").motion.q[:, :2]
+    assert np.ptp(slow, axis=0).max() < np.radians(8)  # of 13° without the weight
+
+
+@pytest.mark.slow
 def test_weld(run: Run) -> None:
     """Under J⁺ the pieces differ by degrees, under the repeatable inverse by rounding."""
     names, told = run("python examples/weld.py")

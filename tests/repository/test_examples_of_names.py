@@ -23,11 +23,11 @@ SHARED = re.search(
 
 
 def test_every_public_name_has_an_example_that_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_nodes: None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick_choices: None, quick_places: None
 ) -> None:
     """All in one test: the arms and designs that the reference page begins with are made once."""
     monkeypatch.chdir(tmp_path)
-    for function in ("study", "best_leaf", "relabel", "nearest_inverse_function"):
+    for function in ("study", "best_leaf", "best_cell", "relabel", "nearest_inverse_function"):
         monkeypatch.setattr(rp, function, computed_once_each(getattr(rp, function)))
     assert SHARED is not None
     shared: dict[str, object] = {}

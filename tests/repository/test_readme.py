@@ -205,11 +205,12 @@ def test_the_commands_for_ones_own_arm_run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     blank_pictures: None,
-    few_nodes: None,
+    no_tours: None,
+    quick_choices: None,
     two_degrees: None,
 ) -> None:
     """In the README's order, with the two files it says to copy; later commands of a chain use what
-    earlier ones wrote. What figures show is a matter of tests/show."""
+    earlier ones wrote. What figures show is a matter of tests/show, tours of tests/cli."""
     monkeypatch.chdir(tmp_path)
     in_three_cycles(monkeypatch)
     few = some_of_them()
