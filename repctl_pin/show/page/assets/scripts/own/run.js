@@ -60,7 +60,7 @@ function* criticalRow(law, motion, fine) {
 }
 
 // The first cycle at whose end a hand is not back, or an arm elsewhere with twice the steps; null
-// without. Of an arm that is back after cycle 1, all cycles are alike.
+// without. If an arm is back after cycle 1, all cycles are alike.
 function* unresolvedCycle(law, motion, fine) {
   const { n } = law.chain;
   const back = gapAt(law, motion, 1) < CLOSED;
