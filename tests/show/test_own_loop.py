@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import subprocess
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,8 @@ const at = Q.map((q, k) => {
   return { p, J: [...A], e, v, margin: laws.map((law) => law.margin()), h: laws.map((law) => [...law.levels(q)]) };
 });
 const way = pieces(paths, own.speed, own.steps), n = chain.n;
-const ends = laws.map((law) => { const { Q, perCycle } = followed(law, own.start, way, 10); return Array.from({ length: 11 }, (_, c) => [...Q.slice(c * perCycle * n, (c * perCycle + 1) * n)]); });
+const whole = (work) => { for (;;) { const { done, value } = work.next(); if (done) return value; } };
+const ends = laws.map((law) => { const { Q, perCycle } = whole(followed(law, own.start, way, 10)); return Array.from({ length: 11 }, (_, c) => [...Q.slice(c * perCycle * n, (c * perCycle + 1) * n)]); });
 console.log(JSON.stringify({ at, ends }));
 """  # noqa: E501
 
@@ -242,7 +244,16 @@ def drag(driver: Any, way: Sequence[tuple[float, float]], kind: str) -> None:
     actions.perform()
 
 
+def wait_until_computed(driver: Any) -> None:
+    """What follows a gesture is computed in slices between pictures."""
+    deadline = time.monotonic() + 60
+    while driver.execute_script("return Boolean(repctl.own.work)"):
+        assert time.monotonic() < deadline, "the page still computes after 60 s"
+        time.sleep(0.02)
+
+
 def said(driver: Any) -> str:
+    wait_until_computed(driver)
     return driver.execute_script("return document.getElementById('verdict').textContent")
 
 
@@ -267,6 +278,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     )
     before = driver.execute_script(boxes)
     drag(driver, ARC, kind)
+    wait_until_computed(driver)
     assert driver.execute_script("return repctl.own.state") == "own"
     assert said(driver).startswith("After one cycle of your loop the hand is back. ")
     assert driver.execute_script("return repctl.time") == 1
@@ -351,6 +363,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
     hand(driver)
     driver.execute_script(_SHIFTS)
     drag(driver, [(dx, -dy) for dx, dy in ARC], "mouse")
+    wait_until_computed(driver)
     assert driver.execute_script("return repctl.own.state") == "own", said(driver)
     assert sum(driver.execute_script("return shifts")) < 1e-3
     points = np.array(driver.execute_script("return repctl.own.points"))
@@ -414,6 +427,7 @@ def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.
     ):
         points = [home, *([home[0] + x, home[1] + y, home[2]] for x, y in way), home]
         driver.execute_script("repctl.own.open({ points: arguments[0] })", points)
+        wait_until_computed(driver)
         assert words in driver.execute_script(notes)
         for q in np.reshape(driver.execute_script(ENDS), (2, 11, -1))[1]:
             assert np.abs(q - study.q0).max() < 1e-9
@@ -475,6 +489,7 @@ def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: r
         ]
         points = np.round([home, *corners, home], 4)
         driver.execute_script("repctl.own.open({ points: arguments[0] })", points.tolist())
+        wait_until_computed(driver)
         assert driver.execute_script("return repctl.own.state") == "own"
         assert said(driver).endswith("No arm can follow it to its end.") == lost
     assert errors(driver) == []
@@ -617,8 +632,8 @@ def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
     size = driver.execute_script("return repctl.own.chain.size")
     home = driver.execute_script("return repctl.own.chain.homes[0]")
     best = (
-        "const [points] = arguments, { own } = repctl; own.open({ points }); own.keepBest();"
-        "return own.best ? own.best.off : null"
+        "const [points, done] = arguments, { own } = repctl;"
+        "own.open({ points }).then(() => { own.keepBest(); done(own.best ? own.best.off : null); })"
     )
 
     def drawn(*way: tuple[float, float]) -> list[list[float]]:
@@ -632,13 +647,73 @@ def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
         drawn((-0.1, 0), (-0.1, 0.1), (-0.1, 0)),
         drawn((-0.02, 0), (-0.02, 0.02)),
     ):
-        assert driver.execute_script(best, trivial) is None
-    large = driver.execute_script(best, drawn(to, (-0.15, 0.15), (0, 0.15)))
-    small = driver.execute_script(best, drawn((-0.1, 0), (-0.1, 0.1), (0, 0.1)))
+        assert driver.execute_async_script(best, trivial) is None
+    large = driver.execute_async_script(best, drawn(to, (-0.15, 0.15), (0, 0.15)))
+    small = driver.execute_async_script(best, drawn((-0.1, 0), (-0.1, 0.1), (0, 0.1)))
     assert 1e-3 < small < large
-    assert driver.execute_script(best, drawn(to, (-0.2, 0.2), (0, 0.2))) == small
+    assert driver.execute_async_script(best, drawn(to, (-0.2, 0.2), (0, 0.2))) == small
     menu = driver.find_element("id", "best").get_attribute("textContent")
     assert menu.startswith("Your best: ")
     driver.execute_script("repctl.own.leave(); document.getElementById('best').click()")
+    wait_until_computed(driver)
     assert driver.execute_script("return repctl.own.state") == "own"
+    assert errors(driver) == []
+
+
+_PAUSES = """
+const [points, done] = arguments, { own } = repctl;
+let solved = 0;
+for (const law of own.laws) {
+  const { solve } = law;
+  law.solve = function (...what) { solved += 1; return solve.apply(this, what); };
+}
+const between = [];
+for (const work = own.following(points, 1); ;) {
+  const before = solved, { done: ended } = work.next();
+  between.push(solved - before);
+  if (ended) break;
+}
+const { state } = own, endless = own.run((function* () { for (;;) yield; })());
+own.leave();
+endless.then(() => done([between, state, own.state, own.work]));
+"""
+
+
+def test_a_loop_is_computed_in_slices(driver: Any, page: Path) -> None:
+    """Between two pauses at most a piece of a cycle of one arm is computed, and what begins
+    meanwhile ends it."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    home = driver.execute_script("return repctl.own.chain.homes[0]")
+    turn = np.linspace(0, 2 * np.pi, 41)
+    points = np.add(home, 0.1 * np.array([np.cos(turn) - 1, np.sin(turn), 0 * turn]).T)
+    between, own, after, work = driver.execute_async_script(_PAUSES, points.tolist())
+    assert sum(between) > 8000 and max(between) <= 4 * 2 * 100 / 20  # four stages a step
+    assert (own, after, work) == ("own", "study", None)
+    assert errors(driver) == []
+
+
+def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> None:
+    """Not at every instant, but again for another motion, size or scheme."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    counted = (
+        "const { prototype } = CanvasRenderingContext2D, { lineTo } = prototype; let count = 0;"
+        "prototype.lineTo = function (...p) { count += 1; lineTo.apply(this, p); };"
+        "try { repctl.seek(arguments[0]); } finally { prototype.lineTo = lineTo; } return count"
+    )
+    driver.execute_script("document.getElementById('show-joints').click()")
+    driver.execute_script(counted, 0.2)
+    assert driver.execute_script(counted, 0.3) < 10
+    pixels = "return document.getElementById('chart').toDataURL()"
+    driver.execute_script("repctl.seek(1)")
+    light = driver.execute_script(pixels)
+    schemes(driver, width=900, height=700, dark=True)
+    driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0], 50))")
+    driver.execute_script("repctl.seek(1)")
+    assert driver.execute_script(pixels) != light
+    schemes(driver, width=900, height=700)
+    driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0], 50))")
+    driver.execute_script("repctl.seek(1)")
+    assert driver.execute_script(pixels) == light
     assert errors(driver) == []

@@ -282,7 +282,7 @@ async function main() {
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
   if (address.view) eye.stand(address.view);
-  if (own && address.own) own.open(address.own);
+  if (own && address.own) await own.open(address.own);
 
   run(clock, viewer, scene.live, resize);
   openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });

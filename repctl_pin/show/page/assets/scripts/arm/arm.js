@@ -477,16 +477,16 @@ export function pointAt(arms, isPart) {
   for (const arm of arms)
     arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
   const { arm: worst, before, after } = displaced(arms);
-  const ways = after.map((p, i) => p.distanceTo(before[i]));
-  const most = Math.max(...ways);
+  const distances = after.map((p, i) => p.distanceTo(before[i]));
+  const most = Math.max(...distances);
   const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c]));
-  const [k] = corners[ways.indexOf(most)] || [];
+  const [k] = corners[distances.indexOf(most)] || [];
   const point = new MeshCat.THREE.Vector3();
   const way = point.clone();
   let all = 0;
   corners.forEach(([body, c], i) => {
     if (body !== k) return;
-    const weight = most > SAME ? (ways[i] / most) ** 4 : 1;
+    const weight = most > SAME ? (distances[i] / most) ** 4 : 1;
     point.addScaledVector(c, weight);
     way.addScaledVector(after[i], weight).addScaledVector(before[i], -weight);
     all += weight;
@@ -494,7 +494,9 @@ export function pointAt(arms, isPart) {
   // the middle of a body that turns about itself hardly moves: then its farthest corner is pointed
   // at
   const place =
-    way.length() < 0.8 * most * all ? corners[ways.indexOf(most)][1] : point.divideScalar(all || 1);
+    way.length() < 0.8 * most * all
+      ? corners[distances.indexOf(most)][1]
+      : point.divideScalar(all || 1);
   for (const arm of arms) arm.spot = all ? { k, point: place } : null;
 }
 

@@ -226,8 +226,9 @@ export function pieces(paths, speed, steps) {
 const difference = (p, q) => p.map((v, k) => v - q[k]);
 
 // Follow a loop for some cycles by Runge and Kutta's method, open loop: configurations, and q̇ at
-// the start of each step; `stopped`, the number of steps, where a joint would jump.
-export function followed(law, q0, path, cycles) {
+// the start of each step; `stopped`, the number of steps, where a joint would jump. Pauses after
+// each piece.
+export function* followed(law, q0, path, cycles) {
   const { chain } = law;
   const { n } = chain;
   const perCycle = path.reduce((sum, { count }) => sum + count, 0);
@@ -247,6 +248,7 @@ export function followed(law, q0, path, cycles) {
           return Object.assign(motion, { cycles: cycle, stopped: step });
         Q.set(q, (step + 1) * n);
       }
+      yield;
     }
   V.copyWithin(T * n, (T - 1) * n, T * n);
   return motion;

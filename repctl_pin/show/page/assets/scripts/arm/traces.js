@@ -150,7 +150,7 @@ export function drawPaths(arms, paths, extent) {
 export function drawTraces(arms, scene, extent) {
   const F = scene.perCycle;
   const thick = THICK * extent;
-  const ways = [];
+  const lines = [];
   for (const arm of arms) {
     const shade = driftShade(arm.data, scene);
     const full = new MeshCat.THREE.Color(arm.data.color);
@@ -163,7 +163,7 @@ export function drawTraces(arms, scene, extent) {
         ["tip", 1.35, 3.4, () => full],
         ["elbow", 1, 2.8, shade],
       ])
-        ways.push({
+        lines.push({
           arm,
           which,
           chain,
@@ -171,7 +171,7 @@ export function drawTraces(arms, scene, extent) {
           ball: new Marker(arm.traces, ball * thick, arm.data.color),
         });
   }
-  return ways;
+  return lines;
 }
 
 // Points of 3 px, seen through bodies: a line is never wider than one pixel.

@@ -180,14 +180,40 @@ export class Chart {
       draw.fillText("cycle", INSET + 2, height - 0.25 * em);
   }
 
-  // Each joint over all cycles in a row of its own, between its limits, and its value now.
-  drawJoints({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
+  // Each joint over all cycles in a row of its own, and its value now.
+  drawJoints(sheet, cycle, part) {
+    const { draw, height, em, count, pitch, foot, at } = sheet;
     const { arms, scene } = this;
-    const { names, lower, upper, turns, perCycle } = scene.joints;
+    const { names, turns, perCycle } = scene.joints;
     const values = arms.map((arm) => arm.run.joints.values);
     const n = names.length;
     const tall = foot / n;
-    const value = (k, c, row, i) => values[k][(c * perCycle + row) * n + i];
+    draw.drawImage(this.curves(sheet, values), 0, 0, sheet.width, height);
+    const row = Math.round(part * (perCycle - 1));
+    for (let i = 0; i < n; i++) {
+      const now = values.map((all) => all[(cycle * perCycle + row) * n + i].toFixed(2));
+      const words = `${names[i]} ${now.join(" and ")} ${turns[i] ? "rad" : "m"}`;
+      draw.fillStyle = tone("--paper");
+      draw.fillRect(INSET, i * tall + 1, draw.measureText(words).width + 6, tall - 2);
+      draw.fillStyle = tone("--soft");
+      draw.fillText(words, INSET + 2, (i + 0.5) * tall + 0.28 * em);
+    }
+    this.number({ draw, height, em, count, pitch, at }, 0);
+  }
+
+  // The curves of all joints, each from limit to limit: a canvas, drawn anew where they change.
+  curves({ count, foot, at }, values) {
+    const scale = window.devicePixelRatio || 1;
+    const drawn = [...values, count, this.size, scale, tone("--line")];
+    const { image } = this;
+    if (image && drawn.every((v, i) => v === image.drawn[i])) return image.canvas;
+    const canvas = document.createElement("canvas");
+    const draw = sharp(canvas, this.size);
+    const { arms, scene } = this;
+    const { names, lower, upper, perCycle } = scene.joints;
+    const n = names.length;
+    const tall = foot / n;
+    const right = at(count);
     for (let i = 0; i < n; i++) {
       // from limit to limit; a joint without limits over what it moves
       const seen =
@@ -197,26 +223,22 @@ export class Chart {
       const level = (v) => (i + 1) * tall - 2 - ((v - low) / (high - low)) * (tall - 4);
       draw.lineWidth = 1;
       draw.strokeStyle = tone("--line");
-      line(draw, INSET, (i + 1) * tall, width - INSET, (i + 1) * tall, []);
+      line(draw, INSET, (i + 1) * tall, right, (i + 1) * tall, []);
       arms.forEach((arm, k) => {
         draw.strokeStyle = arm.data.color;
         draw.lineWidth = 1.5;
         draw.beginPath();
         for (let c = 0; c < count; c++)
           for (let row = 0; row < perCycle; row++)
-            draw.lineTo(at(c + row / (perCycle - 1)), level(value(k, c, row, i)));
+            draw.lineTo(
+              at(c + row / (perCycle - 1)),
+              level(values[k][(c * perCycle + row) * n + i]),
+            );
         draw.stroke();
-        draw.lineWidth = 1;
       });
-      const row = Math.round(part * (perCycle - 1));
-      const now = arms.map((_, k) => value(k, cycle, row, i).toFixed(2)).join(" and ");
-      const words = `${names[i]} ${now} ${turns[i] ? "rad" : "m"}`;
-      draw.fillStyle = tone("--paper");
-      draw.fillRect(INSET, i * tall + 1, draw.measureText(words).width + 6, tall - 2);
-      draw.fillStyle = tone("--soft");
-      draw.fillText(words, INSET + 2, (i + 0.5) * tall + 0.28 * em);
     }
-    this.number({ draw, height, em, count, pitch, at }, 0);
+    this.image = { canvas, drawn };
+    return canvas;
   }
 }
 

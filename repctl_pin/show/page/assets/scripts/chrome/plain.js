@@ -13,7 +13,7 @@ export async function drawPlain(scene) {
     const moving = data.shapes.filter(({ pose }) => !pose);
     const posed = moving.length + (data.carried ? 1 : 0); // a workpiece that moves comes last
     const frames = last + 1;
-    const ways = Array.from({ length: data.chains }, (_, k) => k);
+    const chains = Array.from({ length: data.chains }, (_, k) => k);
     const start = at;
     const tip = start + frames * 7 * posed;
     const elbow = tip + frames * 3 * data.chains;
@@ -26,7 +26,7 @@ export async function drawPlain(scene) {
       ...motion.subarray(from + i * size + 3 * k, from + i * size + 3 * k + 3),
     ];
     const pose = (i) =>
-      ways.map((k) => [
+      chains.map((k) => [
         point(start, 7 * posed, i),
         point(elbow, 3 * data.chains, i, k),
         point(tip, 3 * data.chains, i, k),

@@ -24,6 +24,7 @@ const MAX_SPEED_RATIO = 4; // times the joint speed at the start, or the limit, 
 const MIN_SINE_RATIO = 0.35;
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
 const BUDGET = 5; // ms of steps between two pictures
+const SLICE = 25; // ms of computing between two pictures, once the hand is let go
 const OUT_OF_REACH = "That is out of reach.";
 
 export class Own {
@@ -46,6 +47,7 @@ export class Own {
     );
     // the loop: points of the hand that is led, and what the other hands do meanwhile
     Object.assign(this, { state: "study", points: null, lead: null, mirrored: false });
+    this.work = null; // what is computed in slices
     this.led = 0;
     this.listen();
     this.slider();
@@ -148,6 +150,7 @@ export class Own {
   // Begin from place i of the slider, along level k: all controls, and what is drawn next.
   stand(i, k = this.level) {
     const { chain, laws } = this;
+    this.work = null;
     if (!laws.some(({ r }) => r)) {
       this.elbowAt = 0;
       for (const law of laws) law.stand(chain.start);
@@ -213,11 +216,30 @@ export class Own {
 
   // Follow the loop, or the study's path, from where the slider stands.
   settle() {
-    this.endGesture();
-    if (this.points) this.follow(this.points, 1);
-    else if (!this.elbowAt && !this.level) this.leave();
-    else if (this.studied) this.follow(null, 1);
-    else this.preset("circle");
+    if (this.points) return this.follow(this.points, 1);
+    if (!this.elbowAt && !this.level) return this.leave();
+    return this.studied ? this.follow(null, 1) : this.preset("circle");
+  }
+
+  // ---- what takes long
+
+  // Do work in slices between pictures, until something else begins. A gesture that has ended shows
+  // its arms until then.
+  async run(work) {
+    this.work = work;
+    if (this.lead) this.lead.id = undefined; // of no pointer, and of no key
+    while (this.work === work) {
+      const until = performance.now() + SLICE;
+      while (performance.now() < until)
+        if (work.next().done) {
+          if (this.work === work) this.work = null;
+          return;
+        }
+      if (this.lead) this.write([["Computing what both arms do …"]], null, null);
+      await new Promise((resolve) => {
+        setTimeout(resolve);
+      });
+    }
   }
 
   // ---- the gesture
@@ -354,6 +376,7 @@ export class Own {
     event.preventDefault();
     event.stopPropagation();
     if (key === "Escape") this.leave();
+    else if (this.work) return;
     else if (key === "Enter" && this.lead) this.release();
     else {
       if (!this.lead) this.grab(k, null, null, f);
@@ -477,8 +500,8 @@ export class Own {
   }
 
   // Follow points in small steps, and gather where the hand has been; {refusal} where it cannot go
-  // on.
-  walk(from, points, trail = []) {
+  // on. Pauses after each step.
+  *walk(from, points, trail = []) {
     for (const goal of points)
       for (;;) {
         const far = gap(goal, from.hand);
@@ -489,6 +512,7 @@ export class Own {
         if (refusal) return { refusal, trail };
         from.hand = next;
         trail.push(next);
+        yield;
       }
     return { refusal: "", trail };
   }
@@ -531,9 +555,15 @@ export class Own {
 
   // Close the loop: straight home, or along the way it came where that is blocked.
   release() {
+    return this.run(this.closing());
+  }
+
+  *closing() {
     const { lead, chain } = this;
-    this.processQueue();
-    this.endGesture();
+    while (lead.queue.length) {
+      this.processQueue(performance.now() + BUDGET);
+      yield;
+    }
     const home = chain.homes[this.led];
     const open = lead.trail;
     if (Math.max(...open.map((p) => gap(p, home))) < 0.01 * chain.size) {
@@ -541,10 +571,10 @@ export class Own {
       return;
     }
     const from = { hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst };
-    const { refusal } = this.walk(from, [home]);
+    const { refusal } = yield* this.walk(from, [home]);
     const back = refusal ? open.slice(0, -1).reverse() : [];
     const also = "Straight home was blocked; the loop goes back along the way it came.";
-    this.follow(kept([...open, ...back, home], home), 1, refusal ? also : "");
+    yield* this.following(kept([...open, ...back, home], home), 1, refusal ? also : "");
     this.keepBest();
   }
 
@@ -562,11 +592,15 @@ export class Own {
 
   // Compute the cycles of a closed loop, or of the study's path without points, and show the end of
   // this one of them. An arm that comes close to a singularity goes as far as it can.
-  follow(points, cycle, also = "") {
-    this.endGesture();
+  follow(points, cycle) {
+    return this.run(this.following(points, cycle));
+  }
+
+  *following(points, cycle, also = "") {
     this.points = points;
     const paths = this.paths();
-    const result = computed(this.laws, this.arms, paths, CYCLES);
+    const result = yield* computed(this.laws, this.arms, paths, CYCLES);
+    this.endGesture();
     const lead = paths.find(Boolean);
     const shape = {
       encloses: enclosing(lead) > 0,
@@ -690,15 +724,18 @@ export class Own {
   preset(kind) {
     this.endGesture();
     this.grab(0, null, null, this.led);
+    return this.run(this.largest(kind));
+  }
+
+  *largest(kind) {
     const { size } = this.chain;
     const home = this.chain.homes[this.led];
     const start = { hand: this.lead.hand, qs: this.lead.qs, worst: this.lead.worst };
     for (let wide = 0.16 * size; wide > 0.004 * size; wide *= 0.8)
       for (let turn = 0; turn < 8; turn++) {
         const points = this.placed(FORMS[kind], wide, (turn * Math.PI) / 4);
-        if (this.walk({ ...start }, [...points, home]).refusal) continue;
-        this.endGesture();
-        this.follow(kept([home, ...points, home], home), 1);
+        if ((yield* this.walk({ ...start }, [...points, home])).refusal) continue;
+        yield* this.following(kept([home, ...points, home], home), 1);
         return;
       }
     this.leave([["There is no room for such a loop here.", "bad"]]);
@@ -728,23 +765,24 @@ export class Own {
     chain.led = this.led;
     byId("mirror").checked = this.mirrored;
     this.stand(elbow, level);
-    if (!points) {
-      this.settle();
-      return;
-    }
+    return points ? this.run(this.opening(points)) : this.settle();
+  }
+
+  *opening(points) {
+    const { chain, laws } = this;
     const home = chain.homes[this.led];
     const first = gap(points[0], home) < 1e-3 ? home : points[0];
     if (first !== home) {
       const qs = laws.map(() => laws.at(-1).start);
       const from = { hand: home, qs, worst: laws.map(() => ({})) };
-      const { refusal } = this.walk(from, [first]);
+      const { refusal } = yield* this.walk(from, [first]);
       if (refusal) {
         this.leave([[`The loop in the address cannot be reached. ${refusal}`, "bad"]]);
         return;
       }
       for (const law of laws) law.start = from.qs.at(-1);
     }
-    this.follow(closed(points, first), CYCLES);
+    yield* this.following(closed(points, first), CYCLES);
   }
 
   // What the address keeps of all this.

@@ -11,17 +11,20 @@ const LOST = 1e-3; // of the arm, from which a hand is not back: the steps were 
 
 // What the arms do on these paths, see pieces(): {cycles, perCycle, seconds, length, runs,
 // motions}, a run per arm. An arm that comes close to a singularity stands still from there on; its
-// run says so by data.lost, in cycles.
-export function computed(laws, arms, paths, wanted) {
+// run says so by data.lost, in cycles. Pauses often; nothing that is shown changes before the last
+// pause.
+export function* computed(laws, arms, paths, wanted) {
   const { chain } = laws[0];
   const path = pieces(paths, chain.speed, chain.steps);
   const fine = pieces(paths, chain.speed, 2 * chain.steps);
-  const motions = laws.map((law) => followed(law, law.start, path, wanted));
-  const { perCycle } = motions[0];
-  motions.forEach((motion, k) => {
-    motion.last = criticalRow(laws[k], motion, fine);
+  const motions = [];
+  for (const law of laws) {
+    const motion = yield* followed(law, law.start, path, wanted);
+    motion.last = yield* criticalRow(law, motion, fine);
     if (motion.last !== null) stopMotion(motion, chain.n, wanted);
-  });
+    motions.push(motion);
+  }
+  const { perCycle } = motions[0];
   // as many cycles as one arm completes
   const done = ({ last }) => (last === null ? wanted : Math.ceil((last + 1) / perCycle));
   const cycles = Math.max(...motions.map(done));
@@ -32,7 +35,10 @@ export function computed(laws, arms, paths, wanted) {
   const F = Math.min(SAMPLES, perCycle + 1);
   const rows = evenly(F, perCycle);
   const length = path.reduce((sum, { count, h }) => sum + count * h, 0) * chain.speed;
-  const runs = motions.map((motion, k) => runOf(laws[k], arms[k], motion, rows, cycles));
+  const runs = [];
+  for (const [k, motion] of motions.entries())
+    runs.push(yield* runOf(laws[k], arms[k], motion, rows, cycles));
+  runs.forEach((run, k) => measure(run, laws[k], arms[k], motions[k], cycles));
   return { cycles, perCycle: F, seconds: (slower * length) / chain.speed, length, runs, motions };
 }
 
@@ -41,9 +47,9 @@ const evenly = (count, last) =>
 
 // The row of a motion from which on it cannot be computed: where a joint would jump, or where the
 // joints are fastest, near a singularity, if twice the steps lead elsewhere. Null without.
-function criticalRow(law, motion, fine) {
+function* criticalRow(law, motion, fine) {
   if (motion.stopped !== null) return motion.stopped;
-  const cycle = unresolvedCycle(law, motion, fine);
+  const cycle = yield* unresolvedCycle(law, motion, fine);
   if (cycle === null) return null;
   const { n } = law.chain;
   const speed = (row) => Math.hypot(...motion.V.subarray(row * n, (row + 1) * n));
@@ -54,12 +60,11 @@ function criticalRow(law, motion, fine) {
 }
 
 // The first cycle at whose end a hand is not back, or an arm elsewhere with twice the steps; null
-// without. If an arm
-// that is back after cycle 1, all cycles are alike.
-function unresolvedCycle(law, motion, fine) {
+// without. If an arm is back after cycle 1, all cycles are alike.
+function* unresolvedCycle(law, motion, fine) {
   const { n } = law.chain;
   const back = gapAt(law, motion, 1) < CLOSED;
-  const again = followed(law, law.start, fine, back ? 1 : motion.cycles);
+  const again = yield* followed(law, law.start, fine, back ? 1 : motion.cycles);
   const end = ({ Q, perCycle }, c) => Q.subarray(c * perCycle * n, (c * perCycle + 1) * n);
   const apart = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
   for (let c = 1; c <= (back ? 1 : motion.cycles); c++) {
@@ -101,13 +106,13 @@ function maxRateShare(chain, V, steps) {
   return most;
 }
 
-function runOf(law, arm, { Q, V, perCycle, margin, last }, rows, cycles) {
-  const { chain, start } = law;
+// The frames of a run: how the arm stands at these rows of each cycle.
+function* runOf(law, arm, { Q, V, perCycle, last }, rows, cycles) {
+  const { chain } = law;
   const { n } = chain;
   const F = rows.length;
   const frames = F * cycles;
   const at = (row) => Q.subarray(row * n, (row + 1) * n);
-  const ends = Array.from({ length: cycles }, (_, c) => at((c + 1) * perCycle));
   // the bodies, the hands, the elbows and the mark at each sample
   const broken =
     last === null
@@ -117,23 +122,35 @@ function runOf(law, arm, { Q, V, perCycle, margin, last }, rows, cycles) {
   const data = { ...arm.study.run.data, broken, lost };
   const motion = new Float64Array(frames * (arm.stride + 6 * arm.chains + 3));
   const run = { data, motion, frames, perCycle: F };
-  for (let c = 0, i = 0; c < cycles; c++)
+  for (let c = 0, i = 0; c < cycles; c++) {
     for (const row of rows) drawnAt(chain, arm, at(c * perCycle + row), run, i++);
+    yield;
+  }
   run.joints = jointRows(arm, at, perCycle, cycles);
+  return run;
+}
+
+// Measure a run at the ends of its cycles; its arm shows it from then on.
+function measure(run, { chain, start }, arm, { Q, V, perCycle, margin }, cycles) {
+  const { n } = chain;
+  const { data, perCycle: F } = run;
+  const ends = Array.from({ length: cycles }, (_, c) =>
+    Q.subarray((c + 1) * perCycle * n, ((c + 1) * perCycle + 1) * n),
+  );
   // how far each body is off after each cycle
   data.drift = ends.map((q) => Math.hypot(...q.map((v, j) => v - start[j])));
   arm.use(run);
   const off = ends.map((_, c) => offAt(arm, (c + 1) * F - 1, chain));
-  const most = off.map((each, c) => (c + 1 > lost ? null : Math.max(0, ...each)));
+  const most = off.map((each, c) => (c + 1 > data.lost ? null : Math.max(0, ...each)));
   data.off = most.map((v, c) => [c ? most[c - 1] : 0, v]);
   let squares = 0;
   for (let i = 0; i < perCycle * n; i++) squares += V[i] * V[i];
   const turned = ends.map((q) =>
     Array.from(q, (v, i) => (chain.turns[i] ? Math.abs(v - start[i]) : 0)),
   );
-  const others = ends.map((q) => othersOff(chain, at(0), q));
+  const others = ends.map((q) => othersOff(chain, Q.subarray(0, n), q));
   const speed = Math.sqrt(squares / perCycle);
-  return Object.assign(run, { ends: off, others, turned, margin, speed });
+  Object.assign(run, { ends: off, others, turned, margin, speed });
 }
 
 // The joints at the samples of the study's plot of them.
