@@ -237,7 +237,7 @@ int main(int count, char **argument)
         measure(q, H, &limits, dt, lower, upper);
         if (!levels) measure_level(q, leaf, &leaves);
         if (alone) measure_hand(q, home);
-        if (status == ARM_OK && new_leaf) measure_level(q, new_leaf, &level);
+        if (status == ARM_OK && new_leaf && !twist) measure_level(q, new_leaf, &level);
         if (homing && status == ARM_OK) {
             for (i = 0; i < ARM_N; i++)
                 if (!(fabs(q[i] - start[i]) <= apart)) apart = fabs(q[i] - start[i]);

@@ -214,8 +214,10 @@ int main()
 @NEEDS_C
 @pytest.mark.parametrize("dt", [0.001, 0.02])
 def test_exported_code_moves_back_from_beyond_a_limit(dt: float, tmp_path: Path) -> None:
-    """Item 26.4: C and C++ command the library's way back, and refuse what is farther out. The level
-    is changed then."""
+    """Item 26.4: C and C++ command the library's way back, and refuse what is farther out.
+
+    Inside, they move to another level (30.1).
+    """
     needed("g++", "cc")
     inverse, q, acceleration, jerk = planar()
     task = inverse.task

@@ -63,7 +63,7 @@ def test_turns_beyond_half_a_turn_go_on() -> None:
 
 
 def test_the_elbow_is_engaged_without_a_jump_and_scaled_as_the_hand() -> None:
-    """Item 30.2: engaged, the level for the first point is that of the arm, wherever the elbow is."""
+    """Item 30.2: the level for the first point is that of the arm, wherever the elbow is."""
     axes, dt = pin.exp3(np.array([0.4, -1.0, 0.3])), 0.004
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     inverse = control(task, Q_PANDA, rp.Polynomial(Q_PANDA, 2, 0.5))

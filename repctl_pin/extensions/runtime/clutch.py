@@ -31,10 +31,11 @@ class Clutch:
               R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
 
     with the rotation B from the tracker's axes to those of the base. So the first target is the
-    arm's own pose. An operator's elbow at p_e moves the arm's, p_0e + s B (p_e − p_e0), likewise,
-    with p_e0 its first point while engaged. The logarithm is continued beyond half a turn. Near full turns it is not
-    continuous unless the hand turns about one axis: if ρ is no integer, the clutch is released
-    where the target would turn by more than five times ρ times the hand's step.
+    arm's own pose. The point for the arm's elbow moves with the operator's elbow as p does.
+
+    The logarithm is continued beyond half a turn. Near full turns it is not continuous unless the
+    hand turns about one axis: if ρ is no integer, the clutch is released where the target would
+    turn by more than five times ρ times the hand's step.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ class Clutch:
         return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
 
     def elbow(self, elbow: ArrayLike) -> Array | None:
-        """Compute the point (3,) for the arm's elbow, m; None while the clutch or elbow is released.
+        """Compute the point (3,) for the arm's elbow, m; None while it is released.
 
         It is the argument ``elbow`` of :meth:`RepeatableInverse.leaf_toward`. A point that is not
         finite releases the elbow alone, until :meth:`engage`: ``governor.step(target)`` then keeps
@@ -181,7 +182,7 @@ def _usable(place: pin.SE3) -> bool:
 
 
 def _point(value: ArrayLike, name: str) -> Array:
-    """Convert a point to an array (3,); its numbers need not be finite, as those of a lost tracker."""
+    """Convert a point to an array (3,); a lost tracker's numbers need not be finite."""
     point = as_numbers(value)
     if point is None or point.shape != (3,):
         raise InputError(f"must be 3 numbers, m; got {shown(value)}", argument=name)
