@@ -158,7 +158,7 @@ def leaf_toward(
         z, unique = _newton_step(A, H, A.T @ away, N, q, lower, upper)
         if np.abs(N @ z).max() <= _SHORTEST:
             break
-        found = _accepted(inverse, elbow, q, N @ z, point, least)
+        found = _accepted(inverse, elbow, q, N @ z, point, margin, least)
         if found is None:
             break
         q = found
@@ -233,21 +233,29 @@ def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple
 
 
 def _accepted(
-    inverse: _OnLeaves, elbow: Elbow, q: Array, way: Array, point: Array, least: float
+    inverse: _OnLeaves,
+    elbow: Elbow,
+    q: Array,
+    way: Array,
+    point: Array,
+    margin: float,
+    least: float,
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
-    It keeps the joint limits and the leaf margin ``least``; the way is halved until it does.
+    It keeps ``margin`` from the joint limits and the leaf margin ``least``; the way is halved until
+    it does. From beyond ``margin``, it moves back, and may go away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
-    small = np.abs(way).max() < 10 * _INSIDE
+    small, room = np.abs(way).max() < 10 * _INSIDE, float(task.limit_margin(q).min())
     for _ in range(_HALVES):
         try:
             ahead = _retracted(inverse, q + way, place)
+            there = float(task.limit_margin(ahead).min())
             nearer = small or np.linalg.norm(elbow.point(ahead) - point) < before
-            inside = task.limit_margin(ahead).min() >= min(0.0, float(task.limit_margin(q).min()))
-            if nearer and inside and _margin(inverse, ahead) >= least:
+            back = room < margin and there > room
+            if (nearer or back) and there >= min(margin, room) and _margin(inverse, ahead) >= least:
                 return ahead
         except SingularityError:
             pass
