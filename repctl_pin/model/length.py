@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from ..base.arguments import Array
-from ..redundancy import nullspace
 from .several_frames import of_singles
 from .task import Task
 
 _MIDDLE = (0.3, 0.7)
 """Range along the arm, as fractions of its length, in which a joint can be the elbow."""
+
+_RANK = 1e-9
+"""Share of the largest singular value of J below which a direction moves no frame."""
 
 
 def arm_length(task: Task, q: Array) -> float:
@@ -72,7 +75,9 @@ def elbow(task: Task, q: Array) -> int:
     step = 1e-4
     here = task.joint_origins(q)
     share = _along_arm(task, q)
-    moved = [task.joint_origins(q + step * n) for n in nullspace(task.jacobian(q)).T]
+    # at a singularity, all directions without motion of the frame
+    N = null_space(task.jacobian(q), rcond=_RANK)
+    moved = [task.joint_origins(q + step * n) for n in N.T]
     speed = np.sum([np.linalg.norm(p - here, axis=1) ** 2 for p in moved], axis=0)
     middle = in_the_middle(task, q)
     key = np.where(middle, speed, -1.0) if middle.any() else speed
