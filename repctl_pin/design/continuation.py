@@ -130,9 +130,9 @@ class Continuation:
         """Minimise the cost with the first ``size`` potentials on the coarse nodes.
 
         The coarse nodes are the few configurations of the early descents. The starting points are
-        the solution of the linear problem and ``below``, an optimum with fewer potentials. The one
-        of lower cost is tried first. Return the best regular optimum from it, random restarts
-        included; None if no start leads to one.
+        the solution of the linear problem and ``below``, an optimum with fewer potentials. The
+        starting point of lower cost is tried first. Return the best regular optimum that descents
+        from it and random restarts reach; None if neither starting point leads to one.
         """
         begin = self._start(size)
         starts = (
@@ -178,8 +178,8 @@ class Continuation:
 
         V = D A are the gradients of the potentials, and Ω is the region of the design. The message
         names a configuration where the V of the linear problem is singular. If there is none, it
-        names that of the given error. Without an error, it states that the nodes Q (K, n) are too
-        few.
+        names the configuration of the given error. Without an error, it states that the nodes Q
+        (K, n) are too few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
@@ -204,7 +204,7 @@ class Continuation:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
         This is so if the V of the linear problem is regular, but every descent ends in a V that is
-        singular between the nodes. Its remedy is more nodes or fewer potentials.
+        singular between the nodes. The remedy in the message is more nodes or fewer potentials.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
@@ -255,10 +255,10 @@ class Continuation:
         return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
-        """Return the numbers of independent potentials of degree at most 1, 2, …, if at least r.
+        """Return the numbers of independent potentials of degree at most 1, 2, …, from r upwards.
 
-        For a basis without degrees, return the number of all independent potentials. They are the
-        steps of the continuation in the degree.
+        For a basis without degrees, return the number of all independent potentials. The numbers
+        are the steps of the continuation in the degree.
         """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):

@@ -83,7 +83,7 @@ them."""
 
 
 def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
-    """Read a mesh file, or return its surface if it was read before and has not changed.
+    """Read the surface in a mesh file; it is cached until the file changes.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
 
 def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -> Any:
-    """Parse a mesh file by a reader of trimesh, the module; see :func:`_scene`."""
+    """Parse a mesh file with ``trimesh``, the imported module; see :func:`_scene`."""
     if file_type != "dae":
         return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
     # load_scene does not pass process= on to the meshes of a COLLADA file
@@ -193,7 +193,7 @@ def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -
 def without_tracebacks() -> Iterator[None]:
     """Keep trimesh from logging missing files, such as textures, on this thread.
 
-    It goes on without them, but writes a traceback for each.
+    trimesh continues without such a file, but logs a traceback for each.
     """
     thread = get_ident()
     logger = logging.getLogger("trimesh.util")

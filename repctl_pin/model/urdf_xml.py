@@ -1,4 +1,4 @@
-"""Text of a URDF: xacro is expanded, XML safely parsed to a plain tree; labels for messages."""
+"""Text of a URDF: expansion of xacro, safe parsing to a plain XML tree, labels for messages."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
     """Add notes on ignored xacro elements and undeclared prefixes.
 
-    What xacro would have added is missing from the robot, which the user should know.
+    The parts that xacro would have added are missing from the robot.
     """
     elements = [e for e in root.iter() if isinstance(e.tag, str)]
     xacro = [e for e in elements if _prefix(e) == "xacro"]
