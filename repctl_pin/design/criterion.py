@@ -288,7 +288,7 @@ class Differential:
 
 
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
-    """Draw ``count`` nodes at random, such that the mean of their matrix is that of all nodes.
+    """Draw ``count`` nodes at random; their matrix estimates that of all nodes without bias.
 
     A node is drawn with a probability that is half constant, half in proportion to the trace of its
     term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The

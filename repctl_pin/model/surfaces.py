@@ -372,7 +372,7 @@ def _by_pairs(
 
 
 def _sums(place: NDArray[np.intp], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) are their group numbers."""
+    """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) has each vector's group number."""
     return np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], 1)
 
 

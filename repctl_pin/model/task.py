@@ -30,7 +30,7 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Suggest joint positions in rad, if those that were given are inside the limits as degrees."""
+    """Suggest joint positions in rad, if the given values are within the limits as degrees."""
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
     return f"if these are degrees, give {','.join(f'{q:.4g}' for q in joints)}"

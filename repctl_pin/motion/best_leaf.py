@@ -339,7 +339,7 @@ class _Search:
                 yield candidate
 
     def clearer(self, one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        """Test whether one start has the better margins, and none smaller than the given one."""
+        """Test whether ``one`` has better margins than ``other``, none below the given start's."""
         return one.order > other.order and (
             self.given is None or one.limit_margin >= self.given.limit_margin
         )

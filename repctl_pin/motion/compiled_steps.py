@@ -89,7 +89,7 @@ def _run(
 
 
 def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
-    """Find the struct Arm, the scalars and the posture of a strategy's law; None if not in C.
+    """Find the struct Arm, the scalars and the posture of a strategy's law; None if C lacks it.
 
     A law is the formula that gives q̇ from q and ẋ. The result is the C struct with the arm's
     geometry, a dictionary of numbers of the C struct LAW (``on_leaf``, ``gain``), and a dictionary

@@ -90,7 +90,7 @@ def fitting_circle(
 
 
 def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
-    """Create a circle through the frame's place at q0, with the text (spec) that makes it again.
+    """Create a circle through the frame's position at q0; its ``spec`` text recreates it.
 
     ``degrees`` is the position of the start on the circle, counted from the first axis of
     ``plane``, such as ``"xy"``. If there are several frames, the first one moves, and the others

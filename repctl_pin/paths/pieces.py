@@ -182,7 +182,7 @@ def _fitted(
 
 
 def _placed(path: TaskPath, begin: float, end: float, turns: bool, u: Array) -> Array:
-    """Evaluate the path at u (K,) from -1 to 1, of the piece from s = ``begin`` to ``end``.
+    """Evaluate a path from s = ``begin`` to ``end``, given by u (K,) from -1 to 1.
 
     The result has positions (K, 3) or, if the frame ``turns``, positions and quaternions (K, 7).
     The sign of the quaternions does not change along the piece.

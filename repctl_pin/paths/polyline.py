@@ -404,7 +404,7 @@ def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> Inp
 
 
 class _Corners(NamedTuple):
-    """Corners of a closed polyline, with the edge out of each, and what a bend there cuts off.
+    """Corners of a closed polyline, with their edges and the lengths that bends cut off.
 
     ``units`` (P, 3) are the directions of the edges out of the corners, ``before`` of those into
     them, and ``inward`` the unit vectors towards which the path turns. ``cut`` (P,) is the length

@@ -118,7 +118,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
 def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
     """Join the paths of several frames, one per frame in the task's order, into one path.
 
-    The joint path has a corner wherever one of the paths has one.
+    The result has a corner wherever one of the paths has one.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def paths_of(path: Any) -> list[Any]:
 
 
 def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
-    """Return the path of one frame; if it holds still (None), the point at which it is at q0 (n,).
+    """Return the path of one frame; for None, a path that stays at the frame's place at q0 (n,).
 
     ``task`` is the task of this frame alone. InputError is raised for anything but a closed path, a
     function that returns one, or None.

@@ -265,7 +265,7 @@ def _check(path: TaskPath) -> None:
 
 
 def _inner_points(knots: Array) -> list[tuple[float, float]]:
-    """Choose 16 points s inside the pieces between knots, where all is smooth, and steps there."""
+    """Choose 16 points s inside the smooth pieces between knots, with steps for differences."""
     samples = []
     for j in range(16):
         i = j * (len(knots) - 1) // 16

@@ -52,7 +52,7 @@ _NULLS = dict.fromkeys(
 
 
 class Part(msgspec.Struct, forbid_unknown_fields=True):
-    """Base class of all parts of a file; those that come in several kinds have a key ``kind``."""
+    """Base class of all parts of a file; a part with several kinds has a key ``kind``."""
 
 
 class PolynomialFile(Part, tag_field="kind", tag="polynomial"):

@@ -190,7 +190,7 @@ def _in_region(problem: Problem, make: _Make) -> Design:
 
 
 def _merit(problem: Problem, design: Design) -> tuple[int, float]:
-    """Rate a design by its motion, as a sort key by which the best start is chosen; least is best.
+    """Rate a design by its motion, as a sort key for choosing the start; the smallest is best.
 
     The tuple holds the number of kinds of violation (joint limits, collisions), and the extra joint
     speed of cycle 1 relative to J⁺, a fraction. Extra speed up to 0.05 counts as 0, because it is
