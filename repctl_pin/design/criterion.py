@@ -69,8 +69,8 @@ class Batch:
     def F(self) -> Array:
         """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d.
 
-        D = [∇h_1 … ∇h_N], and G_d is the desired inverse. If F A = 0, G_d itself keeps h = Aᵀ (h_1
-        … h_N).
+        D = [∇h_1 … ∇h_N], and G_d is the desired inverse. If F A = 0, G_d itself keeps h = Aᵀ
+        (h_1 … h_N) constant.
         """
         return self.EF[:, self.r :]
 

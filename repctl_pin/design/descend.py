@@ -108,7 +108,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     of the region. A minimises ``mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V
     close to N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q.
     The first term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic
-    singularity; if none of them helps, the solution for ε = 1 is returned.
+    singularity. If no ε helps, the solution for ε = 1 is returned.
 
     Parameters
     ----------

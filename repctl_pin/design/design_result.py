@@ -155,8 +155,8 @@ class Design:
         same leaf margin and the same joint paths: ``G_r' = G_r A⁻¹``. Cost and margins are
         evaluated again; ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees``
         stay those of the fit, and ``cycle`` is None. The leaf and limit margins of a certificate
-        hold as they are. Its bound on σ_min(J) becomes smaller, and its closing radius is
-        converted, because distances are measured at another point.
+        stay valid. Its bound on σ_min(J) becomes smaller, and its closing radius is converted,
+        because distances are measured at another point.
 
         Parameters
         ----------
@@ -171,8 +171,8 @@ class Design:
         Raises
         ------
         InputError
-            If the task is no pose task of one frame: the self-motion of other tasks changes with
-            the point that they control. Also if Ω is a workspace box.
+            If the task is not a pose task of one frame, because the self-motion of other tasks
+            depends on the controlled point. Also if Ω is a workspace box.
         """
         from ..model.tool import with_tool  # few designs change their tool
         from .with_tool import for_task

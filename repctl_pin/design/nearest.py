@@ -192,7 +192,7 @@ def _check_margin(design: Design) -> None:
     """Raise an error if the leaf margin of a design is below 0.1, the minimum after shrinking.
 
     Closer to an algorithmic singularity a design is not usable: joint speeds grow as 1 / leaf
-    margin. The error carries a smaller region that suffices, if there is one.
+    margin. The error proposes a smaller region with a sufficient margin, if there is one.
     """
     if design.leaf_margin < SHRUNK_MARGIN:
         task = design.inverse.task

@@ -137,11 +137,11 @@ def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
 def belong_together(
     inverse: RepeatableInverse, potentials: PotentialBasis, coefficients: Array, region: Region
 ) -> bool:
-    """Test whether an inverse is that of the potentials and coefficients, over the region.
+    """Test whether an inverse, the potentials, the coefficients and the region belong together.
 
-    The gradients of the potentials are compared at one configuration of the region. Where they are
-    not defined there, nothing can be compared. A partly changed result would show the figures of
-    another design.
+    The gradients of the potentials are compared at one configuration of the region. If they are not
+    defined there, the test passes. A partly changed result would show the figures of another
+    design.
     """
     if inverse.region is not region:
         shapes = _region_parts(inverse.region), _region_parts(region)

@@ -53,16 +53,16 @@ class Bodies:
 
     A mesh of the robot is replaced by its convex hull, so distances are never overestimated; where
     hulls overlap but the bodies do not collide, the distance is 0. A body inside a mesh collides
-    with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is used as it is, so
-    that an arm can move inside a room; a closed mesh is solid on the inner side of its faces.
+    with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is not replaced, so
+    that an arm can move inside a room. A closed mesh is solid on the inner side of its faces.
 
     Three kinds of pairs of the robot's own bodies are checked for collisions only, without a
-    distance: pairs that the SRDF disables, pairs with a single joint between them, and pairs whose
-    hulls overlap at every sampled configuration. Links that a joint connects are not checked. Also
-    not checked are pairs of the first two kinds that collide at the reference pose or at a quarter
-    of the sampled configurations, and any pair that collides at all sampled configurations. The
-    decision is made for each pair of links of the robot, with all of their shapes, and for each
-    single shape of the surroundings.
+    distance. They are pairs that the SRDF disables, pairs with a single joint between them, and
+    pairs whose hulls overlap at every sampled configuration. Links that a joint connects are not
+    checked. Also not checked are pairs of the first two kinds that collide at the reference pose or
+    at a quarter of the sampled configurations, and any pair that collides at all sampled
+    configurations. The decision is made for each pair of links of the robot, with all of their
+    shapes, and for each single shape of the surroundings.
 
     Objects made from the same files and joints share their geometry. Several threads can use one
     object.
@@ -95,7 +95,7 @@ class Bodies:
         and shapes without a size. Those links have no body.
     unchecked : tuple of str
         Links of the robot that are drawn, or have an unusable shape, but have no body, so that
-        their collisions are not detected; links that no joint moves against each other are one
+        their collisions are not detected. Links that no joint moves against each other are one
         group, of which one link is listed. If the URDF has no collision geometry, every group is
         listed.
     standing : frozenset of str

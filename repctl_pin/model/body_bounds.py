@@ -208,11 +208,11 @@ class BodyBounds:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
 
         A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because it is
-        1-Lipschitz in the points of its bodies. A revolute joint moves a point by at most its
-        distance from the joint's origin; this is bounded along the chain from the joint to the
-        body, so that it holds at every configuration within the limits of the prismatic joints.
-        ``joints`` are the joints of the robot, by name. With this bound, a single distance rules
-        out collisions in a whole box of configurations.
+        1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at
+        most the point's distance from the joint's origin. This distance is bounded along the chain
+        from the joint to the body. So the bound holds at every configuration within the limits of
+        the prismatic joints. ``joints`` are the joints of the robot, by name. With this bound, a
+        single distance rules out collisions in a whole box of configurations.
         """
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]

@@ -449,8 +449,9 @@ class _CollisionModel:
         often has shapes far apart, so its shapes are treated one by one.
 
         Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
-        between them, are checked for collisions only, and not at all if they collide at the
-        reference pose or at a quarter of the sampled configurations. See also :class:`Bodies`.
+        between them, are checked for collisions only. They are not checked at all if they collide
+        at the reference pose or at a quarter of the sampled configurations. See also
+        :class:`Bodies`.
         """
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
@@ -549,8 +550,8 @@ class _CollisionModel:
     def _measure(self, pairs: NDArray[np.intp], only_contact: _Mask | None = None) -> None:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
-        ``only_contact`` (P,) marks those that are checked for collisions only; None for none. It is
-        called again each time that pairs have been ruled out.
+        ``only_contact`` (P,) marks the pairs that are checked for collisions only; None means no
+        pair. It is called again each time that pairs have been ruled out.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
@@ -577,9 +578,9 @@ class _CollisionModel:
 
         Returns
         -------
-        Three arrays (P,), each for the pair of links to which a pair belongs: whether it collides
-        at the reference pose, the share of configurations with a collision, and whether hulls
-        overlap at all configurations."""
+        Three arrays (P,) with values for the pair of links to which a pair belongs. They are
+        whether it collides at the reference pose, the share of configurations with a collision, and
+        whether hulls overlap at all configurations."""
         Q = _sample_configurations(task)
         link_pair = self._link_pairs()
         count = np.zeros(len(self.pairs))

@@ -168,8 +168,8 @@ def _ends(root: _Body, *, whole: bool) -> list[_Body]:
 def task_links(body: _Body) -> list[str]:
     """Sort a body's links, the best end effector first: by name, then the farthest first.
 
-    All links of a body move together; their names tell which one is meant as a tool's frame. Links
-    that only carry collision shapes are left out, unless the body has no others.
+    All links of a body move together; only their names show which of them is meant as the tool's
+    frame. Links that only carry collision shapes are left out, unless the body has no others.
     """
     meant = [link for link in body.links if not _only_collides(link, body)] or list(body.links)
     return sorted(meant, key=lambda link: (rank(link), -body.links[link]))

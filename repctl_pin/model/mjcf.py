@@ -80,7 +80,7 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
 def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> bytes:
     """Convert a ``mujoco.MjModel`` to URDF text; see :func:`urdf_of_file`.
 
-    ``folder`` is that of the mesh files; without it, meshes are left out.
+    ``folder`` contains the mesh files; without a folder, meshes are left out.
     """
     names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
     parts = [_Part(names[0], "", pin.SE3.Identity())]
@@ -240,7 +240,7 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
     """Add the shapes of all bodies to their links; return the types that were left out, as text.
 
     ``links`` has the link of each body of the model. A shape becomes visual if MuJoCo's viewer
-    shows it, and collision if it can collide. ``folder`` is that of the mesh files; None leaves
+    shows it, and collision if it can collide. ``folder`` contains the mesh files; None leaves
     meshes out.
     """
     left_out = set()

@@ -50,8 +50,8 @@ def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
 def frame_placements(model: pin.Model, ids: Iterable[int], Q: Array, base: int = 0) -> Array:
     """Place frames at every row of Q (T, N), relative to the frame ``base``: (T, F, 4, 4), m.
 
-    ``ids`` are those of the F frames. A joint that moves several frames is read only once per row,
-    because reading a placement from Python takes longer than computing it.
+    ``ids`` has the ids of the F frames. A joint that moves several frames is read only once per
+    row, because reading a placement from Python takes longer than computing it.
     """
     data = model.createData()
     root = model.frames[base]

@@ -295,8 +295,9 @@ class Robot(Mechanism):
     ) -> Task:
         """Create the task of frames; each is a name, (name, kind), or (name, kind, base).
 
-        ``kind`` is that of frames without their own; ``joints`` restricts the joints, None uses
-        all. InputError is raised for a frame given twice, and for a task that is not redundant.
+        ``kind`` is used for frames without a kind of their own. ``joints`` restricts the joints;
+        None means all. InputError is raised for a frame given twice, and for a task that is not
+        redundant.
         """
         from .several_frames import SeveralFrames  # few robots have two hands
 
@@ -474,7 +475,7 @@ class Robot(Mechanism):
     def offered_frames(self) -> tuple[str, ...]:
         """Frames to offer for a task: the catalogue's, else the end of the longest arm.
 
-        Among arms of the same length, the one is chosen whose end has the best name (:func:`rank`);
+        Among arms of the same length, the one whose end has the best name (:func:`rank`) is chosen;
         sensors come last.
         """
         known = tuple(

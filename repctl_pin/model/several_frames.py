@@ -20,7 +20,7 @@ from .task import Task, _held
 class FrameSpec(NamedTuple):
     """One frame of several: its link, its kind, its base link, and the joints that move it.
 
-    The kind tells which coordinates are controlled. ``base`` None is the robot's own base.
+    The kind determines which coordinates are controlled. ``base`` None is the robot's own base.
     """
 
     frame: str
@@ -213,7 +213,8 @@ class SeveralFrames(Task):
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
     """Split a task into tasks of one frame, each with the q of the joints that move its frame.
 
-    Lengths and elbows are those of single arms. A task of one frame is returned with its q.
+    This is used where lengths and elbows of single arms are needed. A task of one frame is returned
+    unchanged, with q.
     """
     if not isinstance(task, SeveralFrames):
         return [(task, np.asarray(q, float))]

@@ -1,4 +1,4 @@
-r"""Another tool on the same body: the task of a point that a link carries rigidly.
+r"""Task of another tool on the same body: of a point that is fixed in a link.
 
 With T the placement of the tool in the frame, ``x' = x T``. A pose task then has
 
@@ -33,7 +33,7 @@ _SAME = 1e-9
 
 
 class ToolTask(Task):
-    """Task of a tool, or of a turned frame, which a link of the robot carries rigidly.
+    """Task of a tool, or of a turned frame, that is fixed in a link of the robot.
 
     A design is converted to such a task when the gripper changes.
 
@@ -55,7 +55,7 @@ def with_tool(task: Task, placement: Placement) -> ToolTask:
     Raises
     ------
     InputError
-        If the task is no pose task of one frame, or the placement is no rigid transform.
+        If the task is not a pose task of one frame, or the placement is not a rigid transform.
     """
     return carried(require_pose(task), rigid(placement))
 

@@ -293,8 +293,8 @@ def _mimicked(
 ) -> tuple[str | None, float, float]:
     """Find the independent joint that a mimic joint follows, also through other mimic joints.
 
-    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A name that
-    lacks the robot's prefix, which macros often omit, is found, with a note in ``notes``.
+    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A name without
+    the robot's prefix, which macros often omit, is accepted, with a note in ``notes``.
     """
     chain = mimic_chain(element, joints)
     if not chain:

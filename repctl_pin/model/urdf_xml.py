@@ -153,8 +153,8 @@ def _local(element: etree._Element) -> str:
 def _refuse_other_files(data: bytes) -> None:
     """Refuse other kinds of files that are often given as a URDF, before XML parsing.
 
-    These are empty files, Git LFS pointers, binary files, web pages and other texts. UrdfError says
-    which it is; an error of the XML parser would not.
+    These are empty files, Git LFS pointers, binary files, web pages and other texts. UrdfError
+    names the kind of file, which an error of the XML parser would not.
     """
     if not data.strip():
         raise UrdfError("the file is empty; give a .urdf file")

@@ -1,9 +1,9 @@
 """Search along a self-motion for the start whose leaf has the best margins on a closed path.
 
-A self-motion is a curve of configurations with the frame at one pose. A leaf is the set h(q) = c on
-which a repeatable inverse keeps the arm, h being its potentials. Each start selects a leaf, and so
-the joint path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of
-the inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised.
+A self-motion is a curve of configurations with the frame at one pose. A repeatable inverse with the
+potentials h keeps the arm on a leaf, the set h(q) = c. Each start selects a leaf, and so the joint
+path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of the
+inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised.
 """
 
 from __future__ import annotations
@@ -339,7 +339,10 @@ class _Search:
                 yield candidate
 
     def clearer(self, one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        """Test whether ``one`` has better margins than ``other``, none below the given start's."""
+        """Test whether ``one`` has better margins than ``other``.
+
+        The limit margin of ``one`` must also be at least that of the given start.
+        """
         return one.order > other.order and (
             self.given is None or one.limit_margin >= self.given.limit_margin
         )
@@ -431,7 +434,7 @@ def _fast_starts(
     """Find starts (n,) from which J⁺ follows one cycle of a path with low joint speed.
 
     The inverse kinematics of the first point is solved from random configurations, so the starts
-    can lie on any self-motion of that pose, even on one that no walk from another start reaches.
+    can lie on any self-motion of that pose. Walks from another start do not reach all of them.
 
     Parameters
     ----------

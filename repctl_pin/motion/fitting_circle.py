@@ -94,7 +94,7 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
 
     ``degrees`` is the position of the start on the circle, counted from the first axis of
     ``plane``, such as ``"xy"``. If there are several frames, the first one moves, and the others
-    hold still.
+    stand still.
     """
     if len(task.frames) > 1:
         from ..paths.several_paths import several_paths
@@ -110,9 +110,9 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
 
 
 def dexterity_at(task: Task, q: Array) -> float:
-    """Evaluate ``σ_min / σ_max`` of J at q, lengths in units of the reach; 0 at a singularity.
+    """Evaluate ``σ_min / σ_max`` of J at q, lengths in arm lengths; 0 at a singularity.
 
-    Dividing lengths by the reach makes the ratio independent of the unit and of the arm's size. A
+    Dividing by the arm length makes the ratio independent of the unit and of the arm's size. A
     circle is refused if the ratio falls to half of its value at the start.
     """
     J = task.jacobian(q).copy()

@@ -30,8 +30,8 @@ class LeafLock:
     """Leaf lock for :func:`follow`: Newton corrections of the task error and of c − h(q).
 
     Each correction from point to point of the path is ``q += J_V⁻¹ [x − f(q); c − h(q)]``, so
-    errors do not accumulate. f(q) is the pose of the frame and x its target, h(q) are the
-    potentials of the repeatable inverse and c their level; J_V = [J; Vᵀ], with V = ∂hᵀ/∂q.
+    errors do not accumulate. f(q) is the pose of the frame, and x its target. h(q) are the
+    potentials of the repeatable inverse, and c is their level. J_V = [J; Vᵀ], with V = ∂hᵀ/∂q.
 
     Attributes
     ----------

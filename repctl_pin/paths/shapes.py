@@ -238,7 +238,7 @@ def rose(
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
     """Compute the placement at the start, the two unit axes of a path's plane, and its name.
 
-    ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; with a minus sign the
+    ``normal`` is the axis or plane that the user gave, such as "-z" or "xz". With a minus sign, the
     second axis is reversed, and the path runs in the opposite direction.
     """
     normal = require_type(

@@ -93,7 +93,7 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
     Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
-    frames, each has its own columns, ``left.x, left.y, left.z``: the text before the dot is the
+    frames, each has its own columns, ``left.x, left.y, left.z``. The text before the dot is the
     frame's name, or a part of it that no other frame's name contains. A frame without columns
     stands still; columns without a dot belong to the first frame.
 

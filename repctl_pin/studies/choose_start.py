@@ -1,9 +1,9 @@
 """Search for a start from which a closed path can be followed: the default starts, best first.
 
 A start is the configuration q0 where a path begins. The default starts are the named poses of the
-robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is one
-far from a singularity: ``dexterity_at`` is the ratio of the smallest to the largest singular value
-of J, with lengths divided by the arm's reach.
+robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is far
+from a singularity. Its measure ``dexterity_at`` is the ratio of the smallest to the largest
+singular value of J, with lengths divided by that of the arm.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def _reachable(
     """Generate the starts that are regular and from which the whole path can be reached.
 
     ``offers`` are configurations with their descriptions, and ``draw`` makes the path from each. If
-    the path does not begin at the start, the start is moved to the path's first point; searched
+    the path does not begin at the start, the start is moved to the path's first point. Searched
     starts are then not tried, because the path does not depend on the start. ``remedy`` completes
     the error of a singular start.
 

@@ -162,7 +162,7 @@ class Problem:
 
     @cached_property
     def region(self) -> Region:
-        """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used.
+        """Region Ω: as given, or a tube around one cycle of J⁺, computed when first used.
 
         Ω is the part of joint space for which a controller is designed; the tube holds all
         configurations near the motion. For a problem made from the design of a cell's function, the

@@ -77,7 +77,7 @@ class Quantity:
 
 
 def finite(value: float) -> float | None:
-    """Return a number, or None in place of an infinite one or NaN, which JSON lacks."""
+    """Return a number; None if it is infinite or NaN, which JSON does not have."""
     return float(value) if np.isfinite(value) else None
 
 

@@ -373,8 +373,8 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
 def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with one controller from q0 (n,), and return its row of the study.
 
-    At a singularity the row has no motion, and the reason is in ``stopped``, so that the study goes
-    on. ``key`` is the strategy's name in files; ``options`` are those of ``follow``.
+    At a singularity the row has no motion, and the reason is in ``stopped``, so that the study
+    continues. ``key`` is the strategy's name in files; ``options`` are those of ``follow``.
     """
     label = LABELS.get(key, key)
     try:

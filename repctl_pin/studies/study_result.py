@@ -276,7 +276,7 @@ def picked(thing: object, *names: str) -> dict[str, Any]:
 def region_dict(region: Region) -> dict[str, Any]:
     """Describe a region of joint space by its centre, half-width and name in plain types, for JSON.
 
-    ``half_width`` (n,), rad or m, is that of the box around the region.
+    ``half_width`` (n,), rad or m, belongs to the box around the region.
     """
     return {
         "center": region.center.tolist(),

@@ -279,7 +279,7 @@ def _redundancy(task: Task) -> str:
 
 
 def _cycle_time(track: Playback) -> float:
-    """Return the time of one cycle, s, at which the page plays it; 4 s if it is unknown."""
+    """Return the duration of one cycle on the page, s; 4 s if the times are unknown."""
     span = 0.0 if track.t is None else float(track.t[-1] - track.t[0])
     return span / track.cycles if span > 0 else 4.0
 

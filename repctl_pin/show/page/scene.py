@@ -366,9 +366,9 @@ def _describe(
     part that the page points at. Shapes that ``rides`` marks (S,) can move, although they may not
     in this motion.
 
-    The arrays are: poses of M moving bodies (T, M, 7), a moving workpiece last; tips and elbows
-    (T, K, 3); the origin of a violation (T, 3), if there is one; and the points (P, 3) of each
-    moving body.
+    The first array has the poses of M moving bodies (T, M, 7), a moving workpiece last. Tips and
+    elbows (T, K, 3) follow, then the origin of a violation (T, 3), if there is one, and the points
+    (P, 3) of each moving body.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)

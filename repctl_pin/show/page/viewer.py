@@ -189,7 +189,7 @@ class Viewer:
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
         """Check that there is one configuration per controller; return them as an array (K, n).
 
-        InputError is raised if their number or the size of one is wrong.
+        InputError is raised if the number of configurations, or the size of one, is wrong.
         """
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)

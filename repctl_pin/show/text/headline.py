@@ -84,7 +84,7 @@ NO_HEADLINE = Headline((), ())
 def under(label: str) -> str:
     """Return how a sentence names a controller: ``the usual control`` for the label J⁺.
 
-    A controller of the user keeps its label.
+    A user's controller is named by its label.
     """
     return _UNDER.get(label, label)
 
@@ -92,9 +92,9 @@ def under(label: str) -> str:
 def names_of(label: str) -> dict[str, str]:
     """Collect what a page writes about a controller, from its label, such as ``J⁺``.
 
-    The keys are ``title``, the title of the pane; ``law``, the technical name that follows in
-    brackets; ``about``, what the controller does; and ``under``, its name in a sentence. ``law``
-    and ``about`` can be empty.
+    ``title`` is the title of the pane, and ``law`` the technical name that follows in brackets.
+    ``about`` says what the controller does, and ``under`` is its name in a sentence. ``law`` and
+    ``about`` can be empty.
     """
     return {
         "title": _TITLES.get(label, label),
@@ -183,7 +183,7 @@ def headline_of(
 
 
 def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that bodies collide in the last motion, the one to be run, or in all of them."""
+    """Write that bodies collide in the last motion, which would be run, or in all motions."""
     hit = [one for one in summaries if one.collision_cycle and one.near]
     if len(summaries) < 2 or summaries[-1] not in hit:
         return []
