@@ -93,9 +93,10 @@ class Continuation:
     def margin(self, A: Array) -> LeafMargin:
         """Make the function that measures the signed leaf margin of V = D A over Ω.
 
-        It takes configurations (K, n) and returns (K,) numbers: σ_min(Nᵀ V̂), the distance from an
-        algorithmic singularity, positive where det(Nᵀ V) has the sign that it has at the centre of
-        Ω. So a search for its minimum finds singularities. D are the gradients of the basis.
+        The function maps configurations (K, n) to ±σ_min(Nᵀ V̂) (K,), the distance from an
+        algorithmic singularity. The sign is positive where det(Nᵀ V) has the same sign as at the
+        centre of Ω. So a search for its minimum finds singularities. D are the gradients of the
+        basis.
         """
         potentials = self.problem.potentials.weighted(self.chosen.spread(A))
         return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
@@ -103,9 +104,9 @@ class Continuation:
     def regular(self) -> Iterator[Descent]:
         """Yield optima on the coarse nodes for which a search finds no singularity, the best first.
 
-        The first one uses all potentials, if a regular optimum is found. Next comes the given
-        design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
-        degree step by step follow, the highest degree first. An optimum is regular if no
+        The first one uses all potentials, if a regular optimum is found. The second one is the
+        given design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
+        degree step by step follow instead, the highest degree first. An optimum is regular if no
         algorithmic singularity, det(Nᵀ V) = 0, was found in Ω.
         """
         whole = len(self.chosen.kept)

@@ -154,9 +154,9 @@ class Design:
         invertible A. So the same potentials give a repeatable inverse of the new tool, with the
         same leaf margin and the same joint paths: ``G_r' = G_r A⁻¹``. Cost and margins are
         evaluated again; ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees``
-        stay those of the fit, and ``cycle`` is None. The leaf and limit margins of a certificate
-        stay valid. Its bound on σ_min(J) becomes smaller, and its closing radius is converted,
-        because distances are measured at another point.
+        still describe the original fit, and ``cycle`` is None. The leaf and limit margins of a
+        certificate stay valid. Its bound on σ_min(J) becomes smaller, and its closing radius is
+        converted, because distances are measured at another point.
 
         Parameters
         ----------

@@ -235,7 +235,7 @@ class _CollisionModel:
     # ---- distances -----------------------------------------------------------------------------
 
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield every row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
+        """Yield each row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
 
         N is the number of joints of the model, and P that of the pairs. The bound of a
         collision-only pair is infinite where it shows that the pair does not collide.

@@ -255,7 +255,7 @@ class _Beside:
 def unit(data: bytes) -> float:
     """Read the unit of length of a COLLADA file, in metres; 1 if the file names none.
 
-    InputError is raised if it is not a positive number.
+    InputError is raised if the unit is not a positive number.
     """
     found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:HEAD])
     try:
@@ -354,9 +354,9 @@ def _by_pairs(
     """Write averaged normals of some corners, given with their points, into ``normals``.
 
     Each corner averages those normals of the faces at its point that differ from its own face's
-    normal by at most the crease angle. ``corner`` and ``point`` (K,) are numbers of face corners
-    and of the points that they share, and ``flat`` (F, 3) the normals of the faces, each with twice
-    the area of its face as length.
+    normal by at most the crease angle. ``corner`` and ``point`` (K,) are the numbers of face
+    corners and of the points where they lie. ``flat`` (F, 3) are the normals of the faces, each
+    with a length of twice the face's area.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]

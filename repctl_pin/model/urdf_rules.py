@@ -165,7 +165,7 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
 
 
 def number(element: etree._Element, attribute: str, default: float = 0.0) -> float:
-    """Read the single number of an attribute; ``default``, that of URDF, if it is missing."""
+    """Read the single number of an attribute; the result is ``default`` if it is missing."""
     return (numbers(element, attribute) or [default])[0]
 
 

@@ -62,10 +62,10 @@ class _Method:
     advance : Advance
         Takes one step.
     at_end : function q → q̇ at the end of the motion, optional
-        By default, q̇ there is that of the last step.
+        By default, q̇ at the end is that of the last step.
     compiled : function (joint motion per step (n,)) → Steps or None
-        Makes the function that takes the steps in C; None if there is none. The steps stop before
-        any one that :func:`_run` could refuse.
+        Makes the function that takes the steps in C; None if there is none. The function stops
+        before a step that :func:`_run` could refuse.
     """
 
     advance: Advance

@@ -301,7 +301,7 @@ def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
 
 
 def checked_words(motion: JointMotion) -> str:
-    """Write at how many points collisions were checked; the text follows one on body distances.
+    """Write at how many points collisions were checked, as an addition to body distances.
 
     The text is empty after a collision, and if the distances hold between the samples too.
     """

@@ -192,11 +192,12 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``T q_k + λ_k /
-    ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k the
-    multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the point's
-    share of the cycle. The limits are penalties in the cost, which the multipliers make exact.
-    ``first`` is the index of the first configuration that is free: 0, or 1 if the start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of
+    ``T q_k + λ_k / ρ_k`` over the joint limits less ``margin``. T is the task's coordinate matrix,
+    and λ_k are the multipliers. w_k is the inverse of the step length in s, and ρ_k the stiffness
+    times the point's share of the cycle. The limits are penalties in the cost, which the
+    multipliers make exact. ``first`` is the index of the first configuration that is free: 0, or 1
+    if the start is fixed.
     """
 
     task: Task

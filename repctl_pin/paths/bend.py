@@ -64,7 +64,7 @@ class Bend:
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 
     def shares(self, u: Array) -> tuple[Array, Array]:
-        """Split the points of a bend along the two edges of its corner: shares α and β at u (K,).
+        """Express the points of a bend by shares α and β of the two edges at its corner, at u (K,).
 
         With the corner at c, ``p(u) = c − α(u) cut d₀ + β(u) cut d₁``, where d₀ and d₁ are the
         directions at the ends and ``cut`` is the length taken off both edges. So curved edges can

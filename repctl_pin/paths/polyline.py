@@ -406,9 +406,10 @@ def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> Inp
 class _Corners(NamedTuple):
     """Corners of a closed polyline, with their edges and the lengths that bends cut off.
 
-    ``units`` (P, 3) are the directions of the edges out of the corners, ``before`` of those into
-    them, and ``inward`` the unit vectors towards which the path turns. ``cut`` (P,) is the length
-    cut off both edges at a corner, m, and ``straight`` (P,) the share of each edge that is left.
+    ``units`` (P, 3) and ``before`` are the directions of the edges that leave and reach the
+    corners. ``inward`` are the unit vectors towards which the path turns. ``cut`` (P,) is the
+    length, m, cut off both edges at a corner, and ``straight`` (P,) the remaining fraction of each
+    edge.
     """
 
     units: Array

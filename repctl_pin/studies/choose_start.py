@@ -176,7 +176,7 @@ def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
 
 
 def violations(motion: Motion) -> int:
-    """Count the kinds of violation of a motion, 0 to 2: a joint limit, and a collision."""
+    """Count the kinds of violation in a motion (joint limit, collision): 0, 1 or 2."""
     return len(violations_of(motion))
 
 

@@ -487,10 +487,10 @@ def _distance(one: MotionSummary) -> str:
 
 
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write how many bodies without a shape are not checked for collisions, a list of one text.
+    """Write how many bodies without a shape are not checked for collisions.
 
-    Otherwise the user could believe that such bodies are free of collisions. The list is empty if
-    all bodies are checked.
+    Otherwise the user could believe that such bodies are free of collisions. The list has one text;
+    it is empty if all bodies are checked.
     """
     texts = dict.fromkeys(one.unchecked for one in summaries if one.unchecked)
     return [Span(f"Collisions not checked: {text}.", "near") for text in texts]
