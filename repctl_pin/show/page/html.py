@@ -132,10 +132,10 @@ def pack(data: bytes) -> str:
 def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
     """Encode series of numbers as bytes that compress well; return the bytes and the resolution.
 
-    Poses are most of a page's size. Numbers are rounded to the resolution: 0.1 µm, or more for
-    coordinates beyond 100 m. The third differences along the columns of each (T, W) array are small
-    for smooth motions. Their 32 bits, sign last, are written as four planes, the lowest bytes
-    first. The page's script decodes them.
+    A page is small only if its poses are stored compactly. Numbers are rounded to the resolution:
+    0.1 µm, or more for coordinates beyond 100 m. The third differences along the columns of each
+    (T, W) array are small for smooth motions. Their 32 bits, sign last, are written as four planes,
+    the lowest bytes first. The page's script decodes them.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)
