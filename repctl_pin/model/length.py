@@ -20,8 +20,8 @@ _RANK = 1e-9
 def arm_length(task: Task, q: Array) -> float:
     """Compute the arm length, m: sum of the distances between successive revolute joints.
 
-    The distance from the last one to the frame is added. 0 without revolute joints. If there are
-    several frames, the largest counts.
+    The distance from the last of them to the frame is included. The length is 0 without revolute
+    joints; with several frames, it is the largest of their chains.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def arm_length(task: Task, q: Array) -> float:
 def arm_reach(task: Task, q: Array) -> float:
     """Compute the arm length plus the strokes of the prismatic joints that have limits, m.
 
-    Default sizes of paths are shares of it.
+    Default path sizes are fractions of this reach.
     """
     strokes = (task.upper - task.lower)[~task.revolute]
     return arm_length(task, q) + float(strokes[np.isfinite(strokes)].sum())
@@ -50,7 +50,7 @@ def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
     In these units, motions of revolute and prismatic joints are comparable. For an arm of prismatic
-    joints only, the unit is 1 m. Norms and step lengths of a search are taken in them.
+    joints only, the unit is 1 m. Searches use them for norms and step lengths.
     """
     if task.revolute.all():
         return np.ones(task.n)
@@ -97,7 +97,7 @@ def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
 def _along_arm(task: Task, q: Array) -> Array:
     """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame.
 
-    Distances between successive joints count, at q. The elbow is searched in the middle.
+    Lengths along the arm are sums of the distances between successive joints at q.
     """
     if len(task.frames) > 1:
         shares = np.zeros(task.n)
