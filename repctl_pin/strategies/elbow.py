@@ -254,16 +254,16 @@ def _accepted(
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
-    small, room = np.abs(way).max() < 10 * _INSIDE, _room(q, *limits)
+    small, distance = np.abs(way).max() < 10 * _INSIDE, _limit_distance(q, *limits)
     for _ in range(_HALVES):
         try:
             ahead = _retracted(inverse, q + way, place)
-            if room >= -_INSIDE:
+            if distance >= -_INSIDE:
                 ahead = _inside(inverse, ahead, place, *limits)
-            there = _room(ahead, *limits)
+            there = _limit_distance(ahead, *limits)
             nearer = small or np.linalg.norm(elbow.point(ahead) - point) < before
-            back = room < -_INSIDE and there > room
-            keeps = there >= min(-_INSIDE, room) and _margin(inverse, ahead) >= least
+            back = distance < -_INSIDE and there > distance
+            keeps = there >= min(-_INSIDE, distance) and _margin(inverse, ahead) >= least
             if keeps and (nearer or back):
                 return ahead
         except SingularityError:
@@ -287,7 +287,7 @@ def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: A
     return q
 
 
-def _room(q: Array, lower: Array, upper: Array) -> float:
+def _limit_distance(q: Array, lower: Array, upper: Array) -> float:
     """Evaluate the smallest distance from the limits; negative beyond them."""
     return float(np.minimum(q - lower, upper - q).min())
 
