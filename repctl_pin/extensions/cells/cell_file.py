@@ -362,8 +362,8 @@ def _cell(content: _CellFile, task: Task) -> Cell:
         return sector
     if not moved or abs(middle) > 2 * np.pi:
         raise InputError(
-            "the middle of the spin must be from −2π to 2π rad, and only sectors with tilts and the "
-            "spin range 'all' have one"
+            "the middle of the spin must be from −2π to 2π rad; only a sector with tilts and the "
+            "spin range 'all' has one"
         )
     return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
 
@@ -388,7 +388,7 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
         )
     figures = content.figures
     if any(len(reason.u) != cell.whole.k for reason in figures.failures):
-        raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
+        raise InputError(f"each failure must have {cell.whole.k} coordinates of its pose")
     if figures.limit_margin_worst is None:  # infinite, or not in older files
         figures.limit_margin_worst = figures.limit_margin
     if figures.attainable_margin_worst is None:

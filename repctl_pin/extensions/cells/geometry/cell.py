@@ -182,7 +182,7 @@ class Cell:
 
     @property
     def k(self) -> int:
-        """Number of coordinates u, which are those that vary in the cell and that no symmetry removes."""
+        """Number of coordinates u, which vary in the cell and are not removed by symmetries."""
         return int(np.count_nonzero(self._active))
 
     @property
@@ -192,7 +192,7 @@ class Cell:
 
     @property
     def rotation(self) -> Array:
-        """Half-angles θ, rad: one per axis; an array of size 0 if the task leaves the rotation free."""
+        """Half-angles θ, rad, one per axis; an empty array if the task leaves the rotation free."""
         return self.widths[min(3, self.task.m) :]
 
     def scaled(self, factor: float) -> Cell:
@@ -234,7 +234,7 @@ class Cell:
 
     @property
     def centre(self) -> Array:
-        """Values (m,) of all task coordinates at the middle of the cell, m and rad; angles are 0."""
+        """Values (m,) of all task coordinates at the cell's middle, m and rad; angles are 0."""
         centre = np.zeros(len(self.widths))
         positions = len(self.half_width)
         centre[:positions] = self.placement.translation[self.task.rows[:positions]]
@@ -423,7 +423,7 @@ class Cell:
 
     @property
     def along(self) -> Array:
-        """Derivative ∂F/∂y (n, l) of a function F for the l coordinates y that symmetries remove from u.
+        """Derivative ∂F/∂y (n, l) of a function F; y are the l coordinates removed by symmetries.
 
         A single joint j moves the frame along such a coordinate, rad, so its column is 1 or −1 in
         row j, and 0 in all others.
@@ -451,7 +451,7 @@ class Cell:
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths
 
     def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
-        """Evaluate Q − q_ref (K, n), the difference of configurations from the reference of a chart.
+        """Evaluate Q − q_ref (K, n), the difference of configurations from a chart's reference.
 
         Joints that alone move the frame along coordinates removed by symmetries are treated
         specially: this motion is subtracted, and full turns are removed. p (K, 3) and R (K, 3, 3)

@@ -240,7 +240,7 @@ class Sector(Cell):
         return self.axis[0] + p, R
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from the middle of the sector in all task coordinates.
+        """Convert placements to offsets (K, m) from the sector's middle in all task coordinates.
 
         Offsets are in m and rad, in the order radius, angle, height, two tilts, spin. The spin is
         at most half a turn from its middle. p (K, 3), m, and R (K, 3, 3) are positions and rotation
@@ -283,7 +283,7 @@ class Sector(Cell):
 
     @property
     def _offset(self) -> Array:
-        """Offset (m,) of the middle from the placement; 0 unless the middle of the spin is moved."""
+        """Offset (m,) of the middle from the placement; 0 unless the spin's middle is moved."""
         offset = np.zeros(self.task.m)
         if self.spin_middle and self._active[SPIN]:
             offset[SPIN] = self.spin_middle
