@@ -142,7 +142,9 @@ def path_certificate(
     mismatch, at = float(away[worst]), float(grid[ends[worst]])
     if mismatch <= _SAME:
         return PathCertificate(True, gap, mismatch, "", count)
-    where = f"the straight line to {at:.0%} of the path ends {mismatch:.2g} {inverse.task.unit} away"
+    where = (
+        f"the straight line to {at:.0%} of the path ends {mismatch:.2g} {inverse.task.unit} away"
+    )
     why = f"{where} from the motion, so something singular is inside the path, such as the base"
     return PathCertificate(False, gap, mismatch, why, count)
 
@@ -167,7 +169,5 @@ def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Arr
         try:
             reached.append(inverse.solve(path.placement(s % 1.0), q0))
         except InputError as error:
-            raise InputError(
-                f"the straight line to {s:.0%} of the path stops ({error})"
-            ) from None
+            raise InputError(f"the straight line to {s:.0%} of the path stops ({error})") from None
     return np.array(reached)

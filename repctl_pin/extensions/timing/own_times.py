@@ -129,7 +129,7 @@ def with_own_times(
 
 
 def _least_smoothing(rates: Array, limits: JointLimits) -> float:
-    """Bound from below the smoothing time, s, that the arm needs for its joint speeds at the ends."""
+    """Bound from below the smoothing time, s, needed for the joint speeds at the ends."""
     ends = np.abs(rates[[0, -1]])
     r = float((ends / limits.acceleration).max())
     if limits.jerk is not None:

@@ -97,7 +97,7 @@ class Segment:
         return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
 
     def excess(self, limits: JointLimits) -> float:
-        """Compute the factor by which to stretch time so that the limits hold; 1 if they do already.
+        """Compute the factor by which to stretch time so that the limits hold; 1 if they do.
 
         A profile imposes the limits only at its stages, which are grid points of the path. They are
         checked at both ends of every interval between stages, and halfway through its time. The
