@@ -237,7 +237,8 @@ def _accepted(
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
-    It keeps the joint limits and the leaf margin ``least``; the way is halved until it does.
+    The result is within the joint limits, with at least the leaf margin ``least``; the way is
+    halved until it is so.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)

@@ -39,7 +39,7 @@ _MOST_STARTS = 5
 _HIGH_SPEED = 0.05
 """Extra joint speed in cycle 1, relative to J⁺, above which another start is tried."""
 
-NO_BETTER = "none of the default starts keeps the joint limits and the bodies apart on this path"
+NO_BETTER = "no default start keeps the joints within limits and the bodies apart on this path"
 
 
 def design_for(
@@ -54,10 +54,11 @@ def design_for(
     """Design a repeatable inverse in the given region, or around the motion from the best start.
 
     Studies and commands call this, so that an unsuitable default start is replaced without the
-    user's help. A start is good enough if the repeatable motion keeps the joint limits, no bodies
-    collide, and its extra joint speed is at most 5 %. Default starts are tried until one is good
-    enough. If none is, the start with the fewest kinds of violation is used, and among equals that
-    with the lowest extra joint speed; a default start with violations adds a note to the problem.
+    user's help. A start is good enough if the repeatable motion stays within the joint limits, no
+    bodies collide, and its extra joint speed is at most 5 %. Default starts are tried until one is
+    good enough. If none is, the start with the fewest kinds of violation is used, and among equals
+    that with the lowest extra joint speed; a default start with violations adds a note to the
+    problem.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Restart the duration for which :meth:`rest` requires constant joints, after late readings."""
+        """Restart, after late readings, the time of constant joints that :meth:`rest` requires."""
         self._still = None
 
 

@@ -221,7 +221,7 @@ class _ArmNode(Node):
     # ---- messages ------------------------------------------------------------------------------
 
     def _now(self) -> float:
-        """Time of ticks and time-outs, s, by a clock that is never set, or by the simulation's clock."""
+        """Time of ticks and time-outs, s, by a clock that is never set, or by the simulation."""
         return float(self._tick_clock.now().nanoseconds * 1e-9)
 
     def _age(self, stamp: Any) -> float:

@@ -337,7 +337,7 @@ class Servo:
         return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
-        """Describe what stops the arm early: a joint limit, bodies, a singularity or the edge of Ω."""
+        """Describe what stops the arm early: a joint limit, bodies, a singularity or Ω's edge."""
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)
             return f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
@@ -357,7 +357,7 @@ class Servo:
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next command (n,): toward the target or by the twist, and toward the level."""
+        """Compute the next command (n,), toward the target or by the twist, and to the level."""
         twist = self._twist
         if twist is not None and self.tool is not None:
             arm = self._placement().rotation @ self.tool.translation
@@ -403,8 +403,8 @@ class Servo:
 
         An arm that collided, or whose controller was lost, does not follow its commands. To the
         tolerance is added the distance that the arm can have moved at its speed limits since the
-        measurement. If it is farther away, the commands slow down to rest. Returns False while they
-        do, and True from then on, when no command may be sent.
+        measurement. If a joint is farther away, the commands slow down to rest. Return True once
+        they are at rest after such a stop; then no command may be sent.
         """
         off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
         if off.max() > self.tolerance and not self._fault:
@@ -421,7 +421,7 @@ class Servo:
     # ---- what messages say ---------------------------------------------------------------------
 
     def _usable(self, what: str, frame: str, age: float) -> bool:
-        """Test whether a message is valid: in the base frame, not late, and while the arm is running.
+        """Test whether a message is valid: in the base frame, not late, while the arm is running.
 
         ``what`` is its name, such as "target", ``frame`` its frame (empty for the base), and
         ``age`` the age of its stamp, s. A message that is late or in another frame also stops the

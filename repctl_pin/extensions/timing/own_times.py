@@ -21,7 +21,7 @@ _LONGER = 1.5
 """Ratio of successive smoothing times that are tried."""
 
 _HALVINGS = 6
-"""Number of bisections between the first smoothing time that keeps the limits and the last one that
+"""Number of bisections between the first smoothing time within the limits and the last one that
 was too short."""
 
 _SHORTEST = 1e-3

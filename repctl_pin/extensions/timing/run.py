@@ -33,7 +33,7 @@ _LONGER = 1.3 ** np.arange(10)
 and jerk limits at its start."""
 
 _SHARES: Array = 0.5 ** np.arange(1.0, 6.0)
-"""Fractions of a change that are tried if the whole one does not keep the limits."""
+"""Fractions of a change that are tried if the whole change would exceed the limits."""
 
 _QUICKEST = 1e-3
 """Minimum duration of a change of the override, s."""
