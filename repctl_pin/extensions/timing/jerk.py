@@ -206,8 +206,8 @@ def _converged(
 
     Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with
     x = ṡ². ``ties`` are the two stages with equal speed, or empty. ``weights`` (K - 1,) multiply
-    the times of the intervals; limits are divided by ``tight`` (K - 1,). Of each step, the fraction
-    that saves most time is made.
+    the times of the intervals; limits are divided by ``tight`` (K - 1,). The fraction of each step
+    that saves most time is used.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
@@ -311,7 +311,7 @@ class _Path:
         """Evaluate x = ṡ² at the stages for constant jerk J/|q′| from rest at either end: (K,).
 
         The result, ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|, bounds the first guess, which has no limit
-        of jerk. Of the values from the two ends, the smaller is used.
+        of jerk. The smaller value from the two ends is used.
         """
         assert limits.jerk is not None
         both = []
