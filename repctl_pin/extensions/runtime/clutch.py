@@ -31,17 +31,11 @@ class Clutch:
               R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
 
     with the rotation B from the tracker's axes to those of the base. So the first target is the
-<<<<<<< HEAD
-    arm's own pose. The logarithm is continued beyond half a turn. Near full turns, it is continuous
-    only if the hand turns about one axis. So, if ρ is not an integer, the clutch is released where
-    the target would turn by more than 5 ρ times the step of the hand.
-=======
     arm's own pose. The point for the arm's elbow moves with the operator's elbow as p does.
 
-    The logarithm is continued beyond half a turn. Near full turns it is not continuous unless the
-    hand turns about one axis: if ρ is no integer, the clutch is released where the target would
-    turn by more than five times ρ times the hand's step.
->>>>>>> main
+    The logarithm is continued beyond half a turn. Near full turns, it is continuous only if the
+    hand turns about one axis. So, if ρ is not an integer, the clutch is released where the target
+    would turn by more than 5 ρ times the step of the hand.
 
     Parameters
     ----------
