@@ -48,9 +48,8 @@ repctl COMMAND --help lists the options of a command.
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code.
 
-    The code is 0 for done, 1 for an internal error, 2 for unusable input, 3 if the proof that
-    ``--prove`` asks for is not reached, and 128 plus the number of the signal that ended the
-    command.
+    The code is 0 for success, 1 for an internal error, 2 for invalid input, 3 if a proof requested
+    by ``--prove`` was not reached, and 128 plus the number of the signal that ended the command.
     """
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
@@ -120,10 +119,10 @@ def parser() -> Parser:
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """Yield the commands, each a name and its module, in the order of the help.
+    """Yield the commands, each as a name and a module, in the order of the help.
 
-    A module has ``HELP``, ``EXAMPLE``, ``add_options`` and ``run``. Commands of extensions stand
-    after the main ones and before ``robots`` and ``inspect``.
+    A module has ``HELP``, ``EXAMPLE``, ``add_options`` and ``run``. Commands of extensions come
+    after the main commands and before ``robots`` and ``inspect``.
     """
     yield from ((command.__name__.rpartition(".")[2], command) for command in _FIRST)
     for extension in all_extensions():
@@ -133,7 +132,7 @@ def commands() -> Iterator[tuple[str, Any]]:
 
 
 def _as_options(arguments: list[str]) -> list[str]:
-    """Rewrite the words that other programs have as commands: ``help COMMAND`` and ``version``."""
+    """Rewrite ``help COMMAND`` and ``version``, commands of other programs, as options."""
     first, rest = arguments[:1], arguments[1:]
     if first == ["help"]:
         return [*rest, "--help"]
@@ -147,9 +146,9 @@ _SIGNED = ("--start", "--at", "--heights", "--rpy", "--axis", "--approach")
 def _join_values(arguments: list[str]) -> list[str]:
     """Rewrite two forms of arguments that argparse would misread; return the arguments to parse.
 
-    ``--start -0.1,0.2`` becomes one word with ``=``, because the value looks like an option;
-    likewise ``--approach -x`` and others. ``--best-leaf`` before a saved design becomes
-    ``--best-leaf=limits``, because the design would be taken for the option's value.
+    ``--start -0.1,0.2`` becomes one word with ``=``, because the value looks like an option; the
+    same holds for ``--approach -x`` and others. ``--best-leaf`` before a saved design becomes
+    ``--best-leaf=limits``, because argparse would take the design as the option's value.
     """
     joined: list[str] = []
     for argument in arguments:

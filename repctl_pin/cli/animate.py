@@ -62,7 +62,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Write the page ``animation.html`` of the motions that the options name; return code 0."""
+    """Write the page ``animation.html`` with the requested motions; return the exit code 0."""
     _check(options)
     say = progress(options.json)
     if options.saved:
@@ -89,9 +89,9 @@ def _drawn(
 ) -> _Shown:
     """Draw motions on a page, and collect what the command reports about them.
 
-    Every source of motions, a CSV file or a design, ends here. ``tracks`` are the motions of one
-    robot, ``say`` receives the name of each step, and ``more`` are further arguments of
-    :func:`playback_page`. Returned are the page, the task, the number of cycles, and the drift by
+    All sources of motions, such as a CSV file or a design, use this function. ``tracks`` are the
+    motions of one robot, ``say`` receives the name of each step, and ``more`` are further arguments
+    of :func:`playback_page`. Return the page, the task, the number of cycles, and the drift by
     controller.
     """
     from ..show.page.playback import playback_page, traced_chains
@@ -118,7 +118,7 @@ def _check(options: Options) -> None:
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
     """Read the motions of the CSV file ``--motion``, and draw them on a page.
 
-    Drawn are the motions that ``--only`` names, or all. The result is that of :func:`_drawn`.
+    The motions are those that ``--only`` names, or all. The result is that of :func:`_drawn`.
     """
     from ..show.page.playback import read_playbacks
 
@@ -132,7 +132,7 @@ def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
 
 
 def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
-    """Select the motions that ``--only`` names from those of a CSV file, in the order of the names.
+    """Select those motions of a CSV file that ``--only`` names, in the order of the names.
 
     ``names`` are keys (``repeatable``) or labels (``J⁺``), separated by commas; ``tracks`` are all
     motions of the file, and ``file`` its name. An unknown name raises InputError.
@@ -154,8 +154,8 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
 def _names(design: rp.Design) -> tuple[str, str]:
     """Return the labels of a design's two controllers, as the page shows them.
 
-    The first is the desired inverse, to which the design comes near: J⁺, or ``desired`` for another
-    one. The second is the repeatable inverse.
+    The first controller is the desired inverse, which the design approximates; its label is J⁺, or
+    ``desired`` for another inverse. The second is the repeatable inverse.
     """
     from ..studies.quantities import LABELS
 
@@ -166,8 +166,8 @@ def _names(design: rp.Design) -> tuple[str, str]:
 def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]) -> _Shown:
     """Follow the path with a saved design and with its desired inverse, and show both motions.
 
-    The desired inverse, usually J⁺, is the one that the design comes near to, so the page shows
-    what repeatability changes. The result is that of :func:`_drawn`.
+    The design approximates the desired inverse, usually J⁺, so the page shows what repeatability
+    changes. The result is that of :func:`_drawn`.
     """
     from ..paths.several_paths import paths_of
     from ..show.page.own_loop import own_loop
@@ -194,8 +194,8 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     """Run a study, and show its motions under J⁺ and the nearest repeatable inverse.
 
-    This is the default of the command, for a robot without motions. Returned are the page, the
-    task, the number of cycles, and the drift by controller.
+    This is the default of the command for a robot without ``--motion``. The result is that of
+    :func:`_drawn`.
     """
     from ..show.study_files import study_page
 

@@ -1,9 +1,8 @@
-"""``repctl check``: whether a controller is repeatable on an arm, and how much it drifts if not.
+"""``repctl check``: test whether a controller is repeatable on an arm; if not, find its drift.
 
 A controller is repeatable if every closed path of the frame ends in the configuration it began in.
-It is tested in the region Ω, a part of joint space. A stable surface is a set of configurations on
-which a controller is repeatable although it is not so elsewhere, and which its motions do not
-leave.
+Repeatability is tested in the region Ω, a part of joint space. A controller that is not repeatable
+in Ω can be so on a stable surface: a set of configurations that its motions do not leave.
 """
 
 from __future__ import annotations
@@ -78,8 +77,8 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Test whether a controller is repeatable, or prove a saved design; print the result.
 
-    If it is not repeatable, the drift of small loops is added, and for arms of up to 4 joints a
-    search for stable surfaces. Returns the exit code.
+    If the controller is not repeatable, the result includes the drift of small loops and, for arms
+    of up to 4 joints, a search for stable surfaces. Return the exit code.
     """
     say = progress(options.json)
     import numpy as np
@@ -112,9 +111,9 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
     The leaf margin is the distance from an algorithmic singularity; for a cell, the distance from
     the joint limits is proved, too.
 
-    If the design's file holds a certificate, the bounds of an earlier proof, those are proved
-    again. Otherwise the largest bounds that can be found are proved. The exit code is 0 if the
-    proof was reached, else 3. ``say`` receives the name of each step.
+    If the file has a certificate, which holds the bounds of an earlier proof, these bounds are
+    proved again. Otherwise the largest bounds that can be found are proved. The exit code is 0 if
+    the proof was reached, else 3. ``say`` receives the name of each step.
     """
     from dataclasses import asdict
 
@@ -151,11 +150,10 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
 
 
 def _against(held: rp.Proof, proof: rp.Proof) -> str:
-    """Write what a failed proof means for the certificate, an earlier proof, in the design's file.
+    """Write what a failed proof means for the certificate (an earlier proof) in the file.
 
-    ``held`` is the certificate, ``proof`` the proof that was not reached. A counterexample makes
-    the certificate false; a proof that only stopped, for instance for lack of time, says nothing
-    against it.
+    ``held`` is the certificate, ``proof`` the failed proof. A counterexample disproves the
+    certificate; a proof that only stopped, for instance for lack of time, does not.
     """
     says = f"the file's certificate says {held!r}"
     if proof.reason.startswith(_REFUTED):
@@ -167,8 +165,8 @@ def _against(held: rp.Proof, proof: rp.Proof) -> str:
 class _Case(NamedTuple):
     """Controller to test, its name, and the problem in whose region Ω it is tested.
 
-    Ω is a part of joint space. A case is made from a saved design or from a robot, and the test is
-    the same for both. ``start_is`` says where the start comes from, such as ``the reference pose``.
+    Ω is a part of joint space. A case is made from a saved design or from a robot; the test is the
+    same for both. ``start_is`` is the origin of the start, such as ``the reference pose``.
     """
 
     strategy: Inverse
@@ -183,7 +181,7 @@ def _named(options: Options) -> _Case:
 
     A case is what the command tests: a controller and a region.
 
-    Its region Ω is a box of half-width ``--region`` around the start, cut at the joint limits.
+    The region Ω is a box of half-width ``--region`` around the start, cut at the joint limits.
     """
     from ..studies.design_choice import choose_desired
 
@@ -230,9 +228,9 @@ def _as_dict(
 ) -> dict[str, Any]:
     """Convert the result of a test to plain Python types, for the output of ``--json``.
 
-    ``verdict`` says whether the controller is repeatable, ``drift`` is the joint drift per m² of a
-    small loop by plane, see :func:`_in_planes`, and ``surfaces`` is None if they were not searched
-    for.
+    ``verdict`` says whether the controller is repeatable. ``drift`` is the joint drift per m² of a
+    small loop by plane, see :func:`_in_planes`. ``surfaces`` are the stable surfaces; None if they
+    were not searched for.
     """
     from ..studies.study_result import picked, region_dict
 
@@ -277,15 +275,15 @@ def _lines(
 
 
 def _three(value: float) -> str:
-    """Format a number with three digits, and a short exponent: 0.108, 5.28e-5."""
+    """Format a number with three digits and a short exponent: 0.108, 5.28e-5."""
     return f"{value:.3g}".replace("e-0", "e-")
 
 
 def _drift_table(drift: _Drift, unit: str) -> str:
     """Format the joint drift of a small loop at the start as a table, one row per plane.
 
-    ``drift`` holds it by plane, per m² of the loop's area, in ``unit`` (``rad``, ``m``). The
-    columns give it per m², per cm², and for a square with sides of 10 cm.
+    ``drift`` has the drift by plane, per m² of the loop's area, in ``unit`` (``rad``, ``m``). The
+    columns give the drift per m², per cm², and for a square with sides of 10 cm.
     """
     from ..show.text.table import table
 

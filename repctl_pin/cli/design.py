@@ -1,8 +1,8 @@
-"""``repctl design``: the nearest repeatable inverse over a region, and its evaluation.
+"""``repctl design``: find the nearest repeatable inverse over a region, and evaluate it.
 
 The region Ω is the part of joint space for which the design is made: a box around the start, or a
-tube around a motion. The design is fitted at some configurations, its nodes, and evaluated at
-others, the held-out nodes. The desired inverse is the one to which it comes near, usually J⁺.
+tube around a motion. The design is fitted at some configurations (nodes) and evaluated at others
+(held-out nodes). It approximates the desired inverse, usually J⁺.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Design a repeatable inverse, print its table, and write ``design.json`` and ``design.png``.
 
-    The files are also written if a proof that ``--prove`` asks for is not reached; the exit code is
+    The files are also written if a proof requested by ``--prove`` was not reached; the exit code is
     then 3, else 0.
     """
     folder = options.output_folder(Path(options.robot).stem)
@@ -142,10 +142,10 @@ def run(options: Options) -> int:
 
 
 class _Made(NamedTuple):
-    """The design that the command made, and what it reports of it.
+    """Design that the command made, with the other data of its report.
 
-    ``name`` describes the desired inverse; ``degrees`` are tuples of degree, cost and its standard
-    error; ``baselines`` are simpler repeatable inverses.
+    ``name`` describes the desired inverse; ``degrees`` are tuples of degree, cost and standard
+    error of the cost; ``baselines`` are simpler repeatable inverses.
     """
 
     design: rp.Design
@@ -159,9 +159,9 @@ class _Made(NamedTuple):
 def _designed(
     options: Options, problem: rp.Problem, desired: Any, degree: Any, say: Callable[[str], None]
 ) -> tuple[rp.Problem, rp.Design]:
-    """Design the repeatable inverse nearest to ``desired``, and complete the problem by its region.
+    """Design the repeatable inverse nearest to ``desired``, and add its region to the problem.
 
-    SingularRegionError names the options that help.
+    The remedy of a SingularRegionError names options.
     """
     from ..studies.around_motion import design_for
 
@@ -221,10 +221,10 @@ def _text(made: _Made) -> str:
 
 
 def _unproved(design: rp.Design) -> list[str]:
-    """Write a note on a proof that was not reached, with a remedy: a list of one text.
+    """Write a note, with a remedy, on a proof that was not reached, as a list of one text.
 
-    The design is saved in spite of it, so the user must learn that its leaf margin, the distance
-    from an algorithmic singularity, is not guaranteed. The list is empty if the proof was reached.
+    The design is saved nevertheless, so the note says that its leaf margin, the distance from an
+    algorithmic singularity, is not guaranteed. The list is empty if the proof was reached.
     """
     if design.proof:
         return []
@@ -253,10 +253,10 @@ def _check(options: Options, degree: Any) -> None:
 
 
 def _problem(options: Options, degree: Any) -> rp.Problem:
-    """Make the problem to design for: with the path of ``--path``, or else with a box as region.
+    """Make the problem to design for: with the path of ``--path`` or, without it, a box as region.
 
     With a path, Ω will be a tube around the motion; without one, Ω is that of :func:`_region`.
-    ``degree`` is ``auto`` or a number; InputError is raised if it makes too many polynomials.
+    ``degree`` is ``auto`` or a number; InputError is raised if it requires too many polynomials.
     """
     from ..studies.design_choice import check_degree
 
@@ -270,8 +270,9 @@ def _problem(options: Options, degree: Any) -> rp.Problem:
 def _region(options: Options, task: rp.Task, q0: Any) -> Region:
     """Make the region Ω of a design without a path, from the task and the start q0 (n,).
 
-    It is the box of half-width ``--region`` around q0, cut at the joint limits. With
-    ``--workspace``, only its configurations are kept in which the frame is near its position at q0.
+    Ω is the box of half-width ``--region`` around q0, cut at the joint limits. With
+    ``--workspace``, only configurations of the box count in which the frame is near its position at
+    q0.
     """
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:
@@ -282,10 +283,10 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
 
 
 def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
-    """Write a note that names the joints at whose limits the box Ω was cut: a tuple of one text.
+    """Write a note, as a tuple of one text, that names the joints at whose limits Ω was cut.
 
-    The region is then smaller than the user asked for. The tuple is empty if it was not cut, or if
-    Ω is a tube around the motion on a path.
+    A cut box Ω is smaller than requested. The tuple is empty if Ω was not cut, or is a tube around
+    the motion on a path.
     """
     if options.path is not None:
         return ()
@@ -297,7 +298,7 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
     """Add a default cycle to the design: the path of the problem, or the largest circle inside Ω.
 
     Ω is the region of the design, a part of joint space. ``repctl follow`` uses the cycle if the
-    user gives no path. Returned are the design, and notes on the cycle, or on why there is none.
+    user gives no path. Return the design, and notes on the cycle, or on why there is none.
     """
     from dataclasses import replace
 
@@ -317,9 +318,9 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
 def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
     """Make the potentials of ``--fourier``: polynomials, sines and cosines of the joints.
 
-    Potentials are functions of the joints that the controller holds constant. ``degree`` is that of
-    the polynomials, ``fourier`` the highest order of the sines and cosines of the revolute joints.
-    None without that option: the design then makes polynomials by itself.
+    Potentials are functions of the joints that the controller holds constant. ``degree`` is the
+    degree of the polynomials, ``fourier`` the highest order of sines and cosines of the revolute
+    joints. Without that option, return None: the design then makes polynomials itself.
     """
     if fourier is None:
         return None

@@ -1,7 +1,7 @@
 """Error handling of commands: one line on stderr and an exit code.
 
-The codes are 2 for unusable input (``REFUSED``), 1 for an internal error (``FAULT``), 130 for
-Ctrl-C (``INTERRUPTED``), and 3 for a proof that was not reached (``NOT_PROVED``).
+The codes are 2 for invalid input (``REFUSED``), 1 for an internal error (``FAULT``), 130 for Ctrl-C
+(``INTERRUPTED``), and 3 for a proof that was not reached (``NOT_PROVED``).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ REFUSED, FAULT, INTERRUPTED, NOT_PROVED = 2, 1, 130, 3
 class _Stopped(BaseException):
     """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs.
 
-    ``number`` is that of the signal, from which the exit code is made. It derives from
+    ``number`` is the number of the signal, from which the exit code is made. The class derives from
     BaseException, so that no handler of errors catches it.
     """
 
@@ -57,7 +57,7 @@ def _stopped_cleanly() -> Iterator[None]:
     def swallowed(what: Any) -> None:
         """Send the signal again if its exception was raised in a finaliser, where Python drops it.
 
-        ``what`` is Python's report of the dropped exception. Without this, the stop would be lost.
+        ``what`` is Python's report of the dropped exception. Otherwise, the stop would be lost.
         """
         nonlocal coming
         if isinstance(what.exc_value, _Stopped):
@@ -87,7 +87,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
     arguments
         Arguments of the command, quoted in the message of an internal error.
     debug
-        Show the traceback of an internal error instead of the line.
+        True to show the traceback of an internal error instead of one line.
     """
     try:
         with _stopped_cleanly():
@@ -132,7 +132,7 @@ def _say(line: str, code: int) -> int:
 def _drop_output() -> None:
     """Discard output that can no longer be written, for instance after ``| head`` has ended.
 
-    Otherwise the interpreter would report it once more at exit.
+    Otherwise the interpreter would report the failure again at exit.
     """
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):

@@ -134,10 +134,10 @@ def run(options: Options) -> int:
 
 
 class _Followed(NamedTuple):
-    """Motion along the path, the one that is sent to a robot, and what is to be said of it.
+    """Motion along the path, motion to send to a robot, and notes on both.
 
-    ``commanded`` is corrected onto the leaf of a repeatable controller. ``unresolved`` says that
-    the drift depends on the number of steps; it is empty otherwise.
+    ``commanded`` is the motion corrected onto the leaf of a repeatable controller. ``unresolved``
+    is a note that the drift depends on the number of steps; empty if it does not.
     """
 
     motion: rp.Motion
@@ -181,7 +181,7 @@ def _followed(options: Options, case: _Case, q0: Any) -> _Followed:
 
 
 def _closing_radius(case: _Case, q0: Any) -> tuple[ClosingRadius | None, list[str]]:
-    """Return the proved closing radius of the leaf of q0 (n,); or None, and a note on its leaf."""
+    """Return the proved closing radius on the leaf of q0 (n,), or None and a note on that leaf."""
     strategy = case.strategy
     if case.closes is None or not isinstance(strategy, rp.RepeatableInverse):
         return case.closes, []
@@ -215,7 +215,7 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the numbers of the motion timed from rest to rest; they replace the untimed ones."""
+    """Collect the figures of the motion timed from rest to rest, which replace the untimed ones."""
     return {
         "duration": rest.duration,
         "slowed_by": None,
@@ -231,7 +231,7 @@ def _written(
     """Write the requested files, from the timed motion if there is one; return their paths.
 
     If a limit is violated or bodies collide, InputError is raised before any file is written,
-    unless ``--allow-violations`` is given. ``remedy`` says how to avoid the violation.
+    unless ``--allow-violations`` is given. ``remedy`` is the remedy of that error.
     """
     from ..motion.csv_file import csv_text
     from ..motion.joint_motion import refuse_violations
@@ -259,7 +259,7 @@ def _written(
 
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
-    """Write the remedy for a violation, a limit exceeded or a collision: options that may avoid it.
+    """Write the remedy for an exceeded limit or a collision: options that may avoid it.
 
     ``best_leaf`` adds --best-leaf, which searches for another start by self-motion; ``smaller``
     adds a smaller path.
@@ -278,7 +278,7 @@ def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
 def _check_control(options: Options) -> None:
     """Raise InputError for options that exclude or require each other, or name one file twice.
 
-    This is done first, so that no long motion is computed in vain.
+    The check comes first, so that no long motion is computed in vain.
     """
     given = [name for name in ("strategy", "potentials") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
@@ -300,12 +300,12 @@ def _check_control(options: Options) -> None:
 
 
 class _Case(NamedTuple):
-    """Controller, the problem that it is to solve, and what is known of its design.
+    """Controller, the problem to solve with it, and known data of its design.
 
-    It is made from a saved design or from a robot, and followed in the same way. ``region`` is Ω,
-    the region of joint space of the design, ``period`` the time of one cycle, s, and ``desired``
-    the desired inverse, to which the design comes near. ``closes`` is the proved closing radius,
-    within which every closed path closes in joint space. These four are None if they are unknown.
+    A case is made from a saved design or from a robot. ``region`` is Ω, the region of joint space
+    of the design, ``period`` the duration of one cycle, s, and ``desired`` the desired inverse,
+    which the design approximates. ``closes`` is the proved closing radius, within which every
+    closed path also closes in the joints. Each of these four is None if unknown.
     """
 
     strategy: Strategy
@@ -318,15 +318,15 @@ class _Case(NamedTuple):
 
     @property
     def locked(self) -> bool:
-        """True if the controller is repeatable, so that a leaf lock follows the path."""
+        """True if the controller is repeatable, so that the path is followed with a leaf lock."""
         return isinstance(self.strategy, rp.RepeatableInverse)
 
 
 def _saved(options: Options) -> _Case:
     """Load a saved design to follow, with its default cycle or the path of ``--path``.
 
-    The result also holds what is known of the design: its region, its period, and the closing
-    radius, within which every closed path is proved to close in joint space.
+    The result includes known data of the design: region, period and closing radius, within which
+    every closed path is proved to close in the joints.
     """
     design = options.load_saved()
     problem = options.problem_of(design)
@@ -341,10 +341,10 @@ def _saved(options: Options) -> _Case:
 
 
 def _made(options: Options, say: Callable[[str], None]) -> _Case:
-    """Make the controller for a robot that is given without a saved design, with its problem.
+    """Make the controller and the problem for a robot that is given without a saved design.
 
-    It is that of ``--strategy`` or ``--potentials``; without either, the nearest repeatable inverse
-    is designed. ``say`` receives the name of each step.
+    The controller is that of ``--strategy`` or ``--potentials``. Without either, the nearest
+    repeatable inverse is designed. ``say`` receives the name of each step.
     """
     say("finding a path")
     problem = options.problem()
@@ -363,8 +363,8 @@ def _made(options: Options, say: Callable[[str], None]) -> _Case:
 def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) -> _Case:
     """Design the nearest repeatable inverse for the path, and return it as the case to follow.
 
-    Its region Ω is a tube around the motion on the path. The default start may be replaced by
-    another one if the design fails there.
+    Its region Ω is a tube around the motion on the path. If the design fails at the default start,
+    another start may replace it.
     """
     from ..studies.around_motion import design_for, shrunk_note, timed_cycle
 
@@ -380,10 +380,10 @@ def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) 
 
 
 def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
-    """Design a repeatable inverse with the potentials that a plugin registered, around the start.
+    """Design a repeatable inverse around the start, with potentials registered by a plugin.
 
     Potentials are functions of the joints that the controller holds constant. The region Ω is a box
-    of half-width ``--region``. An error on a singularity in it names the options that avoid it.
+    of half-width ``--region``. The error for a singularity in Ω names options that avoid it.
     """
     from ..base.plugins import plugin
 
@@ -400,7 +400,7 @@ def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
 def _plugin(name: str, task: rp.Task) -> Strategy:
     """Make the strategy, a controller, that a plugin registered under a name, for a task.
 
-    InputError is raised for an unknown name, or an object that is no strategy.
+    InputError is raised for an unknown name, or an object that is not a strategy.
     """
     from ..base.plugins import plugin
     from ..strategies import Strategy
@@ -442,7 +442,7 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
-    """Write the report as text: first Ω if the motion leaves it, and the leaf that was searched."""
+    """Write the report as text; it begins with notes on leaving Ω and on the leaf of a search."""
     from ..show.text.table import outside_words
 
     loud = [*outside_words(slowed.outside or 0.0), *searched]
@@ -452,8 +452,8 @@ def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files:
 def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
     """Yield the lines of text that report a motion.
 
-    ``result`` is that of :func:`_result`; ``written`` tells that files were written, so that a note
-    on the speed at both ends of the motion is added.
+    ``result`` is the result of :func:`_result`. If ``written`` is True, files were written, and a
+    note on the speed at both ends of the motion is added.
     """
     from ..base.arguments import percentage
     from ..model.bodies import bodies_of
@@ -504,10 +504,10 @@ def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
 
 
 def _timing_words(result: dict[str, Any]) -> str:
-    """Write how a motion was timed, as text that follows its duration; empty if it was not.
+    """Write how a motion was timed, as text that follows its duration; empty if not timed.
 
-    It was slowed down to the speed limits (``slowed_by``), or timed from rest to rest, where
-    ``stops`` counts the stops at corners in each cycle.
+    The motion was slowed down to the speed limits (``slowed_by``), or timed from rest to rest. Then
+    ``stops`` is the number of stops at corners per cycle.
     """
     slowed = result["slowed_by"]
     if slowed is not None:

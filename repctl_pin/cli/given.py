@@ -1,7 +1,8 @@
 """Parsed options, and the robots, problems and designs that they describe.
 
-WHAT and ROBOT are the positional arguments of a command. A saved design is a .json file of ``repctl
-design``, ``study`` or ``cell``. The region Ω is the part of joint space of a design.
+WHAT and ROBOT are the positional arguments of commands. A saved design is a .json file of
+``repctl design``, ``study`` or ``cell``. The region Ω is the part of joint space for which a design
+was made.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Options(argparse.Namespace):
     ending : ExitStack
         Clean-up at the end of the command, also after an error.
     option_names : dict of str
-        Command-line option for each argument name of the library: ``--task`` for ``kind``.
+        Command-line option for each argument name of the library, such as ``--task`` for ``kind``.
     """
 
     ending: ExitStack
@@ -106,8 +107,7 @@ class Options(argparse.Namespace):
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
         """Make the problem of a saved design: its task, region, and cycle.
 
-        A start and a path from the options replace the design's own; ``parts`` replace them in
-        turn.
+        A start and a path from the options replace those of the design; ``parts`` replace both.
         """
         from ..studies.of_design import problem_of
 
@@ -119,13 +119,13 @@ class Options(argparse.Namespace):
     def load_saved(self) -> rp.Design | rp.CellDesign:
         """Load the design that WHAT names, on the robot of ``--robot`` or of the catalogue.
 
-        It is a design over joint space, or the function of a cell, which gives the joints for each
-        pose in a box of poses. Warnings are printed as notes.
+        The result is a design over joint space, or the function of a cell, which gives the joints
+        for each pose in a box of poses. Warnings are printed as notes.
 
         Raises
         ------
         InputError
-            If it is not a design, its robot is not known, or an option contradicts it.
+            If the file is not a design, its robot is not known, or an option contradicts it.
         """
         from ..saving.files import made_of, read_design
         from ..saving.task_identity import task_of
@@ -147,8 +147,8 @@ class Options(argparse.Namespace):
     def load_design(self) -> rp.Design:
         """Load the saved design over joint space that WHAT names.
 
-        The function of a cell, which is a design of another kind, raises InputError, because the
-        command cannot use it.
+        InputError is raised for the function of a cell, which is another kind of design that the
+        command cannot use.
         """
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
@@ -161,9 +161,9 @@ class Options(argparse.Namespace):
     def _robot_of(self, made_for: TaskFile) -> rp.Robot:
         """Load the robot that a saved design was made for, from ``--robot`` or the catalogue.
 
-        ``made_for`` is what the design's file says of its task. InputError is raised if an option
-        contradicts it (another frame, task, base or lock), if the robot is not in the catalogue and
-        ``--robot`` is missing, or if it is another robot.
+        ``made_for`` is the description of the task in the design's file. InputError is raised if an
+        option contradicts it (another frame, task, base or lock), if the robot is not in the
+        catalogue and ``--robot`` is missing, or if ``--robot`` names another robot.
         """
         file = self.what
         for option in ("frame", "task", "base"):
@@ -191,8 +191,8 @@ class Options(argparse.Namespace):
     def asked_frames(self) -> tuple[Any, str | None]:
         """Parse ``--frame`` and ``--task``: one of each, or several separated by commas.
 
-        Returned are ``frame`` and ``kind`` as :class:`Problem` takes them: a text or None for one
-        frame, a list for several; with one kind per frame, a list of pairs and None.
+        Return ``frame`` and ``kind`` as :class:`Problem` takes them: a text or None for one frame,
+        a list for several frames. With one kind per frame, they are a list of pairs and None.
         """
         frames = _listed(self.frame)
         kinds = _listed(self.task)
@@ -211,9 +211,9 @@ class Options(argparse.Namespace):
     def asked_path(self) -> Any:
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
-        The result is what :class:`Problem` takes. A single path is that of the first frame, and the
-        other frames hold still. In a list, None or the word ``hold`` stands for a frame that holds
-        still. A CSV file names the frames that move.
+        The result is as :class:`Problem` takes it. A single path is that of the first frame; the
+        other frames do not move. In a list, the word ``hold`` or None means that a frame does not
+        move. A CSV file names the frames that move.
         """
         path = getattr(self, "path", None)
         frames, paths = _listed(self.frame), _listed(path)
@@ -250,7 +250,7 @@ class Options(argparse.Namespace):
         )
 
     def asked_degree(self) -> Any:
-        """Parse ``--degree``, that of a design's polynomials: ``auto``, or a number from 1 up.
+        """Parse ``--degree``, the degree of a design's polynomials: ``auto`` or a number from 1 up.
 
         InputError is raised for any other text.
         """
@@ -263,8 +263,8 @@ class Options(argparse.Namespace):
     def asked_limits(self) -> rp.Limits:
         """Parse ``--acceleration``, ``--jerk`` and ``--tool-speed``, the limits of a motion.
 
-        An acceleration or jerk is a robot's name, one number, or one per joint; InputError for any
-        other text.
+        Accelerations and jerks are given as a robot's name, one number, or one number per joint;
+        InputError is raised for any other text.
         """
         tool_speed = self.tool_speed
         if tool_speed is not None:
@@ -280,8 +280,8 @@ class Options(argparse.Namespace):
     def output_folder(self, name: str) -> Path:
         """Return the output folder, ``--out`` or ``repctl-out/NAME``, if it can be written.
 
-        The test comes before the work, so that no result is lost. If the folder is new, and still
-        empty when the command ends, it is removed.
+        The folder is tested before the work, so that no result is lost. A new folder that is still
+        empty when the command ends is removed.
         """
         folder = Path(self.out or Path("repctl-out") / name)
         try:
@@ -297,7 +297,7 @@ def _listed(text: str | None) -> list[str]:
 
 
 def is_saved(name: str) -> bool:
-    """Tell whether an argument names a saved design, a .json file, and not a robot."""
+    """Test whether an argument names a saved design (a .json file) rather than a robot."""
     return Path(name).suffix.lower() == ".json"
 
 
@@ -316,8 +316,8 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
 def _named(text: str | None, option: str) -> str | list[float] | None:
     """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint.
 
-    ``option`` is the one to name in an InputError. None stays None, and ``urdf`` is None, too: the
-    limits of the URDF.
+    ``option`` is the option that an InputError names. None stays None; ``urdf`` also gives None,
+    which means the limits of the URDF.
     """
     if text is None or text.strip() == "urdf":
         return None
@@ -327,19 +327,20 @@ def _named(text: str | None, option: str) -> str | list[float] | None:
 
 
 def proved(design: D, say: Callable[[str], None]) -> D:
-    """Add to a design the proof with the largest bounds that are found in a minute.
+    """Add to a design a proof with the largest bounds that can be found in a minute.
 
     The proof bounds the leaf margin, the distance from an algorithmic singularity, over the whole
-    region. A proof that was not reached is added, too; it says why. ``say`` receives the progress.
+    region. A proof that was not reached is also added; it gives the reason. ``say`` receives the
+    progress.
     """
     proof = rp.prove(design, progress=in_percent(say))
     return replace(design, proof=proof)
 
 
 def require_proofs(asked: bool) -> None:
-    """Raise an error if proofs are ``asked`` for, and the native library that they need is missing.
+    """Raise an error if proofs are ``asked`` for, but the native library for them is missing.
 
-    It is called before the design, which takes long and would be made in vain.
+    Called before the design, which takes long and would otherwise be made in vain.
     """
     if asked:
         from ..native import required_library  # loads NumPy
@@ -362,9 +363,9 @@ def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
 
 
 def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
-    """Write a note that names the joints at whose limits a box was cut: a tuple of one text.
+    """Write a note, as a tuple of one text, that names the joints at whose limits a box was cut.
 
-    The box is cut if it is narrower than ``half_width``, the requested one; otherwise the tuple is
+    The box was cut if it is narrower than ``half_width``, as requested; otherwise the tuple is
     empty.
     """
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)
@@ -375,8 +376,8 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
     """Rewrite the remedy of an error on a singular Ω in terms of options; return the error.
 
-    The library's remedy names arguments, which the user of a command does not see. ``shrink`` tells
-    that the command has --shrink and it was not given; otherwise a smaller --region is suggested.
+    The library's remedy names arguments, which users of a command do not see. ``shrink`` is True if
+    the command has --shrink, but it was not given; otherwise the remedy is a smaller --region.
     """
     from ..studies.around_motion import half_width_within
 

@@ -55,9 +55,9 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
     -------
     dict
         ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``driven``, ``default_frame``,
-        ``frames`` (for each the joints that move it, its position at the reference pose, m, and its
-        redundancy), ``frames_left_out`` (how many more can be moved), ``meshes``, ``collision``
-        (how many links have a collision body, of how many) and ``warnings``.
+        ``frames`` (each with the joints that move it, its position at the reference pose, m, and
+        its redundancy), ``frames_left_out`` (number of other movable frames), ``meshes``,
+        ``collision`` (number of links with a collision body, and of all links) and ``warnings``.
     """
     positions = robot.reference_positions()
     joints = {joint.name: joint for joint in robot.description.joints}
@@ -105,10 +105,10 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
 
 
 def _with_bodies(robot: rp.Robot) -> dict[str, int]:
-    """Count the links whose collisions can be checked, of those that have any shape.
+    """Count the links whose collisions can be checked, and all links that have a shape.
 
-    Links that no joint separates count as one. A link has a body if a collision shape of it has a
-    size, or its mesh file is there; the file is not read. Without any shape, all links count.
+    Links that no joint separates count as one. A link has a body if one of its collision shapes has
+    a size or an existing mesh file, which is not read. If no link has a shape, all links count.
     """
     from ..model.model import link_frames
     from ..model.shapes import find_mesh
@@ -162,8 +162,8 @@ def _text(found: Mapping[str, Any]) -> str:
 def _chains(found: Mapping[str, Any]) -> list[str]:
     """Write lines on kinematic chains, the joints that move a frame, with their task kinds.
 
-    ``found`` is the result of :func:`_inspection`. Listed are the chain of the default frame, and
-    others with as many joints. If frames have the same chain, only the first is listed.
+    ``found`` is the result of :func:`_inspection`. The chain of the default frame is listed, and
+    other chains with as many joints. If frames have the same chain, only the first is listed.
     """
     frames = found["frames"]
     lines: list[str] = []
@@ -183,7 +183,7 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 def _frames(found: Mapping[str, Any]) -> list[str]:
     """Format a table of the frames and their positions, m, with a legend: a list of two texts.
 
-    From it the user can choose a frame and a path. ``found`` is the result of :func:`_inspection`.
+    The user can choose a frame and a path from it. ``found`` is the result of :func:`_inspection`.
     """
     from ..show.text.table import table
 
@@ -199,5 +199,5 @@ def _frames(found: Mapping[str, Any]) -> list[str]:
 
 
 def _number(value: float) -> str:
-    """Format a limit with four digits; a dash stands for no limit."""
+    """Format a limit with four digits; no limit is a dash."""
     return f"{value:.4g}" if math.isfinite(value) else "–"

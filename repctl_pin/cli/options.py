@@ -1,4 +1,4 @@
-"""Options that several commands share, and a parser with one-line errors."""
+"""Options that several commands share, and a parser whose errors take one line."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class _Base(argparse.Action):
 class Parser(argparse.ArgumentParser):
     """Parser of a command: errors are one line that suggests the closest valid names and --help.
 
-    It also groups the options in the help, and has a method for each set of options that several
-    commands share. It derives from argparse's ArgumentParser.
+    The parser also groups the options in the help, and has a method for each set of options that
+    several commands share.
     """
 
     def format_help(self) -> str:
@@ -58,7 +58,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the error in one line on stderr, and exit with code 2.
 
-        argparse would print the usage, too, of many lines.
+        argparse would also print the usage, which takes many lines.
         """
         self.exit(2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n")
 
@@ -74,10 +74,10 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
 
     def parse_all(self, arguments: list[str]) -> Options:
-        """Parse the arguments of the command line; an unknown one is reported by its subcommand.
+        """Parse the arguments of the command line; the subcommand's parser reports unknown ones.
 
-        That parser knows which options it has, and can suggest the nearest. The process then ends
-        with exit code 2.
+        That parser knows its options, and can suggest the nearest. The process then ends with exit
+        code 2.
         """
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
@@ -201,7 +201,7 @@ class Parser(argparse.ArgumentParser):
     def path(self, lead: str = "", default: str = " (default: a circle that fits)") -> None:
         """Add --path and --plane; ``lead`` and ``default`` are texts around the help of --path.
 
-        They tell what this command does with a path, and without one.
+        These texts say what the command does with a path, and without one.
         """
         add = self.add_argument
         where = "below" if self.prog == "repctl study" else "`repctl study --help`"
@@ -229,7 +229,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--weight", metavar="M", help=what)
 
     def json(self, instead: str = "text", *, quiet: bool = False) -> None:
-        """Add --json, and --quiet if ``quiet``; ``instead`` is what JSON replaces, for the help."""
+        """Add --json and, if ``quiet``, --quiet; the help says that JSON replaces ``instead``."""
         add = self.add_argument
         add("--json", action="store_true", help=f"print JSON instead of {instead}")
         if quiet:

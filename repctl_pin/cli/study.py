@@ -68,7 +68,7 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Run the study, write its figures, animation, motions and design, and print the answer.
 
-    All files are written, or none. Returns the exit code.
+    Either all files are written, or none. Return the exit code.
     """
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
@@ -107,7 +107,7 @@ def run(options: Options) -> int:
 
 
 def _studied(options: Options, say: Callable[[str], None]) -> rp.Study:
-    """Run the study; errors name the options that help."""
+    """Run the study; the remedies of errors name options."""
     from ..studies.problem import at_minimum_speed
 
     say("loading the robot and finding a start and a path")

@@ -19,9 +19,10 @@ from ..show.text.lines import Span, coloured, fitted, on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Make the callback that reports progress: a function of the name of the step that begins.
+    """Make the callback that reports progress; it is called with the name of each new step.
 
-    On a terminal it rewrites one line; elsewhere it prints only notes, and if ``quiet``, nothing.
+    On a terminal, the callback rewrites one line. Elsewhere it prints only notes, or nothing if
+    ``quiet``.
     """
     shown = on_terminal(sys.stderr)
 
@@ -40,9 +41,9 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 
 def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Make the callback that reports a step of long work, and the fraction that is done, 0 to 1.
+    """Make the callback that reports a long step and its finished fraction, from 0 to 1.
 
-    The library calls it with both; the text that results goes to ``say``, such as ``fitting 40 %``.
+    The library calls it with both. The resulting text, such as ``fitting 40 %``, goes to ``say``.
     """
     return lambda step, fraction: say(
         f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step
@@ -52,7 +53,7 @@ def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
 def say_line(text: str) -> None:
     """Print a message on stderr as one line, with control characters escaped.
 
-    It is wrapped only on a terminal, so that a log has one line per message.
+    The line is wrapped only on a terminal, so that a log has one line per message.
     """
     line = printable(text)
     if on_terminal(sys.stderr):
@@ -74,7 +75,7 @@ def report(
 ) -> int:
     """Print the result of a command, as JSON or as text and the written files; return exit code 0.
 
-    Commands end with it. Only the requested form is made.
+    Commands end with this call. Only the requested form, JSON or text, is made.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def report(
 
 
 def page_lines(files: Sequence[Path]) -> list[str]:
-    """Write the lines that tell which page to open, and which other files lie beside it.
+    """Write the lines that say which page to open, and which other files were written.
 
     The page is the first of ``files``; the answer of a study ends with these lines.
     """
@@ -132,8 +133,8 @@ def _plain(value: Any) -> Any:
 def until_stopped() -> Iterator[threading.Event]:
     """Yield an event that Ctrl-C, SIGTERM and SIGHUP set, for a command that runs until then.
 
-    The earlier handlers are restored at the end of the block. It is usable only in the main thread,
-    because only that one receives signals.
+    The earlier handlers are restored at the end of the block. Use it only in the main thread,
+    because only that thread receives signals.
     """
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]

@@ -173,7 +173,7 @@ def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
         return closed_path(path)
     if not callable(path):
         raise InputError(
-            "must hold closed paths, functions (task, q0) → path, or None to hold still",
+            "must be per frame a closed path, a function (task, q0) → path, or None to hold still",
             argument="path",
         )
     return closed_path(path(task, q0))

@@ -249,8 +249,9 @@ def _accepted(
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
-    It keeps the limits, less :data:`_INSIDE`, and the leaf margin ``least``: the way is halved
-    until it does. From beyond the limits, it moves back, and may go away from the point.
+    The result is within the limits, less :data:`_INSIDE`, with at least the leaf margin ``least``:
+    the way is halved until it is so. From beyond the limits, the joints move back, and the elbow
+    may go away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)

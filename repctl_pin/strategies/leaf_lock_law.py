@@ -37,7 +37,7 @@ class NumPyLaw:
         """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q."""
         c = self.potentials.value(q)
         if not np.isfinite(c).all():
-            raise InputError("h(q) is not finite: q is too large", argument="q")
+            raise InputError("is so large that h(q) is not finite", argument="q")
         return c
 
     def inverse(self, q: Array) -> Array:

@@ -115,7 +115,7 @@ class NativeLaw:
         """
         self._q[...] = q
         if self._run_leaf(self._call):
-            raise InputError("h(q) is not finite: q is too large", argument="q")
+            raise InputError("is so large that h(q) is not finite", argument="q")
         return self._result[: self._task.r].copy()
 
     def step(

@@ -39,7 +39,7 @@ _MOST_STARTS = 5
 _HIGH_SPEED = 0.05
 """Extra joint speed in cycle 1, relative to J⁺, above which another start is tried."""
 
-NO_BETTER = "none of the default starts keeps the joint limits and the bodies apart on this path"
+NO_BETTER = "no default start keeps the joints within limits and the bodies apart on this path"
 
 
 def design_for(

@@ -364,8 +364,8 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
     if all(getattr(control.task, part) == getattr(task, part) for part in same):
         return control
     raise InputError(
-        f": {name!r} controls {control.task.frame!r}, {control.task.kind}, "
-        f"but the study is of {task.frame!r}, {task.kind}, by {task.n} joints",
+        f": {name!r} is for a {control.task.kind} task of {control.task.frame!r}, but the study is "
+        f"of a {task.kind} task of {task.frame!r} with {task.n} joints",
         argument="controls",
     )
 

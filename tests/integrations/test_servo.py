@@ -111,7 +111,7 @@ def test_targets_are_reached_on_one_leaf_within_the_limits(bench: Bench) -> None
 @pytest.mark.parametrize(
     ("position", "more", "said"),
     [
-        ((np.nan, 0, 0), {}, "target refused: it must be finite numbers"),
+        ((np.nan, 0, 0), {}, "target refused: its position and quaternion must be finite numbers"),
         ((1, 1, 0), {"frame": "camera"}, "it is in frame 'camera', not in 'base'"),
         ((1, 1, 0), {"age": 5.0}, "its stamp is 5 s before this clock"),
         ((1, 1, 0), {"age": -5000.0}, "its stamp is 5000 s ahead of this clock"),
@@ -141,7 +141,7 @@ def test_a_twist_holds_for_the_timeout_only(bench: Bench) -> None:
     assert 0 < moved[0] < 0.03 and abs(moved[1]) < 1e-6 and bench.servo.at_rest
     assert bench.servo.reason == "the last twist is more than 0.1 s old"
     bench.servo.twist((np.inf, 0, 0, 0, 0, 0), bench.now)
-    assert bench.servo.reason == "twist refused: it must be finite numbers"
+    assert bench.servo.reason == "twist refused: its numbers must be finite"
 
 
 @pytest.mark.parametrize(
@@ -498,7 +498,7 @@ def test_a_clutch_moves_the_arm_with_the_hand_and_stops_it(bench: Bench) -> None
     servo.hand(hand + 1, still, bench.now)
     assert np.abs(bench.run(0.05) - rest).max() < 1e-9 and servo.reason == ""
     servo.hand((np.nan, 0, 0), still, bench.now)
-    assert servo.reason == "hand pose refused: it must be finite numbers"
+    assert servo.reason == "hand pose refused: its position and quaternion must be finite numbers"
     servo.couple(True)
     servo.hold()
     servo.hand(hand, still, bench.now)

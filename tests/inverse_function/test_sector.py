@@ -853,7 +853,7 @@ def test_a_file_whose_spin_has_no_such_middle(middle: float, tmp_path: Path) -> 
     content["sector"]["spin_middle"] = middle
     content["checksum"] = checksum(content)
     (tmp_path / "cell.json").write_text(json.dumps(content))
-    with pytest.raises(rp.InputError, match="the middle of the spin is of a cell that"):
+    with pytest.raises(rp.InputError, match="the middle of the spin must be from −2π to 2π rad"):
         rp.load(tmp_path / "cell.json")
 
 

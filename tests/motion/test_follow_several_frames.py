@@ -79,7 +79,7 @@ def test_paths_of_several_frames_are_checked(hands):
         rp.several_paths(task, q0, [circle])
     with pytest.raises(rp.InputError, match="holds every frame still"):
         rp.several_paths(task, q0, [None, None])
-    with pytest.raises(rp.InputError, match="must hold closed paths"):
+    with pytest.raises(rp.InputError, match="must be per frame a closed path"):
         rp.several_paths(task, q0, [circle, 3])
     with pytest.raises(rp.InputError, match="2 placements, one per frame"):
         rp.follow(

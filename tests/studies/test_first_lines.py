@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import repctl_pin as rp
 from repctl_pin.studies.study import edge_warning
 
-NO_BETTER = "none of the default starts keeps the joint limits"
+NO_BETTER = "no default start keeps the joints within limits"
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 

@@ -184,7 +184,7 @@ def _add_sector(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Run ``repctl cell``: find the function, print its table, and write its files.
 
-    These are cell.json, cell.html and cell.png. Return the exit code.
+    The files are cell.json, cell.html and cell.png. Return the exit code.
     """
     folder = options.output_folder(Path(options.robot).stem)
     needed("matplotlib", "meshcat", by="repctl cell")
@@ -261,8 +261,7 @@ _MEANING = (
 def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
     """Write the remedy for a cell that no function covers, in terms of command-line options.
 
-    The error itself names the arguments of the Python function, which the user of a command does
-    not know.
+    The error itself names arguments of the Python function, which users of the command do not know.
     """
     if error.fits <= 0:
         remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
@@ -283,15 +282,16 @@ class _Asked(NamedTuple):
     cell : Cell
         The cell.
     posture : (n,) array or None
-        Configuration at its middle; None unless ``--start`` is given.
+        Configuration in the middle of the cell; None unless ``--start`` is given.
     start_is : str
         Description of the start: ``as given``, ``the reference pose``.
     crowded : bool
-        True if the cell fits from no default start.
+        True if the cell fits with none of the default starts.
     placed : tuple of str
-        Where the cell was placed, why no larger one, and the approach axis of the tool.
+        Notes on ``--size``: place of the cell, obstruction to a larger cell, approach axis of the
+        tool.
     place : BestCell or None
-        The place of ``--size``.
+        Place that was found for ``--size``; None without that option.
     """
 
     cell: rp.Cell
@@ -303,11 +303,11 @@ class _Asked(NamedTuple):
 
 
 def _asked(options: Options, report: Report) -> _Asked:
-    """Make the cell that the options describe, with the first default start from which it fits.
+    """Make the cell that the options describe, with the first default start with which it fits.
 
-    The cell is a box around the path, the start's pose or ``--at``, a sector, or that of
-    ``--size``. ``report`` is the progress callback. Options that cannot be used raise an
-    InputError.
+    The cell is a box around the path, around the start's pose or around ``--at``, a sector, or the
+    box that ``--size`` places. ``report`` is the progress callback. Options that cannot be used
+    raise an InputError.
     """
     import numpy as np
     import pinocchio as pin
@@ -320,7 +320,7 @@ def _asked(options: Options, report: Report) -> _Asked:
         return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
-        """Make the box around a problem's path, or the box or sector around its start's pose."""
+        """Make a cell around a problem's path (a box) or its start's pose (a box or a sector)."""
         task = problem.task
         if around:
             return rp.Cell.around(task, problem.cycle, *_sizes(options))
@@ -341,10 +341,10 @@ def _asked(options: Options, report: Report) -> _Asked:
 
 
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
-    """Place the box of ``--size`` where it fits best: inside the limits, without collisions.
+    """Place the box of ``--size`` where the arm best covers it, within limits, without collisions.
 
-    ``at`` is a position (3,), m, to be near to, or None. With ``--half-angle`` the cell has
-    rotations, too, and its posture is searched for later.
+    ``at`` is a position (3,), m, which the box should be near, or None. With ``--half-angle`` the
+    cell also has rotations, and the configuration in its middle is searched for later.
     """
     import numpy as np
     import pinocchio as pin
@@ -395,7 +395,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 
 
 def _approach_note(place: rp.BestCell) -> list[str]:
-    """Write which axis of the frame was taken for the approach axis; empty if none was needed."""
+    """Write which axis of the frame is the approach axis; an empty text if none was needed."""
     if place.approach is None:
         return []
     remedy = "" if place.approach.why == "as given" else " (--approach gives another)"
@@ -403,7 +403,7 @@ def _approach_note(place: rp.BestCell) -> list[str]:
 
 
 def _oriented_task(options: Options) -> rp.Task:
-    """Make the task whose orientation is given: of kind pose, or axis without that redundancy."""
+    """Make a task that commands the orientation: a pose task if redundant, else an axis task."""
     if options.task is not None or options.size is not None:
         return options.asked_task()
     robot = options.load_robot()
@@ -452,7 +452,7 @@ _DEFAULTS = {
 
 
 def _require_one_shape(options: Options) -> None:
-    """Raise an InputError if options do not go together, or the shape of the cell is missing."""
+    """Raise an InputError if options exclude each other, or none gives the shape of the cell."""
     said = vars(options) | {"path": options.path or options.plane}
 
     def given(name: str) -> bool:
@@ -489,7 +489,7 @@ def _require_one_shape(options: Options) -> None:
 def _sizes(options: Options) -> tuple[Any, Any]:
     """Parse the half-widths of a box: of the positions, m, and of the rotation, rad.
 
-    Each is one number, or a list with one number per coordinate.
+    Each option gives one number for all coordinates, or one number per coordinate.
     """
     return (
         _numbers(options.half_width, "--half-width"),
@@ -517,9 +517,9 @@ def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
 
 
 def _numbers(text: str, option: str, size: int | None = None) -> Any:
-    """Parse one number, or a list of numbers separated by commas: ``size`` of them, if given.
+    """Parse a number, or a list of ``size`` numbers separated by commas; None accepts any length.
 
-    Return a float or a list of floats. Another text raises an InputError that names the ``option``.
+    Return a float or a list of floats. Any other text raises an InputError that names ``option``.
     """
     wrong = f"must be {size or 'one or more'} numbers separated by commas"
     numbers = numbers_of(text, option, wrong)
@@ -531,9 +531,9 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
 def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], list[str]]:
     """Write cell.html and, if there are slices, cell.png to a folder.
 
-    A slice is a map of the function over two coordinates of the cell. The page shows a motion along
-    a sample path, too. Return the files, and notes if the period of the motion was increased, or if
-    it failed. ``command`` is the command line, which the page shows.
+    A slice is a map of the function over two coordinates of the cell. The page also shows a motion
+    along a sample path, and ``command``, the command line. Return the files, and notes if the
+    period of the motion was increased or the motion failed.
     """
     from ...show.plots.motions import png
     from .cell_design import slices
@@ -551,11 +551,12 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
-    """Follow a sample path through the cell with G_d and with the function, by label.
+    """Follow a sample path through the cell with G_d and with the function; return the motions.
 
-    G_d is the desired inverse, such as J⁺, with which the function is compared. The period is long
-    enough for the speed limits of the joints. Return also a note if it was increased for them, or
-    if a motion failed. The dictionary is empty if the motion of the function failed.
+    The motions are a dictionary by label. G_d is the desired inverse, such as J⁺, with which the
+    function is compared. The period is increased if the joint speed limits require it. Return also
+    a note on an increased period or a failed motion. The dictionary is empty if the motion of the
+    function failed.
     """
     from ...base.defaults import PERIOD
     from ...studies.period import choose_period
@@ -588,7 +589,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
 
 
 def _widths(cell: rp.Cell) -> dict[str, Any]:
-    """Collect the half-widths of a box, or those of a sector by coordinate, m and rad, for JSON."""
+    """Return the half-widths of a box, or those of a sector by coordinate, m and rad, for JSON."""
     from ...studies.study_result import picked
 
     if not isinstance(cell, rp.Sector):

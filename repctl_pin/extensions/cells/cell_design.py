@@ -1,7 +1,7 @@
 """Result of designing an inverse function over a cell, a box of poses.
 
-It consists of the function q = F(x), its evaluation, maps over slices of the cell, and the problem
-of a closed path through it.
+The result has the function q = F(x), its evaluation, maps over slices of the cell, and a problem
+with a closed path through the cell.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class CellDesign:
     evaluation : Evaluation
         All figures, on held-out poses; the main ones are attributes of the design as well.
     degrees : tuple of (degree, cost)
-        Degrees that were tried, in order; the last one is used.
+        Degrees of s(u) that were tried, in order; the last one is used.
     samples, held_out : int
         Numbers of fit nodes and of held-out poses.
     seed : int
@@ -99,11 +99,11 @@ class CellDesign:
 
     @classmethod
     def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
-        """Make a design from a chart, whose function is s = 0, and its evaluation.
+        """Make a design from a chart, in which the function is s = 0, and from its evaluation.
 
         A chart is a pair of polynomials that approximate a configuration and the null space for
-        each pose; s is the position along the self-motion. ``desired`` is the inverse G_d to which
-        the function is to be near. ``how`` are the other attributes of the design.
+        each pose; s is the position along the self-motion. ``desired`` is the inverse G_d that
+        ∂F/∂x approximates. ``how`` has the other attributes of the design.
         """
         u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
         middle = chart.solve(u)
@@ -117,7 +117,7 @@ class CellDesign:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate proves of the function; the two must match.
+        """Fingerprint of all that a certificate depends on; that in the certificate must be equal.
 
         It covers the joint chain, its limits, the cell and the polynomials.
         """
@@ -139,7 +139,7 @@ class CellDesign:
     def cost(self) -> float:
         """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function F covers.
 
-        G_d is the desired inverse, to which the design brings ∂F/∂x as near as it can.
+        G_d is the desired inverse; the design minimises this mean.
         """
         return self.evaluation.cost
 
@@ -147,7 +147,7 @@ class CellDesign:
     def extra_speed(self) -> float:
         """Rms joint speed over the cell relative to that of the desired inverse, minus 1.
 
-        Both are evaluated at the configurations of the function.
+        Both speeds are evaluated at the configurations of the function.
         """
         return self.evaluation.extra_speed
 
@@ -160,7 +160,8 @@ class CellDesign:
     def extra_speed_direction(self) -> float:
         """Extra joint speed in the worst task direction, at the worst pose found by a search.
 
-        It is relative to the desired inverse; ``extra_speed_worst`` is a mean over all directions.
+        The speed is relative to the desired inverse. ``extra_speed_worst``, in contrast, is an rms
+        value over all directions.
         """
         return self.evaluation.extra_speed_direction
 
@@ -178,30 +179,27 @@ class CellDesign:
     def leaf_margin(self) -> float:
         """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity.
 
-        N spans the null space of J, V̂ the gradients of the potentials that the controller holds
-        constant.
+        N spans the null space of J; V̂ spans the gradients of the potentials that the controller
+        holds constant.
         """
         return self.evaluation.leaf_margin
 
     @property
     def coverage(self) -> float:
-        """Fraction of the held-out poses at which F has a configuration inside the limits.
-
-        F is the function of the design.
-        """
+        """Fraction of the held-out poses at which F has a configuration inside the limits."""
         return self.evaluation.coverage
 
     @property
     def failures(self) -> tuple[FailureReason, ...]:
-        """Reasons why the function fails at some poses of the cell; empty if it fails at none."""
+        """Reasons why the function fails at some poses of the cell; empty if none was found."""
         return self.evaluation.failures
 
     @property
     def body_distance(self) -> float:
         """Minimum distance between bodies of the robot and its surroundings, m.
 
-        It is infinite if there are no collision bodies, NaN if these have changed since the design
-        was saved.
+        The distance is infinite if there are no collision bodies, and NaN if the bodies have
+        changed since the design was saved.
         """
         return self.evaluation.body_distance
 
@@ -273,11 +271,10 @@ class CellDesign:
         return f"{bodies}\nnot checked: {unchecked}" if unchecked else bodies
 
     def _symmetry(self) -> dict[str, str]:
-        """Return texts by display name: the symmetries that are used, and the ranges they allow.
+        """Return texts by display name: the symmetries in use, and the ranges of their coordinates.
 
         In a sector, one joint may turn the whole arm about the axis, or the tool about its z axis.
-        There is one range for each such coordinate. The dictionary is empty if the cell is no
-        sector.
+        For other cells the dictionary is empty.
         """
         sector = self.function.chart.cell
         if not isinstance(sector, Sector):
@@ -288,7 +285,7 @@ class CellDesign:
     def summary(self) -> str:
         """Return the figures of merit as text, one per line, under the name of the robot.
 
-        Further lines of a figure have no name.
+        If a figure has several lines, only the first begins with its name.
         """
         task = self.task
         lines = [
@@ -308,13 +305,12 @@ class CellDesign:
 
 
 def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
-    """Make the function q = F(x) of a chart; it checks joint limits if the evaluation demands it.
+    """Make the function q = F(x) of a chart; it checks joint limits if the evaluation requires it.
 
-    F is s = 0 in the chart, with s the position along the self-motion. The checks cost time at
-    every call. They are needed if some evaluated pose violates a limit, or if the range of a
-    coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0, the
-    function itself; on other leaves, with other configurations of the same poses, the limits are
-    always checked.
+    F is s = 0 in the chart, where s is the position along the self-motion. On the leaf c = 0, which
+    is F itself, the limits are checked only where needed, because checks cost time at every call.
+    They are needed if some evaluated pose violates a limit, or if the range of a coordinate of the
+    sector ends only at the joint limits. On other leaves the limits are always checked.
     """
     ends_at_limits = bool(chart.cell.free) or not evaluation.everywhere
     return InverseFunction(chart, keep_limits=ends_at_limits)
@@ -323,7 +319,7 @@ def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
     """Return the set of poses of a cell as plain data, with the symmetries that are used.
 
-    A fingerprint is made of it, by which a certificate for another cell is noticed.
+    The fingerprint of these data shows whether a certificate is for this cell.
     """
     box = rounded(cell.placement.homogeneous), cell.widths
     if not isinstance(cell, Sector):
@@ -333,7 +329,7 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Return a note if a requested margin is not met; else an empty text."""
+    """Write a note if a requested margin is not met; else an empty text."""
     return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
@@ -350,10 +346,10 @@ class Slice:
         Grid values of either coordinate, from −1 to 1.
     limit_margin, extra_speed : (C, C) arrays
         Smallest joint-limit margin, rad or m, and extra joint speed relative to the desired inverse
-        G_d. The row is the second coordinate, the column the first. NaN where the function has no
-        value.
+        G_d; NaN where the function has no value. Rows are values of the second coordinate, columns
+        of the first.
     turn : (C, C) array or None
-        Range of the angle of a sector, rad, in which the joint that turns the arm stays inside its
+        Range of the angle of a sector, rad, in which the joint that turns the arm stays within its
         limits at every tilt; None if the symmetry of the angle is not used.
     """
 
@@ -365,11 +361,11 @@ class Slice:
 
 
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
-    """Evaluate limit margin and extra joint speed on grids over pairs of a cell's coordinates.
+    """Evaluate the limit margin and the extra joint speed over pairs of a cell's coordinates.
 
-    The figures of a cell show these maps. The pairs are those of the translational coordinates, or
-    of all coordinates if fewer than two are translational; at most three pairs. Each grid has
-    ``count`` points per coordinate; the other coordinates are 0.
+    The figures of a cell show these maps. The pairs, at most three, are of translational
+    coordinates, or of any coordinates if fewer than two are translational. The grid of each pair
+    has ``count`` points per coordinate; all other coordinates are 0.
     """
     cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]
@@ -402,11 +398,11 @@ def _problem_of_cell(
     path: str | ClosedPath | PathOf | Literal[False] | None,
     plane: str | None,
 ) -> Problem:
-    """Create a problem, a start with a closed path, inside the cell of a design.
+    """Create a problem, which is a start with a closed path, inside the cell of a design.
 
-    So a saved cell can be used with ``repctl follow``. A path that is not given is a circle that
-    fits in the cell, or a random path through a sector. By default the problem begins at the
-    configuration that the function gives for the path's first pose.
+    ``repctl follow`` uses it for a saved cell. The default path is a circle that fits in the cell,
+    or a random path through a sector. The default start is the configuration that the function
+    gives for the first pose of the path.
     """
     begin = design.posture if start is None else start
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
@@ -426,11 +422,11 @@ PROBLEM = (CellDesign, _problem_of_cell)
 
 
 def tour(cell: Cell) -> TaskPath:
-    r"""Make a random smooth closed path through a cell, on which its function can be shown.
+    r"""Make a smooth closed sample path through a cell, to show its function in motion.
 
     Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
-    1, with random a and b, scaled so that the maximum of every |u_i| is 0.9. The path is the same
-    at every call.
+    1, with a and b drawn from a fixed random seed, scaled so that the maximum of every |u_i| is
+    0.9.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

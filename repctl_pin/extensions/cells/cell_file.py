@@ -1,7 +1,7 @@
 """File content of a cell's design: conversion to plain data, and back.
 
-A cell is a box of poses, its design a function q = F(x) with one configuration for each of them.
-The classes are the parts of the file, in JSON; their attributes have the names of its keys.
+A cell is a box of poses; its design is a function q = F(x) with one configuration for each pose.
+The classes describe the objects of the JSON file, with attributes named like the keys.
 """
 
 from __future__ import annotations
@@ -96,8 +96,8 @@ class _SectorFile(Part):
     ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
     ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
     coordinates that the polynomials leave out, because a single joint turns the whole arm or the
-    tool along them. ``spin_middle`` is the middle of the spin, rad, where the tool
-    tilts and spins as far as the joints go, and only there.
+    tool along them. ``spin_middle`` is the middle of the spin, rad; only sectors with tilts whose
+    spin is in ``free`` have it.
     """
 
     axis: Rows
@@ -109,8 +109,9 @@ class _SectorFile(Part):
 class _BodiesFile(Part):
     """Fingerprint of the collision bodies: of their shapes, and of their places.
 
-    The body distance of a file is dropped if the bodies have changed since. ``places`` has one
-    number per check configuration of the task, which changes with any placement.
+    The body distance of a file is dropped if the bodies have changed since the file was written.
+    ``places`` has one number per check configuration of the task. If any body is placed elsewhere,
+    these numbers change.
     """
 
     shapes: str
@@ -118,11 +119,11 @@ class _BodiesFile(Part):
 
 
 class _CellFigures(Part):
-    """Figures of a saved cell, as they are stored: those of an ``Evaluation``, by other names.
+    """Figures of a saved cell: those of an ``Evaluation``, some under other names.
 
-    A margin is null without joint limits, ``body_distance`` is null without collision bodies.
-    Figures with a default are not in older files. The leaf margin is stored as
-    ``least_leaf_margin``. Older files have another figure of the name ``leaf_margin``, which is not
+    A margin is null if there are no joint limits, ``body_distance`` if there are no collision
+    bodies. Figures with a default are missing in older files. The leaf margin is stored as
+    ``least_leaf_margin``, because ``leaf_margin`` is another figure in older files, which is not
     read.
     """
 
@@ -151,8 +152,9 @@ class _CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
     ``coefficients`` are those of two polynomials of the cell's coordinates: the reference
-    configuration q_ref and the reference directions n_ref of its null space. ``bodies`` are those
-    of the body distance; they are not in older files, nor where that distance is not known.
+    configuration q_ref and the reference directions n_ref of its null space. ``bodies`` is the
+    fingerprint of the collision bodies; older files lack it, as do files without a known body
+    distance.
     """
 
     desired: Desired
@@ -176,7 +178,7 @@ class _CellFile(Sealed):
 
 
 def cell_file(design: CellDesign) -> _CellFile:
-    """Convert the design of a cell's function to the content of a file, ready to be written.
+    """Convert the design of a cell's function to the content of a file.
 
     Raises
     ------
@@ -211,7 +213,7 @@ def cell_file(design: CellDesign) -> _CellFile:
 def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
     """Convert the fingerprint of the collision bodies to plain data; UNSET if no distance is known.
 
-    The file leaves out what is UNSET.
+    An UNSET value is left out of the file.
     """
     if np.isnan(design.body_distance):
         return msgspec.UNSET
@@ -223,8 +225,8 @@ def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
 def _known_distance(content: _CellFile, task: Task) -> float:
     """Return the body distance of a file, m; NaN with a warning if the bodies have changed.
 
-    It is infinite if there are no bodies. In older files, the bodies have no fingerprint; then the
-    distance counts as unchanged.
+    The distance is infinite if there are no bodies. Older files have no fingerprint of the bodies;
+    their distance is taken as valid.
     """
     distance, bodies = content.figures.body_distance, content.bodies
     if isinstance(bodies, msgspec.UnsetType):
@@ -251,9 +253,9 @@ def _known_distance(content: _CellFile, task: Task) -> float:
 def _shapes_fingerprint(task: Task) -> str:
     """Compute the fingerprint of all collision shapes of a robot and its surroundings.
 
-    If it differs from that of a file, the file's body distance is dropped. It covers the sizes of
-    the shapes and their places on their links, the content of their mesh files, and the pairs of
-    links that the SRDF disables.
+    The fingerprint covers the sizes of the shapes, their places on their links, the content of
+    their mesh files, and the pairs of links that the SRDF disables. If a file has another
+    fingerprint, its body distance is dropped.
     """
     robot = task.robot
     entry = robot.entry
@@ -270,8 +272,8 @@ def _shapes_fingerprint(task: Task) -> str:
 def _bodies_at(task: Task, Q: ArrayLike) -> Array:
     """Compute one number per row of Q (K, n) that changes if any body is placed elsewhere: (K,).
 
-    By these numbers, a file finds out whether its body distance still holds. Each is a sum of all
-    entries of the placements of the links with bodies, each with its own factor.
+    They show whether the body distance of a file is still valid. Each is the sum of all entries of
+    the placements of links with bodies, each entry with its own factor.
     """
     robot = task.robot
     model, drive = task.bodies_model()
@@ -308,13 +310,13 @@ def _solid(
 def _content(file: Path, changed: int) -> str:
     """Hash the content of a file as a hexadecimal text.
 
-    ``changed`` is its modification time; a new one makes the cached hash of the file invalid.
+    ``changed`` is the file's modification time; a new time makes the cached hash invalid.
     """
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
-    """Convert the coordinates of a sector to plain data; UNSET, which is left out, for a box."""
+    """Convert the coordinates of a sector to plain data; UNSET for a box, which has none."""
     if not isinstance(cell, Sector):
         return msgspec.UNSET
     symmetric = [one.coordinate for one in cell.removed]
@@ -329,8 +331,8 @@ def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
 def _cell(content: _CellFile, task: Task) -> Cell:
     """Create the cell of a file: a box of poses, or a sector without its symmetric coordinates.
 
-    Along a symmetric coordinate, a single joint moves the frame, so the chart does not contain it.
-    An InputError is raised if the numbers do not describe a cell of this task.
+    A single joint moves the frame along a symmetric coordinate, so the chart does not contain that
+    coordinate. An InputError is raised if the numbers do not describe a cell of this task.
     """
     widths, at, positions = (np.array(content.widths), np.array(content.placement), min(3, task.m))
     if widths.shape != (task.m,) or at.shape != (4, 4):
@@ -360,14 +362,14 @@ def _cell(content: _CellFile, task: Task) -> Cell:
         return sector
     if not moved or abs(middle) > 2 * np.pi:
         raise InputError(
-            "the middle of the spin is of a cell that tilts and spins as far as the joints go, "
-            "at most one turn away"
+            "the middle of the spin must be from −2π to 2π rad; only a sector with tilts and the "
+            "spin range 'all' has one"
         )
     return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
 
 
 def cell_of(content: _CellFile, task: Task) -> CellDesign:
-    """Create the design of a cell's function from the content of a file, for a task.
+    """Create the design of a cell's function for a task from the content of a file.
 
     Raises
     ------
@@ -386,7 +388,7 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
         )
     figures = content.figures
     if any(len(reason.u) != cell.whole.k for reason in figures.failures):
-        raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
+        raise InputError(f"each failure must have {cell.whole.k} coordinates of its pose")
     if figures.limit_margin_worst is None:  # infinite, or not in older files
         figures.limit_margin_worst = figures.limit_margin
     if figures.attainable_margin_worst is None:
@@ -419,10 +421,10 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
 
 
 def _unchecked(content: _CellFile, task: Task) -> list[str]:
-    """Refuse a robot that has changed since the file was written; list what cannot be checked.
+    """Refuse a robot that has changed since the file was written; return what cannot be checked.
 
-    Joint limits and masses are compared; if one differs, an InputError is raised. Older files lack
-    some of them, or the collision bodies; the names of these are returned. See
+    If a joint limit or a mass differs, an InputError is raised. Older files lack some of these
+    data, or the collision bodies; the names of the missing data are returned. See
     :class:`repctl_pin.saving.design_file.FileKind`.
     """
     known = content.bodies is not msgspec.UNSET

@@ -1,4 +1,4 @@
-"""Inverse kinematic function over a cell: the same configuration for the same pose."""
+"""Inverse kinematic function over a cell: one and the same configuration for a pose, always."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ _LEAST = 0.1
 class InverseFunction:
     """Inverse kinematic function ``q = F(x; c)`` over a cell, a box of poses.
 
-    Such functions are Baker and Wampler's. F needs no initial configuration and no history. The
-    same pose gives the same configuration, which changes smoothly with the pose. F solves
+    Baker and Wampler introduced such functions. F needs no initial configuration and no history:
+    the same pose gives the same configuration, which changes smoothly with the pose. F solves
     ``f(F(x)) = x`` and ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``, where q_ref and n_ref are polynomials
-    that approximate a configuration and the null space. c selects the leaf, a position along the
-    self-motion, by default c = 0.
+    that approximate a configuration and the null space. c, by default 0, selects the leaf: the
+    position along the self-motion.
 
     Several threads may use one object at the same time.
 
@@ -63,13 +63,13 @@ class InverseFunction:
     chart
         The chart, with q_ref and n_ref.
     keep_limits : bool
-        Check the joint limits on the leaf c = 0, too; not needed if no configuration of that leaf
-        violates one in the cell. On other leaves they are always checked.
+        Check the joint limits on the leaf c = 0, too; not needed if that leaf violates no limit in
+        the cell. On other leaves, limits are always checked.
 
     Raises
     ------
     InputError
-        If it is evaluated outside the cell, or a configuration violates a joint limit that is
+        If the function is evaluated outside the cell, or a configuration violates a limit that is
         checked.
 
     Examples
@@ -182,7 +182,7 @@ class InverseFunction:
     ) -> Array:
         """Evaluate F at targets as :meth:`batch` does, in NumPy.
 
-        It is needed without the native library, and to say why a target has no configuration.
+        It is used without the native library, and to find out why a target has no configuration.
         """
         cell = self.cell
         U, off = self._coordinates(targets)
@@ -199,9 +199,9 @@ class InverseFunction:
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the pose x of each configuration, and its leaf c, so that ``F(x; c) = q``.
 
-        The leaf c is the position along the self-motion, ``c = n_ref(x)ᵀ (q − q_ref(x))``, 0 for
-        the function itself. Far from the function, several configurations have the same pose and
-        leaf; F then returns only one of them.
+        The leaf ``c = n_ref(x)ᵀ (q − q_ref(x))`` is the position along the self-motion; on the
+        function itself, c = 0. Far from the function, several configurations can have the same pose
+        and leaf; F returns only one of them.
 
         Parameters
         ----------
@@ -230,7 +230,8 @@ class InverseFunction:
         """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, on the leaves C (K, r).
 
         A leaf c is a position along the self-motion. Rows without a configuration are NaN. Return
-        also the number of the first of them with an InputError that says why, or None.
+        also the number of the first such row with an InputError that gives the reason; None if
+        there is no such row.
         """
         reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, C)
@@ -271,8 +272,9 @@ class InverseFunction:
     def with_tool(self, placement: Placement) -> ToolFunction:
         """Create the function of another tool on the same body: ``F'(x) = F(x T⁻¹)``, exactly.
 
-        It has a value at the poses x T, x in the cell. Save and export this function, not that
-        of the tool: a robot's program multiplies its poses by T⁻¹.
+        The new function has values at the poses x T with x in the cell. It cannot be saved or
+        exported; save and export this function, and let the robot's program multiply poses of the
+        tool by T⁻¹.
 
         Parameters
         ----------
@@ -282,19 +284,19 @@ class InverseFunction:
         Raises
         ------
         InputError
-            If the task is no pose task: the self-motion of other tasks changes with the point that
-            they control.
+            If the task is not a pose task: in other tasks, the self-motion depends on the point
+            that is controlled.
         """
         from .tool_function import ToolFunction  # few functions change their tool
 
         return ToolFunction(self, placement)
 
     def leaves(self, target: Placement) -> Array:
-        """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.
+        """Find the interval (r, 2) of each component c_j of the leaf at a pose, the others being 0.
 
-        The leaf c is the position along the self-motion, such as that of the elbow, at which the
-        function is evaluated. An interval ends at a joint limit, where the leaf margin (distance
-        from an algorithmic singularity) falls to 0.1, or at ±π.
+        The leaf c is the position along the self-motion, such as that of the elbow. An interval
+        ends at a joint limit, where the leaf margin (distance from an algorithmic singularity)
+        falls to 0.1, or at ±π.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
@@ -318,8 +320,8 @@ class InverseFunction:
     ) -> ElbowLevel:
         """Find the level c of F(x; c) at which the elbow is nearest to a point.
 
-        The search begins at F(x), so it is a function c*(x, p_e) of pose and point: whenever both
-        come back, the joints do. See :meth:`RepeatableInverse.leaf_toward`.
+        The search begins at F(x), so the result is a function c*(x, p_e) of pose and point: the
+        same pose and point give the same configuration. See :meth:`RepeatableInverse.leaf_toward`.
 
         Parameters
         ----------
@@ -328,17 +330,17 @@ class InverseFunction:
         elbow : (3,) array
             Point p_e for the elbow, in the base frame, m.
         link
-            Link whose origin is the elbow; by default the elbow joint's origin.
+            Link whose origin is the elbow; by default the origin of the elbow joint.
         margin
-            Distance kept from the joint limits, rad (m).
+            Distance to keep from the joint limits, rad or m.
         """
         return self.inverse.leaf_toward(self(target), elbow=elbow, link=link, margin=margin)
 
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
         """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
 
-        Targets have any of the forms of :meth:`batch`. A deviation is along the coordinates of
-        width 0, m or rad.
+        Targets have any of the forms of :meth:`batch`. Deviations are along coordinates of width 0,
+        m or rad.
         """
         if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(
@@ -404,10 +406,10 @@ class _NativeFunction:
         self._n, self._r = chart.cell.task.n, chart.cell.task.r
 
     def of_one(self) -> Callable[[pin.SE3, Array | None], Array | None]:
-        """Create the function (target, leaf or None) → q (n,), with the memory of one thread.
+        """Create a function (target, leaf or None) → q (n,), to be used by one thread at a time.
 
-        The target is a pinocchio.SE3, the leaf (r,) the position along the self-motion. It returns
-        None where C finds no configuration.
+        The target is a pinocchio.SE3, the leaf (r,) the position along the self-motion. The
+        function returns None where C finds no configuration.
         """
         target, leaf, result = np.zeros((4, 4)), np.zeros(self._r), np.zeros(self._n)
         parts = {"target": target, "leaf": leaf, "result": result}
@@ -432,11 +434,11 @@ class _NativeFunction:
     def of_many(
         self, targets: Array, C: Array, matrices: Callable[[Array], Array], threads: int
     ) -> Array:
-        """Evaluate F (K, n) at targets (K, …) on the leaves C (K, r), part by part.
+        """Evaluate F (K, n) at targets (K, …) on the leaves C (K, r), chunk by chunk.
 
-        The arrays of a part stay in the processor's cache. ``matrices`` converts targets to
-        homogeneous matrices (K, 4, 4). Rows without a configuration are NaN. Several threads share
-        the parts.
+        The arrays of a chunk fit in the processor's cache, and several threads share the chunks.
+        ``matrices`` converts targets to homogeneous matrices (K, 4, 4). Rows without a
+        configuration are NaN.
         """
         Q = np.empty((len(targets), self._n))
         to = ctypes.byref(self._arm), ctypes.byref(self._chart)
@@ -461,7 +463,7 @@ class _NativeFunction:
 def _native_function(chart: Chart, keep_limits: bool) -> _NativeFunction | None:
     """Create the C version of a cell function, which is much faster; None if that is not possible.
 
-    There is none without the native library, or if C cannot hold the task (more than 64 joints).
+    It is not possible without the native library, or with more than 64 joints.
     """
     native, arm = library(), library_arm(chart.cell.task)
     if native is None or arm is None:

@@ -37,8 +37,8 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
     task
         The task. Rotation matrices are checked only if the task commands a rotation.
     targets : list of placements, (K, 4, 4) or (K, 7) array
-        A row of seven is a position, m, and a quaternion, ``x, y, z, qx, qy, qz, qw``. Rows that
-        are not finite are not checked, and remain not finite.
+        A row of seven is a position, m, and a quaternion: ``x, y, z, qx, qy, qz, qw``. Rows with
+        numbers that are not finite are not checked; their results are not finite either.
 
     Raises
     ------
@@ -85,8 +85,8 @@ def _of_quaternions(rows: Array) -> tuple[Array, Array]:
 def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
     """Convert homogeneous matrices X (K, 4, 4) to positions (K, 3), m, and rotations (K, 3, 3).
 
-    An InputError that names the target is raised for another shape, a last row that is not 0, 0, 0,
-    1, or a rotation that is none; the rotation is checked only if the task commands it.
+    An InputError is raised if the shape is wrong, a last row is not 0, 0, 0, 1, or a rotation
+    matrix is not a rotation. Rotations are checked only if the task commands them.
     """
     if X.shape[1:] != (4, 4):
         raise InputError(f"targets must be {FORMS}; got an array of shape {X.shape}")

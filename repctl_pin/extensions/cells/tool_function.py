@@ -1,7 +1,7 @@
 """Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``.
 
-F gives one configuration for each pose of the frame, T is the placement of the tool in the frame.
-So a change of the tool needs no new design.
+F gives one configuration for each pose of the frame; T is the placement of the tool in the frame. A
+change of the tool so needs no new design.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .targets import FORMS, as_poses, homogeneous
 class ToolFunction:
     """Function over the poses of a tool, from the function of the frame that carries it.
 
-    It gives one configuration for each pose. Made by :meth:`InverseFunction.with_tool`.
+    The function gives one configuration for each pose. :meth:`InverseFunction.with_tool` makes it.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class ToolFunction:
 
     @property
     def cell(self) -> Cell:
-        """Cell of the frame's poses; those of the tool are x T, with x in the cell.
+        """Cell of the frame's poses x; the poses of the tool are x T.
 
         T is the placement of the tool in the frame.
         """
@@ -76,8 +76,8 @@ class ToolFunction:
         Parameters
         ----------
         targets : list of placements, or (K, 4, 4) or (K, 7) array
-            Poses of the tool. Coordinates of the cell belong to the frame: give them to
-            ``of_frame``.
+            Poses of the tool. Coordinates of the cell are not accepted, because they describe poses
+            of the frame; give them to ``of_frame``.
         leaf, missing, threads
             As for :meth:`InverseFunction.batch`.
         """
@@ -112,8 +112,7 @@ class ToolFunction:
     def inverse(self) -> RepeatableInverse:
         """Controller ``q̇ = ∂F'/∂x ẋ`` of the tool, evaluated in NumPy.
 
-        F' is the function of the tool; the controller's leaf c = 0, where its potentials are 0, is
-        F'.
+        Its leaf c = 0, on which its potentials are 0, is the function F' of the tool.
         """
         potentials: Any = _FramePotentials(self.of_frame.chart)
         return RepeatableInverse(self.task, potentials)
@@ -127,7 +126,7 @@ class ToolFunction:
         return intervals
 
     def with_tool(self, placement: Placement) -> ToolFunction:
-        """Create the function of a tool at a placement in this tool's frame."""
+        """Create the function of another tool, given its placement in the frame of this tool."""
         further = as_placement(placement, "placement")
         return ToolFunction(self.of_frame, self.tool * further)
 
@@ -142,8 +141,8 @@ class ToolFunction:
 class _FramePotentials(CellPotentials):
     """Potentials of the frame's chart: functions of q, whatever tool the task controls.
 
-    A controller that holds them constant follows the function. C evaluates a chart at the pose of
-    the task's own frame, so it cannot hold them.
+    A controller that holds these potentials constant follows the function. C evaluates a chart only
+    at the pose of the task's own frame, so these potentials cannot be evaluated in C.
     """
 
     def _native_part(self) -> Any:

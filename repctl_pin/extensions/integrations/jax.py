@@ -1,9 +1,9 @@
 r"""Inverse kinematic function of a cell as pure JAX functions; requires the extra ``jax``.
 
-A cell is a box of poses over which a function F gives one configuration per pose. Its chart are
-polynomials of the cell's coordinates u: q_ref, a configuration near the solution, and n_ref, the
-directions along the self-motion in which the level c is measured. JAX compiles these functions,
-maps them over many poses, and differentiates them, as learning requires.
+A cell is a box of poses over which a function F gives one configuration per pose. The chart of F
+consists of two polynomials of the cell's coordinates u. q_ref is a configuration near the solution;
+n_ref are the directions along the self-motion, in which the level c is measured. For learning, JAX
+compiles these functions, maps them over many poses, and differentiates them.
 """
 
 from __future__ import annotations
@@ -46,10 +46,9 @@ _ROUNDINGS = 64
 def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     r"""Convert ``q = F(x; c)`` to a pure, jitted JAX function.
 
-    It can be vmapped and differentiated. Newton's method finds q from q_ref, the configuration of
-    F's polynomials; n_ref (n, r) are the directions in which the level c, the position along the
-    self-motion, is measured. The derivative is that of the implicit function theorem, not taken
-    through the iterations:
+    The function can be vmapped and differentiated. Newton's method starts from q_ref, a polynomial
+    of F. n_ref (n, r) are the directions in which the level c, the position along the self-motion,
+    is measured. The derivative comes from the implicit function theorem, not from the iterations:
 
     .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
               dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}
@@ -63,8 +62,8 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     -------
     function (x, leaf=None) → q
         x is a homogeneous matrix (4, 4), leaf the level c (r,), by default 0; q (n,) has the
-        precision of x. Where F would raise, q is NaN: outside the cell or the limits, and where x
-        is no rigid transform to 1e-6.
+        floating-point type of x. Where F would raise an error, q is NaN: outside the cell or the
+        limits, or if x is not a rigid transform to within 1e-6.
 
     Raises
     ------
@@ -96,8 +95,9 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
 def _system(F: InverseFunction) -> Callable[..., tuple[Numbers, Numbers]]:
     """Create the linear system of Newton's method: ``J_V = [J; n_refᵀ]`` (n, n) and g (n,).
 
-    ``g = [x − f(q); c − n_refᵀ (q − q_ref)]`` is the error of the pose x and of the level c at q.
-    The function's last argument ``chart`` are q_ref (n,) and n_ref (n, r), F's polynomials at x.
+    ``g = [x − f(q); c − n_refᵀ (q − q_ref)]`` is the error of q from the pose x and the level c.
+    The last argument of the created function, ``chart``, is the pair q_ref (n,) and n_ref (n, r),
+    the polynomials of F at x.
     """
     frame = _kinematics(F)
 
@@ -115,7 +115,8 @@ def _system(F: InverseFunction) -> Callable[..., tuple[Numbers, Numbers]]:
 def _solution(F: InverseFunction) -> Callable[[Numbers, Numbers], Numbers]:
     """Create the function from a pose x and a level c to q, by Newton's method.
 
-    q is NaN where the iterations do not converge. The derivative is that of the implicit function.
+    q is NaN where the iterations do not converge. The derivative comes from the implicit function
+    theorem.
     """
     system, reference = _system(F), _reference(F)
 
@@ -154,10 +155,10 @@ def _solution(F: InverseFunction) -> Callable[[Numbers, Numbers], Numbers]:
 
 
 def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Convert the inverse of F, from a configuration to its pose and level, to a pure JAX function.
+    """Make a pure JAX function that inverts F: from a configuration to its pose and level.
 
-    The level c says where along the self-motion the configuration is. ``x = f(q)`` and ``c =
-    n_ref(x)ᵀ (q − q_ref(x))``, with q_ref and n_ref the polynomials of F, so that ``F(x; c) = q``
+    The level c is the position of the configuration along the self-motion. ``x = f(q)`` and
+    ``c = n_ref(x)ᵀ (q − q_ref(x))``, with q_ref and n_ref the polynomials of F. So ``F(x; c) = q``
     if q is near F(x; 0).
 
     Parameters
@@ -211,7 +212,7 @@ def _link(at: tuple[Numbers, Numbers], joint: Any) -> Any:
 def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
     """Create the function from q (n,) to p (3,), m, and R (3, 3) of the frame, and J (m, n).
 
-    It is the forward kinematics in JAX, along the chain of joints.
+    This is forward kinematics along the chain of joints, in JAX.
     """
     chain, task = chain_of(F.task), F.task
     S, turns = chain.S[:, : task.n], chain.revolute[:, None]
@@ -233,11 +234,11 @@ def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Number
 
 
 def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Create the function from a pose x (4, 4) to F's polynomials q_ref (n,) and n_ref (n, r).
+    """Create the function from a pose x (4, 4) to q_ref (n,) and n_ref (n, r), polynomials of F.
 
-    q_ref is a configuration near F(x), from which Newton's method starts, and n_ref the directions
-    in which the level c is measured. q_ref includes the joint angles that symmetries of the arm,
-    such as a turn about its base, add to the polynomials.
+    Newton's method starts from q_ref, a configuration near F(x); the level c is measured along
+    n_ref. q_ref includes the joint angles that symmetries of the arm, such as a turn about its
+    base, add to the polynomials.
     """
     monomials, C = F.chart.monomials, np.asarray(F.chart.coefficients)
     blocks = [
@@ -258,7 +259,7 @@ def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers
 def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
     """Evaluate the task error (m,) from the frame's placement (p, R) to a pose x (4, 4), m and rad.
 
-    It has the components that the kind of task commands only.
+    The error has only the components that the kind of task commands.
     """
     away = x[:3, 3] - p
     kind = cell.task.kind
@@ -274,7 +275,7 @@ def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
 def _coordinates(cell: Cell, x: Numbers) -> Numbers:
     """Convert a pose x (4, 4) to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell.
 
-    They are the variables of the polynomials of F, the function of the cell.
+    The polynomials of F, the function of the cell, are in these coordinates.
     """
     y = _measured(cell, x) - jnp.asarray(cell._offset, x.dtype)
     return y[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
@@ -283,8 +284,8 @@ def _coordinates(cell: Cell, x: Numbers) -> Numbers:
 def _rigid(task: Task, x: Numbers) -> Numbers:
     """Test whether a matrix (4, 4) is a rigid transform, as ``F.batch`` does, to about 1e-6.
 
-    The rotation is tested only if the task commands one. The result is a JAX boolean: a compiled
-    function cannot raise an error.
+    The rotation is tested only if the task commands a rotation. The result is a JAX boolean,
+    because a compiled function cannot raise an error.
     """
     R = x[:3, :3]
     off = [x[3] - jnp.asarray([0.0, 0.0, 0.0, 1.0], x.dtype)]
@@ -297,8 +298,8 @@ def _rigid(task: Task, x: Numbers) -> Numbers:
 def _inside(cell: Cell, x: Numbers) -> Numbers:
     """Test whether a pose x (4, 4) lies in a cell with all its coordinates (``cell.whole``).
 
-    Coordinates without width, which are constant in the cell, are tested too. The tolerance depends
-    on the precision of x.
+    Coordinates of width 0, which are constant in the cell, are also tested. The tolerance depends
+    on the floating-point type of x.
     """
     y = _measured(cell, x)
     held = np.flatnonzero(cell.widths == 0)
@@ -310,8 +311,9 @@ def _inside(cell: Cell, x: Numbers) -> Numbers:
 def _shift(cell: Cell, x: Numbers) -> Numbers:
     """Evaluate the joint angles (n,) to add to q_ref for the coordinates that u leaves out.
 
-    Along these, by a symmetry of the arm, F changes by these angles only: turning a pose around the
-    base turns the first joint. They are left out of the polynomials' coordinates u.
+    Because of a symmetry of the arm, F changes by these angles only: to turn a pose around the
+    base, for example, only the first joint turns. So u, the coordinates of the polynomials, leaves
+    such coordinates out.
     """
     return jnp.asarray(cell.along, x.dtype) @ _measured(cell, x)[np.array(cell._removed, int)]
 
@@ -324,8 +326,8 @@ def _eps(x: Numbers) -> float:
 def _measured(cell: Cell, x: Numbers) -> Numbers:
     """Compute the coordinates (m,) of a pose (4, 4) from the cell's middle, m and rad, not scaled.
 
-    They are the components of position, and a rotation vector or tilts of the tool, that the task
-    commands; for a sector, a cell around the base, cylindrical ones.
+    They are those components of the position, and of a rotation vector or the tilts of the tool,
+    that the task commands. For a sector, which is a cell around the base, they are cylindrical.
     """
     if isinstance(cell, Sector):
         return _cylindrical(cell, x)
@@ -342,9 +344,9 @@ def _measured(cell: Cell, x: Numbers) -> Numbers:
 def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
     """Compute the coordinates (m,) of a pose in a sector, m and rad, not scaled.
 
-    A sector is a cell around the base. They are radius, angle and height about the sector's axis,
-    from its middle, then the tilts of the tool, which rotate its axis, and its spin about that
-    axis.
+    A sector is a cell around the base. The coordinates, relative to the middle, are radius, angle
+    and height about the sector's axis, the tilts of the tool's axis, and the spin of the tool about
+    that axis.
     """
     (rho, z), B = sector.middle, jnp.asarray(sector.directions, x.dtype)
     a, b, height = B @ (x[:3, 3] - jnp.asarray(sector.axis[0], x.dtype))
@@ -371,7 +373,7 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
 def _tilted_back(t: Numbers, v: Numbers) -> Numbers:
     """Rotate a vector v (3,) by ``exp(-t)``, where t (2,) is a rotation vector in the x-y plane.
 
-    It undoes a tilt of the tool, so that only its spin is left. It is differentiable at t = 0, too.
+    The result has no tilt of the tool, only its spin. The function is differentiable also at t = 0.
     """
     square = t @ t
     small = square < 1e-6
@@ -395,8 +397,8 @@ def _log3(R: Numbers) -> Numbers:
 def _tilts(R: Numbers, goal: Numbers) -> Numbers:
     """Compute the rotation (2,), rad, about a tool's x and y that aligns its z with a goal's z.
 
-    R and ``goal`` (3, 3) are the rotations of the tool and the goal. It is the error of a task that
-    leaves the turn about the tool's axis free.
+    R and ``goal`` (3, 3) are the rotations of the tool and the goal. The result is the error of a
+    task that leaves the rotation about the tool's axis free.
     """
     aim = R.T @ goal[:, 2]
     turn = jnp.stack([-aim[1], aim[0]])
@@ -406,7 +408,7 @@ def _tilts(R: Numbers, goal: Numbers) -> Numbers:
 def _angle_over_sine(square: Numbers, cosine: Numbers) -> Numbers:
     """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0.
 
-    It scales the sine of a rotation's angle to the angle, and is differentiable at 0.
+    The factor converts a vector of length sin θ to one of length θ. It is differentiable at 0.
     """
     small = (square < 1e-6) & (cosine > 0)
     sine = jnp.sqrt(jnp.where(small, 1.0, square))

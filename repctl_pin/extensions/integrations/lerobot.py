@@ -13,9 +13,9 @@ from ..cells.function import InverseFunction
 class FunctionKinematics:
     """Forward and inverse kinematics for LeRobot's processors, by a cell's function.
 
-    A cell is a box of poses over which a function F gives one configuration per pose, whatever the
-    current one is, so that a policy's poses always lead to the same joints. Revolute joints are in
-    degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
+    A cell is a box of poses over which a function F gives one configuration per pose, independent
+    of the current configuration. So a policy's poses always lead to the same joints. Revolute
+    joints are in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ class FunctionKinematics:
     ) -> Array:
         """Compute the joint positions of a pose by F, which needs no initial guess.
 
-        The weights, part of LeRobot's interface, have no effect, because F is exact. Positions
-        after the first n, such as a gripper's, are returned unchanged.
+        The weights are part of LeRobot's interface, but have no effect, because F is exact.
+        Positions after the first n, such as a gripper's, are returned unchanged.
         """
         joints = np.array(current_joint_pos, float)
         joints[: len(self._arm(joints))] = (
@@ -73,7 +73,7 @@ class FunctionKinematics:
         return joints
 
     def _arm(self, joints: ArrayLike) -> Array:
-        """Return the first n of the joints, in degrees and m; InputError if there are fewer."""
+        """Return the first n joint positions, in degrees and m; InputError if there are fewer."""
         n = len(self.joint_names)
         given = np.atleast_1d(np.asarray(joints, float))
         if len(given) < n:

@@ -1,7 +1,7 @@
 """Inputs of a :class:`Servo` from messages: time, measured joint positions by name, and targets.
 
-Messages can be late, incomplete or stamped by another clock; a stamp is the time that a message
-says it is from.
+Messages can be late, incomplete or stamped by another clock. A stamp is the time of origin that a
+message states.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
 
 class SteadyTime:
-    """Time that never goes back, and goes on at every tick, whatever the clock does.
+    """Time that never runs backwards, and advances at every tick, whatever the clock does.
 
-    Clocks are set, and those of simulations stand still or restart; time-outs must still end. A
-    tick is one period of the control loop.
+    Clocks are set, and clocks of simulations stop or restart; time-outs must still end. A tick is
+    one period of the control loop.
 
     Parameters
     ----------
     dt
-        Period of the ticks, s: the time of a tick in which the clock stood still or stepped back.
+        Period of the ticks, s, by which the time advances if the clock stopped or stepped back.
     """
 
     def __init__(self, dt: float) -> None:
@@ -55,7 +55,8 @@ class SteadyTime:
     def tick(self, now: float) -> float:
         """Compute the time, s, of a tick at which the clock reads ``now``, s.
 
-        It is at least half a period after the last tick's; otherwise a whole period is added.
+        If this is less than half a period after the last tick, a whole period is added to the time
+        of that tick.
         """
         if self.at(now) - self._last_tick < self._dt / 2:
             self._time = self._last_tick + self._dt
@@ -64,7 +65,7 @@ class SteadyTime:
 
 
 class JointReadings:
-    """Measured positions of an arm's joints, which may come in several messages.
+    """Measured positions of an arm's joints, which may arrive in several messages.
 
     Parameters
     ----------
@@ -78,10 +79,10 @@ class JointReadings:
         self._still: tuple[Array, float] | None = None
 
     def take(self, positions: Mapping[str, float], now: float, stamped: float) -> None:
-        """Store positions by joint name, which arrive at the time ``now``, s.
+        """Store positions by joint name that arrived at the time ``now``, s.
 
-        ``stamped`` is the age by the message's stamp, s; it is negative if the stamp is ahead of
-        the clock. Other joints, and numbers that are not finite, are ignored.
+        ``stamped`` is the age of the message's stamp, s, negative if the stamp is ahead of the
+        clock. Other joints, and numbers that are not finite, are ignored.
         """
         for name in self.names:
             value = positions.get(name)
@@ -91,8 +92,8 @@ class JointReadings:
     def measured(self, now: float) -> tuple[Array | None, float]:
         """Return the latest joint positions (n,), and the age of the oldest of them, s.
 
-        A stamp that is ahead of the clock counts as much as one that is as far behind. The
-        positions are None, and the age is 0, if a joint has not been measured yet.
+        A stamp ahead of the clock counts like one that is equally far behind. If a joint has not
+        been measured yet, the positions are None and the age is 0.
         """
         found = [self._found[name] for name in self.names if name in self._found]
         if len(found) < len(self.names):
@@ -101,7 +102,7 @@ class JointReadings:
         return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
-        """Describe why measurements cannot be used: some joints lack one, or one is too old."""
+        """Describe why the measurements cannot be used: some are missing, or one is too old."""
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"
@@ -116,10 +117,10 @@ class JointReadings:
         )
 
     def rest(self, now: float, duration: float) -> bool:
-        """Test whether the measured joints have not changed for a duration, s.
+        """Test whether the measured joints have been constant for a duration, s.
 
-        An arm that moves must not be given commands from where it was. Each call compares them with
-        those of earlier calls. False if a joint has not been measured yet.
+        Commands to a moving arm would begin at a configuration that it has left. Each call compares
+        the joints with those of earlier calls. False if a joint has not been measured yet.
         """
         q, _ = self.measured(now)
         if q is None:
@@ -129,14 +130,14 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Restart the time for which :meth:`rest` requires constant joints; readings were late."""
+        """Restart, after late readings, the time of constant joints that :meth:`rest` requires."""
         self._still = None
 
 
 def clock_difference(age: float) -> str:
-    """Write a message's age by its stamp, s, in words, such as "3 s before this clock".
+    """Write the age of a message's stamp, s, as text, such as "3 s before this clock".
 
-    A negative age is a stamp ahead of the clock.
+    If the age is negative, the stamp is ahead of the clock.
     """
     size = f"{abs(age):.0f}" if abs(age) >= 1000 else f"{abs(age):.3g}"
     return f"{size} s {'ahead of' if age < 0 else 'before'} this clock"
@@ -151,14 +152,14 @@ def target_of(
 ) -> pin.SE3:
     """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement of the frame.
 
-    They are the pose of the tool, if ``tool``, its placement in the frame, is given. ``cell`` is
-    the box of poses in which the target must lie, or None.
+    If ``tool``, the placement of a tool in the frame, is given, they are the pose of the tool.
+    ``cell`` is the box of poses in which the target must lie, or None.
 
     Raises
     ------
     InputError
-        If a number is not finite, or the target is outside the cell. Also if the quaternion is not
-        of norm 1, for a task with a rotation; other tasks ignore the quaternion.
+        If a number is not finite, the target is outside the cell, or the quaternion does not have
+        norm 1. Tasks without a rotation ignore the quaternion.
     """
     target = _placed(position, quaternion if task.kind.turns else _NO_TURN)
     if tool is not None:
@@ -174,7 +175,7 @@ def placement_of(numbers: Any, name: str) -> pin.SE3:
     Raises
     ------
     InputError
-        If they are not 3 or 7 finite numbers, or the quaternion is not of norm 1.
+        If they are not 3 or 7 finite numbers, or the quaternion does not have norm 1.
     """
     found = as_numbers(numbers)
     if found is None or found.shape not in ((3,), (7,)):
@@ -193,7 +194,7 @@ def _placed(position: ArrayLike, quaternion: ArrayLike) -> pin.SE3:
     """
     p, x = np.array(position, float), np.array(quaternion, float)
     if not np.isfinite([*p, *x]).all():
-        raise InputError("it must be finite numbers")
+        raise InputError("its position and quaternion must be finite numbers")
     norm = float(np.linalg.norm(x))
     if not abs(norm - 1) <= _UNIT:
         raise InputError(f"its quaternion has norm {norm:.4g}, not 1")

@@ -21,11 +21,12 @@ except ImportError as error:
 
 
 class RepeatableTask(PinkTask):
-    """pink task that holds h(q) = c: together with a frame task, it makes pink repeatable.
+    """pink task that holds h(q) = c; together with a frame task, it makes the motion repeatable.
 
-    pink solves for joint velocities that serve several tasks. The potentials h of a design, held at
-    the level c, determine the joints that a frame task leaves free. ``e(q) = h(q) − c``, with the
-    Jacobian ``∂h/∂q``. The joints are found in pink's model by name; other joints are not affected.
+    pink solves for joint velocities that serve several tasks. A frame task leaves a self-motion
+    free; the potentials h of a design, held at the level c, determine it. The error is
+    ``e(q) = h(q) − c``, its Jacobian ``∂h/∂q``. The joints are found in pink's model by name; other
+    joints are not affected.
 
     Parameters
     ----------
@@ -36,8 +37,8 @@ class RepeatableTask(PinkTask):
         Weight of each of the r errors relative to the costs of other tasks. This task and the frame
         task do not conflict: together they determine all joints.
     gain
-        Fraction of the error corrected per step, from 0 to 1; below 1 the arm returns slowly after
-        a disturbance.
+        Fraction of the error that is corrected per step, from 0 to 1; below 1, the arm returns
+        gradually after a disturbance.
     lm_damping
         pink's Levenberg–Marquardt damping.
     """
@@ -66,11 +67,11 @@ class RepeatableTask(PinkTask):
         self.leaf = vector(leaf, self.inverse.task.r, "the level c", "one per potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
-        """Set the level c to hold to the value of the potentials h at a configuration of pink's."""
+        """Set the level c to hold to the value of the potentials h at a configuration of pink."""
         self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
-        """Evaluate the error h(q) − c (r,) of the potentials h from the level c that is to be held.
+        """Evaluate the error h(q) − c (r,) of the potentials h from the level c to hold.
 
         InputError if no level is set.
         """
@@ -91,7 +92,7 @@ class RepeatableTask(PinkTask):
         return J
 
     def _joints(self, configuration: Configuration) -> Array:
-        """Extract the design's joints (n,) from pink's configuration, one number each, rad or m.
+        """Extract the design's joint positions (n,) from pink's configuration, rad or m.
 
         Pinocchio stores a continuous joint as (cos, sin), which becomes an angle.
         """
@@ -106,7 +107,7 @@ class RepeatableTask(PinkTask):
     def _find(self, model: pin.Model) -> None:
         """Find the design's joints in pink's model, by name; InputError if one is missing.
 
-        Stores their indices in q and v, and which of them are (cos, sin) pairs.
+        Store their indices in q and v, and which of them are (cos, sin) pairs.
         """
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:

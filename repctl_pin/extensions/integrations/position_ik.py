@@ -1,4 +1,4 @@
-"""Answers to MoveIt's service GetPositionIK by the function of a cell; imports no ROS package."""
+"""Answers to MoveIt's service GetPositionIK by a cell's function; imports no ROS package."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ def answer(
     """Fill in and return the response to a request: the joints F(pose), or an error code.
 
     F is the function of a cell, a box of poses: it gives one configuration per pose. The seed, the
-    group and the constraints of the request are not used: the pose alone determines the joints.
-    With ``avoid_collisions`` the robot's own bodies are checked, except those without a shape.
+    group and the constraints of the request are ignored: the pose alone determines the joints. With
+    ``avoid_collisions``, the robot is checked for collisions with itself, except for links without
+    a shape.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def answer(
     request, response
         ``moveit_msgs/PositionIKRequest`` and ``GetPositionIK.Response``.
     names
-        Joint names of the task by the joint names in messages, in the task's order.
+        Dict from the joint names in messages to those of the task, in the task's order.
     base
         Name of the frame in which poses are given.
     leaf : (r,) array, optional

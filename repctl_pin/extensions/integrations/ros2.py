@@ -1,7 +1,7 @@
 """ROS 2 node of an arm: target poses or twists in, joint commands out.
 
-The commands stay on one leaf, the set h(q) = c that the design holds, and within the limits. What
-is done with the messages is in :mod:`.servo`; this module converts them.
+The commands stay within the limits, and on one leaf, the set h(q) = c of the design's potentials.
+This module converts messages; :mod:`.servo` processes them.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ class _ArmNode(Node):
     installed, ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters
     are read once.
 
-    Commands and time-outs follow a steady clock, which is never set; with ``use_sim_time``, they
-    follow the simulation's. Stamps are compared with the node's ROS clock.
+    Commands and time-outs follow a steady clock, which is never set, or with ``use_sim_time`` the
+    clock of the simulation. Stamps are compared with the node's ROS clock.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class _ArmNode(Node):
     Raises
     ------
     InputError
-        If a parameter is missing, unknown, or cannot be used.
+        If a parameter is missing, unknown or invalid.
     """
 
     def __init__(self, design: Design | CellDesign) -> None:
@@ -124,7 +124,7 @@ class _ArmNode(Node):
         self.add_on_set_parameters_callback(self._on_set)
 
     def _connect(self) -> None:
-        """Create publishers, subscriptions, services and timers, as the parameters ask."""
+        """Create publishers, subscriptions, services and timers, as set by the parameters."""
         newest = QoSProfile(depth=1)
         if self._output == "trajectory":
             self._commands = self.create_publisher(JointTrajectory, "joint_trajectory", newest)
@@ -147,7 +147,8 @@ class _ArmNode(Node):
     def _offer_ik(self, F: InverseFunction) -> None:
         """Create the service ``compute_ik``, MoveIt's GetPositionIK, answered by the function F.
 
-        MoveIt then gets one configuration per pose. Without moveit_msgs, there is no such service.
+        MoveIt then gets one configuration per pose. Without moveit_msgs, the service is not
+        created.
         """
         try:
             from moveit_msgs.srv import GetPositionIK
@@ -170,7 +171,7 @@ class _ArmNode(Node):
     def _declared(self) -> dict[str, Any]:
         """Declare all parameters and return their values by name; arrays become lists.
 
-        Raises InputError if a parameter is given that the node does not have, such as one misspelt.
+        InputError is raised for a parameter that the node does not have, such as a misspelt one.
         """
         every = [(name, value, _ANY) for name, value in _DEFAULTS.items()]
         values = {p.name: p.value for p in self.declare_parameters("", every)}
@@ -185,8 +186,8 @@ class _ArmNode(Node):
     def _joint_names(self, given: list[str] | None) -> dict[str, str]:
         """Map the joint names that messages use to those of the design, in the design's order.
 
-        ``given`` is the parameter ``joints``, or None for the same names. InputError unless it has
-        a name for each joint.
+        ``given`` is the parameter ``joints``, or None for equal names. InputError is raised unless
+        it has one name per joint.
         """
         own = self.servo.task.joint_names
         given = list(own) if given is None else given
@@ -207,8 +208,8 @@ class _ArmNode(Node):
     def _set_leaf(self, value: Any) -> str:
         """Pass a level c, which moves the elbow along the self-motion, to the servo.
 
-        ``value`` is a number, a list of r numbers, or None for no change. Returns why it is
-        refused, or an empty text.
+        ``value`` is a number, a list of r numbers, or None for no change. Return the reason if it
+        is refused, else an empty text.
         """
         if value is None:
             return ""
@@ -220,7 +221,7 @@ class _ArmNode(Node):
     # ---- messages ------------------------------------------------------------------------------
 
     def _now(self) -> float:
-        """Time of the ticks and time-outs, s, by a clock that is never set, or the simulation's."""
+        """Time of ticks and time-outs, s, by a clock that is never set, or by the simulation."""
         return float(self._tick_clock.now().nanoseconds * 1e-9)
 
     def _age(self, stamp: Any) -> float:
@@ -274,7 +275,7 @@ class _ArmNode(Node):
             self._publish(q)
 
     def _publish(self, q: Array) -> None:
-        """Publish a commanded configuration (n,), to be reached at the next tick."""
+        """Publish a commanded configuration (n,), which the arm is to reach at the next tick."""
         if self._output == "positions":
             self._commands.publish(Float64MultiArray(data=q.tolist()))
             return
@@ -317,9 +318,9 @@ def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]
 
 
 def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:
-    """Read the bodies whose distance is kept, as arguments of :class:`Servo`; empty if none are.
+    """Return the bodies that must keep a distance, as arguments of :class:`Servo`; may be empty.
 
-    The parameters ``surroundings``, a URDF, and ``body_distance``, m, ask for them. Links without a
+    The parameters ``surroundings``, a URDF, and ``body_distance``, m, request them. Links without a
     body are refused, unless the parameter ``unchecked`` is ``allow``.
     """
     around, distance = given["surroundings"], given["body_distance"]

@@ -20,7 +20,7 @@ the arm to rest, then ends the node."""
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl ros2`` to its parser."""
     parser.what("a saved design or cell (.json) of repctl design, study or cell")
     parser.set_defaults(frame=None, task=None)
     parser.add_argument(

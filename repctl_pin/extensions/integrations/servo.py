@@ -1,7 +1,7 @@
-"""Servo: joint commands per tick from target poses or twists and measured joints; without ROS.
+"""Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
 A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c says where along the self-motion the elbow is.
+keeps the arm; its level c is the position of the elbow along the self-motion.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ _BEYOND = "beyond the proved radius"
 
 
 class State(Enum):
-    """State of a :class:`Servo`: what its ticks do with the arm.
+    """State of a :class:`Servo`, which decides what its ticks command.
 
-    WAITING: no command is sent until joints at rest have been measured. RUNNING: the targets are
-    followed. HOLDING: the arm stops and stays at rest until it is resumed.
+    WAITING: no command is sent until joints at rest have been measured. RUNNING: the arm follows
+    its targets. HOLDING: the arm stops and stays at rest until :meth:`Servo.resume`.
     """
 
     WAITING = "waiting"
@@ -62,13 +62,13 @@ class State(Enum):
 
 
 class Servo:
-    """Joint commands of an arm, per tick, from target poses or twists and measured joints.
+    """Generator of one joint command per tick, from target poses or twists and measured joints.
 
-    The commands stay within the limits, and on one leaf, the set h(q) = c that the design's
-    potentials h hold, until :meth:`leaf` sets another level c. All times are of one clock, in s,
-    passed as ``now``. Where the clock steps back or stands still, each tick counts as one period,
-    so time-outs still end. A target or twist that cannot be used raises no error: it stops the arm,
-    and :attr:`reason` describes it.
+    The commands stay within the limits, and on one leaf, the set h(q) = c of the design's
+    potentials h, until :meth:`leaf` sets another level c. All times, passed as ``now``, are of one
+    clock, in s. While the clock steps back or stops, each tick counts as one period, so time-outs
+    still end. An invalid target or twist raises no error, but stops the arm, and :attr:`reason`
+    describes why.
 
     Parameters
     ----------
@@ -81,15 +81,15 @@ class Servo:
     timeout
         Maximum age of measured joints, of a target and of a twist, s.
     tolerance
-        Maximum distance of a measured joint from its command, rad or m; beyond it, the arm stops,
-        because it does not follow.
+        Maximum distance of a measured joint from its command, rad or m. If it is exceeded, the arm
+        does not follow its commands, and is stopped.
     bodies, body_distance, unchecked
-        Bodies whose distance is kept, this distance, m, and whether links without a body are
-        accepted, as for :class:`Governor`.
+        Bodies that must keep a distance, this distance, m, and whether links without a body are
+        accepted; as for :class:`Governor`.
     tool
         Placement of the tool in the frame of the design; targets and twists are then the tool's.
     clutch
-        Clutch between the operator's hand and the arm; by default one of scale 1.
+        Clutch between the operator's hand and the arm; by default with scale 1.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class Servo:
     ) -> None:
         """Set the target: position (x, y, z), m, and quaternion (x, y, z, w), in the base frame.
 
-        ``age`` is the message's age, s. A target that cannot be used stops the arm.
+        ``age`` is the message's age, s. An invalid target stops the arm.
         """
         if self._usable("target", frame, age):
             try:
@@ -178,20 +178,20 @@ class Servo:
     def twist(
         self, twist: Sequence[float], now: float, *, frame: str = "", age: float = 0.0
     ) -> None:
-        """Set the velocity (v, ω) to follow, base axes, m/s and rad/s; it is valid for ``timeout``.
+        """Set the velocity (v, ω) to follow, in base axes, m/s and rad/s, valid for ``timeout``.
 
-        ``age`` is the message's age, s. A twist that cannot be used stops the arm.
+        ``age`` is the message's age, s. An invalid twist stops the arm.
         """
         if self._usable("twist", frame, age):
             if not np.isfinite(twist).all():
-                self._refuse("twist refused: it must be finite numbers")
+                self._refuse("twist refused: its numbers must be finite")
                 return
             self._forget()
             self._twist = np.array(twist, float)
             self._heard = self._time.at(now)
 
     def couple(self, coupled: bool) -> None:
-        """Engage the clutch with the next hand pose, or release it: then the arm stops.
+        """Engage the clutch with the next hand pose; or release the clutch, which stops the arm.
 
         While engaged, the arm's target moves as the operator's hand does.
         """
@@ -208,9 +208,9 @@ class Servo:
         *,
         age: float = 0.0,
     ) -> None:
-        """Set the pose of the operator's hand, in its tracker's frame; it is valid for ``timeout``.
+        """Set the pose of the operator's hand, in its tracker's frame, valid for ``timeout``.
 
-        It moves the target while the arm is coupled. A pose that cannot be used ends the coupling.
+        It moves the target while the arm is coupled. An invalid pose ends the coupling.
         """
         if not self._coupled or not self._usable("hand pose", "", age):
             return
@@ -227,11 +227,11 @@ class Servo:
         self._target, self._heard = target, self._time.at(now)
 
     def leaf(self, leaf: ArrayLike) -> str:
-        """Set the level c (r,) to which the arm moves, at the same time as to its targets.
+        """Set the level c (r,) to which the arm moves while it follows its targets.
 
-        The level, the value of the design's potentials, says where along the self-motion the elbow
-        is. An arm without a target or a twist does not move to it. Returns why the level is
-        refused, or an empty text.
+        The level is the value of the design's potentials: the position of the elbow along the
+        self-motion. Without a target or a twist, the arm does not move to it. Return the reason if
+        the level is refused, else an empty text.
         """
         c = np.atleast_1d(np.asarray(leaf, float))
         if c.shape != (self.task.r,) or not np.isfinite(c).all():
@@ -260,8 +260,8 @@ class Servo:
     def tick(self, now: float) -> Array | None:
         """Compute the next command (n,); None if no command may be sent.
 
-        None is returned until recent measurements show the joints at rest, and after a stop because
-        the arm did not follow its commands. :attr:`reason` says why.
+        No command is sent until recent measurements show the joints at rest, nor after a stop
+        because the arm did not follow its commands. :attr:`reason` says why.
         """
         now = self._time.tick(now)
         q, age = self._readings.measured(now)
@@ -293,7 +293,7 @@ class Servo:
     def brake(self) -> Array | None:
         """Compute the next command (n,) of a stop; None if the arm is at rest, or waits.
 
-        It is called repeatedly when the program ends, and needs no measured joints.
+        Call this repeatedly when the program ends; measured joints are not needed.
         """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
@@ -308,15 +308,15 @@ class Servo:
     def stopped_early(self) -> bool:
         """True if the governor stops the arm before its target.
 
-        A joint limit, a near body, a singularity or the edge of Ω, the region of the design, is
-        ahead.
+        Then a joint limit, a near body, a singularity or the edge of Ω, the region of the design,
+        is ahead.
         """
         asked = self._target is not None or self._twist is not None
         return self.state is State.RUNNING and asked and self.status in _AHEAD
 
     @property
     def said(self) -> str:
-        """State of the servo, and what stops the arm, in one line to show."""
+        """Display text: one line with the state of the servo, and what stops the arm."""
         reason = self.reason
         if self.stopped_early and not reason:
             does = "stopped" if self.at_rest else "slowing down"
@@ -330,14 +330,14 @@ class Servo:
     def beyond_closing_radius(self) -> bool:
         """True if the command is beyond the closing radius of the design's certificate.
 
-        Within this distance of a start or a path, closed paths are proved to close.
+        Within the radius of a start or a path, closed paths are proved to close in the joints.
         """
         if not self._closes or self.command is None:
             return False
         return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
-        """Describe what stops the arm early: a joint limit, bodies, a singularity, Ω's edge."""
+        """Describe what stops the arm early: a joint limit, bodies, a singularity or Ω's edge."""
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)
             return f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
@@ -357,7 +357,7 @@ class Servo:
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next command (n,), towards the target or by the twist, and to the level."""
+        """Compute the next command (n,), toward the target or by the twist, and to the level."""
         twist = self._twist
         if twist is not None and self.tool is not None:
             arm = self._placement().rotation @ self.tool.translation
@@ -374,16 +374,16 @@ class Servo:
     def _moving_asked(self) -> bool:
         """Test whether the arm is running and has a target or a twist to follow.
 
-        Only then does the arm move to the level c that the user has set: an arm at rest does not
-        start to move by itself.
+        Only then does the arm move to the level c that the user has set, so that an arm at rest
+        does not start to move by itself.
         """
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _start(self, q: Array) -> bool:
         """Start at rest at the measured joints q (n,); False if that is not possible.
 
-        If the joints are at the last command, the servo continues from that command, so that the
-        error of the measurement does not change the level c.
+        If the joints are at the last command, the servo continues from that command, so that errors
+        of measurement do not change the level c.
         """
         command = self.command
         if self._fault or command is None or np.abs(q - command).max() > SAME:
@@ -401,10 +401,10 @@ class Servo:
     def _compare(self, q: Array, age: float) -> bool:
         """Compare measured joints q (n,), ``age`` s old, with the last command; stop if too far.
 
-        An arm that collided, or whose controller was lost, does not follow its commands. Since the
-        measurement it may have moved at its speed limits; so much is allowed beyond the tolerance.
-        If it is farther away, the commands slow down to rest. Returns False while they do, and
-        True from then on, when no command may be sent.
+        An arm that collided, or whose controller was lost, does not follow its commands. To the
+        tolerance is added the distance that the arm can have moved at its speed limits since the
+        measurement. If a joint is farther away, the commands slow down to rest. Return True once
+        they are at rest after such a stop; then no command may be sent.
         """
         off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
         if off.max() > self.tolerance and not self._fault:
@@ -421,10 +421,11 @@ class Servo:
     # ---- what messages say ---------------------------------------------------------------------
 
     def _usable(self, what: str, frame: str, age: float) -> bool:
-        """Test whether a message can be used: in the base frame, not late, and while the arm runs.
+        """Test whether a message is valid: in the base frame, not late, while the arm is running.
 
-        ``what`` names it, such as "target"; ``frame`` is its frame, empty for the base; ``age`` is
-        by its stamp, s. A message in another frame or late also stops the arm.
+        ``what`` is its name, such as "target", ``frame`` its frame (empty for the base), and
+        ``age`` the age of its stamp, s. A message that is late or in another frame also stops the
+        arm.
         """
         if frame not in ("", self.base):
             self._refuse(f"{what} refused: it is in frame {shown(frame)}, not in {self.base!r}")
@@ -436,16 +437,16 @@ class Servo:
         return False
 
     def _refuse(self, reason: str) -> None:
-        """Drop the target, so that the arm stops until the next usable one, and give the reason.
+        """Drop the target, so that the arm stops until the next valid target, and set the reason.
 
-        A running arm goes on with the next usable message; a hold, see :meth:`_stop`, does not.
+        A running arm continues with the next valid message; after :meth:`_stop`, it does not.
         """
         self._forget()
         if self.state is State.RUNNING:
             self.reason = reason
 
     def _stop(self, reason: str) -> None:
-        """Hold, for the given reason, until :meth:`resume` is called: the arm brakes to rest."""
+        """Brake to rest and hold, for the given reason, until :meth:`resume` is called."""
         self._forget()
         self._held = reason
         if self.state is not State.WAITING:

@@ -1,8 +1,8 @@
-"""Lines between two poses of a cell: straight for the tool, or straight in the cell's coordinates.
+"""Lines between two poses of a cell: straight in space, or straight in the cell's coordinates.
 
-A cell is a box of poses; its coordinates u are from −1 to 1. A line is a curve of poses x(a), a
-from 0 to 1. Two lines that meet at a pose are blended by a curve of continuous curvature, so that
-the arm need not stop there.
+A cell is a box of poses; its coordinates u are from −1 to 1. A line is a curve of poses x(a), with
+a from 0 to 1. A blend is a curve of continuous curvature between two lines that meet at a pose, so
+that the arm need not stop there.
 """
 
 from __future__ import annotations
@@ -59,15 +59,16 @@ class Line:
     Attributes
     ----------
     kind : str
-        ``tool`` for a straight line of the tool, ``cell`` for one in the cell's coordinates.
+        ``tool`` for a straight line of the tool, ``cell`` for a straight line in the cell's
+        coordinates.
     at
         The poses x(a).
     length : float
-        Length of the way of the position, m; of a rotation, 0.1 m per rad.
+        Length of the path of the position, m; for a rotation in place, 0.1 m per rad.
     turns : bool
         True if the line is a rotation, with a constant position.
     ends : (2, k) array or None
-        Coordinates at both ends of a line in the cell's coordinates.
+        Coordinates of both ends if ``kind`` is ``cell``, else None.
     """
 
     kind: Literal["tool", "cell"]
@@ -78,7 +79,7 @@ class Line:
 
     @classmethod
     def of(cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None) -> Line:
-        """Create a line of poses x(a), and measure its length; ``ends`` as the attribute."""
+        """Create a line of poses x(a), and measure its length; for ``ends``, see the attribute."""
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
         steps = np.linalg.norm(np.diff(X[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2)
@@ -87,10 +88,10 @@ class Line:
         return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
-        """Evaluate v and ω (3,), m and rad per metre of the line, at an end, a = 0 or 1.
+        """Evaluate v and ω (3,), in m and rad per metre of the line, at an end: a = 0 or a = 1.
 
-        A blend needs both directions. They are differences over a step of 1e-4, exact on a line of
-        the tool.
+        Blends need both vectors. They are differences over a step of 1e-4, which are exact on a
+        line of the tool.
         """
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]
@@ -101,9 +102,8 @@ class Line:
 def tool_line(cell: Cell, start: Array, end: Array) -> Line:
     """Create the straight line of the tool between two poses (4, 4), p₀, R₀ and p₁, R₁.
 
-    With a from 0 to 1, the position moves straight, ``p₀ + a (p₁ − p₀)``, in the components that
-    the task commands, and the frame turns about one axis, ``exp(a ω̂) R₀``. The line may leave the
-    cell.
+    With a from 0 to 1, the commanded components of the position are ``p₀ + a (p₁ − p₀)``, and the
+    frame turns about one axis, by ``exp(a ω̂) R₀``. The line may leave the cell.
     """
     p, R = start[:3, 3], start[:3, :3]
     e = cell.errors(end[None, :3, 3], end[None, :3, :3], p[None], R[None])[0]
@@ -124,8 +124,8 @@ def tool_line(cell: Cell, start: Array, end: Array) -> Line:
 def cell_line(F: Function, start: Array, end: Array) -> Line:
     """Create the line between two poses (4, 4) that is straight in the cell's coordinates u.
 
-    A cell is a box in u, hence convex: the whole line lies in it, where the function F exists. It
-    is used where the straight line of the tool leaves the cell.
+    A cell is a box in u, hence convex, so the whole line lies in the cell, where the function F
+    exists. Such a line is used if the straight line of the tool leaves the cell.
     """
     X = np.stack([start, end]) @ np.linalg.inv(tool_of(F))
     U, _ = F.cell.coordinates(X[:, :3, 3], X[:, :3, :3])
@@ -143,7 +143,7 @@ def _placed(F: Function, U: Array) -> Array:
 
 
 def tool_of(F: Function) -> Array:
-    """Return the placement (4, 4) of the tool in the frame that the cell is of; I without one."""
+    """Return the placement (4, 4) of the tool in the frame of the cell; I without a tool."""
     return F.tool.homogeneous if isinstance(F, ToolFunction) else np.eye(4)
 
 
@@ -164,7 +164,7 @@ class Blend:
     length : float
         Length, m.
     cut_in, cut_out : float
-        Parts c_in and c_out of the two lines that the blend replaces.
+        Fractions c_in and c_out of the two lines that the blend replaces.
     """
 
     at: Curve
@@ -185,10 +185,10 @@ def _angle(into: Line, out: Line) -> float | None:
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
-    The blend begins and ends where an arc of the radius, m, would, on at most half of each line. If
-    the second line continues the first without a bend, the length of the blend is 0. The arm must
-    rest at a rotation in place, at a reversal, where half of a line is too short, or with the
-    radius 0.
+    The blend begins and ends where an arc of the given radius, m, would, within half of each line.
+    If the second line continues the first without a bend, the length of the blend is 0. The arm
+    must rest at a rotation in place, at a reversal, if half of a line is too short, or if the
+    radius is 0.
     """
     if into.turns or out.turns or not radius:
         return None

@@ -35,7 +35,7 @@ class MotionBetween(TimedMotion):
 
     It is a :class:`TimedMotion`: :func:`write_motion` writes it, :class:`Run` runs it with a feed
     override. The first and the last sample are at rest, and the derivatives are exact. ``motion``
-    holds its configurations, with their limit margins and body distances.
+    has the configurations, with limit margins and body distances.
 
     Attributes
     ----------
@@ -48,18 +48,17 @@ class MotionBetween(TimedMotion):
     length, speed : (T,) arrays
         Length of the joint path from the start, and its rate, rad or m, and per s.
     velocity, acceleration, jerk : (n,) arrays
-        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it is
-        not limited.
+        The limits, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if not limited.
     poses : (P, 4, 4) array
         The poses, homogeneous matrices with positions in m.
     lines : tuple of str
-        The line from each pose to the next, P − 1: ``tool`` for the straight line of the tool,
-        ``cell`` for the straight line in the cell's coordinates.
+        Kinds of the P − 1 lines from each pose to the next: ``tool`` for the straight line of the
+        tool, ``cell`` for the straight line in the cell's coordinates.
     times : (P,) array
-        Time of each pose, s; of a blended one, the time of the middle of the blend.
+        Time at each pose, s; for a blended pose, the time at the middle of the blend.
     rests : tuple of int
-        Indices of the poses at which the arm is at rest, counted from 0. There, the sample is F of
-        the pose, to the last bit.
+        Indices, from 0, of the poses at which the arm is at rest. The sample there equals F of the
+        pose, to the last bit.
 
     Examples
     --------
@@ -96,7 +95,7 @@ class MotionBetween(TimedMotion):
     def at(self, t: ArrayLike) -> Array:
         """Evaluate the configuration at a time, (n,), or at times (T,), (T, n), s.
 
-        It is at rest before the start and after the end.
+        Before the start and after the end, the arm is at rest.
         """
         times = as_numbers(t)
         if times is None or times.ndim > 1 or not np.isfinite(times).all():
@@ -119,8 +118,8 @@ def motion_between(
     A cell is a box of poses, or a sector around the base, whose function F gives one configuration
     per pose. The joints are ``q(t) = F(x(t))``: at every pose, the configuration is that of F,
     whatever the order of the poses. Between two poses, the tool moves on a straight line and turns
-    about one axis. Where that line leaves the cell, it moves on a straight line in the cell's
-    coordinates, which always lies inside.
+    about one axis. If that line would leave the cell, the tool instead moves on a straight line in
+    the cell's coordinates, which is always inside.
 
     Parameters
     ----------
@@ -131,9 +130,9 @@ def motion_between(
     limits
         Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
     blend
-        Radius, m, of the arcs that would round the corners, as for :func:`waypoints`. A pose that
-        can be blended is passed without a rest, at a distance; the arm rests at the other poses,
-        and at all poses with 0.
+        Radius, m, of the arcs that would round the corners, as for :func:`waypoints`. At a pose
+        that can be blended, the tool cuts the corner without a rest. The arm rests at the other
+        poses; with 0, at all.
     rate
         Samples per second, Hz. The time between two rests is a whole number of samples.
     progress
@@ -146,9 +145,9 @@ def motion_between(
     Raises
     ------
     InputError
-        If there are fewer than two poses, a pose equals the one before, F has no configuration at
-        a pose or on the way, or the limits do not fit the robot. The message names the pose by its
-        number, counted from 0.
+        If there are fewer than two poses, a pose equals the preceding pose, F has no configuration
+        at a pose or in between, or the limits do not fit the robot. The message names the pose by
+        its number, counted from 0.
 
     Examples
     --------
@@ -180,8 +179,8 @@ def between(
 ) -> MotionBetween:
     """Time a motion through poses X (P, 4, 4) that have names; see :func:`motion_between`.
 
-    The names, such as "pose 3" or "line 7" of a file, are those of error messages. Each part
-    between two rests is timed on its own, and takes a whole number of samples.
+    Error messages use the names, such as "pose 3" or "line 7" of a file. Each part between two
+    rests is timed separately, and takes a whole number of samples.
     """
     kept = joint_limits(F.task, limits)
     blend = positive(blend, "blend", "m", zero=True)
@@ -226,7 +225,7 @@ def between(
 def _timed_parts(
     parts: Sequence[Part], limits: JointLimits, report: Callable[[str, float], None]
 ) -> tuple[list[Segment], list[float]]:
-    """Time each part between two rests on its own: the segments, and their durations, s."""
+    """Time each part between two rests separately; return the segments and durations, s."""
     segments, durations = [], []
     for k, part in enumerate(parts):
         report("timing the motion", k / len(parts))
@@ -237,7 +236,7 @@ def _timed_parts(
 
 
 def _times_at_poses(parts: Sequence[Part], segments: Sequence[Segment], rests: Array) -> Array:
-    """Compute the times (P,) at which the poses are passed, s, from those of the rests."""
+    """Compute the times (P,), s, at which the poses are passed, from the times of the rests."""
     passed = [np.zeros(1)]
     for part, segment, ends in zip(parts, segments, pairwise(rests), strict=True):
         share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]
@@ -254,9 +253,9 @@ def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
 
 
 def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
-    """Evaluate F at poses X (P, 4, 4), each as a call of F does, to the last bit: (P, n).
+    """Evaluate F at poses X (P, 4, 4), equal to single calls of F to the last bit: (P, n).
 
-    InputError names the pose that is not finite or has no configuration.
+    InputError names a pose that is not finite or has no configuration.
     """
     if len(X) < 2:
         count = "only one" if len(X) else "none"

@@ -32,7 +32,7 @@ Without quaternions, the orientation is that of the cell's middle."""
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl move`` to its parser."""
     parser.what("a saved function of a cell (.json) of repctl cell")
     parser.set_defaults(frame=None, task=None)
     parser.surroundings()
@@ -102,8 +102,8 @@ def run(options: Options) -> int:
 def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
     """Read the poses (P, 4, 4) of a CSV file, and the names of their lines for error messages.
 
-    Without quaternions, they have the orientation of the cell's middle. InputError if the file has
-    times, because the limits determine them.
+    Poses without quaternions get the orientation of the cell's middle. InputError is raised if the
+    file has times, because the limits determine these.
     """
     import numpy as np
 

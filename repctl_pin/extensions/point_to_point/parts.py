@@ -1,7 +1,7 @@
 """Parts of a motion between two rests: lines and blends, the joints along them, and their times.
 
-Joints along a line of poses are q = F(x(a)), with F the function of a cell; they are fitted by
-polynomials, because timing needs three derivatives.
+Joints along a line of poses are q = F(x(a)), with F the function of a cell. They are fitted by
+polynomials, because timing requires three derivatives.
 """
 
 from __future__ import annotations
@@ -54,20 +54,20 @@ _INSIDE = np.linspace(0.0, 1.0, 2001)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Part:
-    """Part of a motion between two rests, through one line or several that are blended.
+    """Part of a motion between two rests: one line, or several blended lines.
 
-    s is about the length of the joint path.
+    The parameter s is approximately the length of the joint path.
 
     Attributes
     ----------
     last : int
-        Index of the pose at its end.
+        Index of the pose at the end of the part.
     curve
         The joints q(s).
     grid : (K,) array
         Stages of the profile, s.
     passed : array
-        s at the poses after the first; of a blended pose, at the middle of the blend.
+        s at the poses after the first; for a blended pose, at the middle of the blend.
     """
 
     last: int
@@ -78,8 +78,8 @@ class Part:
     def timed(self, limits: JointLimits) -> tuple[Segment, float]:
         """Compute the time-optimal profile of the part, and its duration, s.
 
-        The profile keeps the limits at its stages. Where it exceeds one between them, the duration
-        is longer than the profile's.
+        The profile meets the limits at its stages. If it exceeds a limit between stages, the
+        duration is longer than that of the profile.
         """
         found = fastest_along(self.curve, self.grid, limits)
         if limits.jerk is not None:
@@ -95,10 +95,10 @@ class Part:
 def parts_of(
     F: Function, X: Array, names: Sequence[str], radius: float
 ) -> tuple[list[Line], list[Part]]:
-    """Choose the lines between poses X (P, 4, 4), and join those that blend to parts.
+    """Choose the lines between poses X (P, 4, 4), and join blended lines to parts.
 
-    ``names`` of the poses are for error messages, ``radius`` is that of the blends, m. A part ends
-    wherever the arm must rest. Returns the P − 1 lines and the parts.
+    ``names`` of the poses are for error messages; ``radius`` is that of the blends, m. A part ends
+    wherever the arm must rest. Return the P − 1 lines and the parts.
     """
     found = [
         _line_between(F, *ends, *called)
@@ -129,10 +129,10 @@ def parts_of(
 
 
 def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[float]) -> Part:
-    """Join consecutive curves q(a) into one part of the motion; ``lengths`` are theirs, m.
+    """Join consecutive curves q(a), of the given lengths, m, into one part of the motion.
 
-    ``last`` is the index of the pose at its end. ``passed`` are the distances from its start, m,
-    at which the arm passes a pose without a rest.
+    ``last`` is the index of the pose at the end of the part. ``passed`` are the distances from its
+    start, m, at which the arm passes a pose without a rest.
     """
     curve, s = _joined(curves, lengths)
     grid = [np.linspace(*ends, _STAGES + 1)[:-1] for ends in pairwise(s)]
@@ -143,10 +143,10 @@ def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[flo
 def _line_between(
     F: Function, start: Array, end: Array, first: str, second: str
 ) -> tuple[Line, PPoly]:
-    """Choose the line between two poses (4, 4), and fit the joints along it: the line and q(a).
+    """Choose the line between two poses (4, 4), fit the joints along it, and return both.
 
-    The straight line of the tool comes first, then that in the cell's coordinates, which stays
-    inside. ``first`` and ``second`` name the poses in the InputError if neither can be used.
+    The straight line of the tool is tried first, then that in the cell's coordinates, which stays
+    inside. If neither can be used, an InputError names the poses by ``first`` and ``second``.
     """
     ends = (end[None, :3, 3], end[None, :3, :3], start[None, :3, 3], start[None, :3, :3])
     if np.linalg.norm(F.cell.errors(*ends)) < _SAME:
@@ -166,8 +166,8 @@ def _line_between(
 def _blend(F: Function, into: Line, out: Line, radius: float) -> tuple[Blend, PPoly | None] | None:
     """Blend two lines, and fit the joints along the blend; None where the arm must rest.
 
-    The curve of the joints is None if the second line continues the first without a bend: the
-    length of such a blend is 0.
+    If the second line continues the first without a bend, the blend has length 0, and its curve of
+    the joints is None.
     """
     blend = blend_of(F, into, out, radius)
     if blend is None or not blend.length:
@@ -179,8 +179,8 @@ def _blend(F: Function, into: Line, out: Line, radius: float) -> tuple[Blend, PP
 def _joints_along(F: Function, at: Curve) -> PPoly | None:
     """Fit ``q(a) = F(x(a))``, a from 0 to 1, by piecewise polynomials to 2e-13 rad or m.
 
-    ``at`` is the curve of poses x(a). Returns None if it leaves the cell, or F does not exist or is
-    not smooth along it: another line must then be tried.
+    ``at`` is the curve of poses x(a). Return None if the curve leaves the cell, or F does not exist
+    or is not smooth along it; another line must then be tried.
     """
     from scipy.interpolate import PPoly  # slow to import
 
@@ -207,7 +207,7 @@ def _joints_along(F: Function, at: Curve) -> PPoly | None:
 
 
 def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
-    """Return the part of a curve between two points of its variable, which keeps its values."""
+    """Return the part of a curve between two values of its parameter, which is not rescaled."""
     from scipy.interpolate import PPoly
 
     x = curve.x[(curve.x > begin) & (curve.x < end)]
@@ -217,10 +217,10 @@ def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
 
 
 def _joined(curves: Sequence[PPoly], lengths: Sequence[float]) -> tuple[PPoly, Array]:
-    """Join C curves q(a) to one, q(s), on which each has a length, m, and return both.
+    """Join C curves q(a) of given lengths, m, to one curve q(s); return it and the ends.
 
-    The second result is s (C + 1,) at their ends. s is scaled such that it grows as the joints
-    move, on average.
+    The second result is s (C + 1,) at the ends of the curves. s is scaled such that it equals the
+    length of the joint path, on average.
     """
     from scipy.interpolate import PPoly
 

@@ -1,11 +1,12 @@
 r"""Taylor models of the gradient of an arm angle on boxes of joint positions.
 
-A Taylor model is a polynomial with a bound on its error. A proof needs it for designs whose
+A Taylor model is a polynomial with a bound on its error. Proofs need these models for designs whose
 potential is an arm angle, the angle of the elbow about the line from shoulder to wrist.
 
-With ``e`` the elbow and ``w`` the wrist, seen from the shoulder, ``ρ = |w|`` and ``a = w × e``, the
-gradient of the arm angle is that of two forces, α at the elbow and β at the wrist, which the
-shoulder balances: the moment about each revolute joint's axis, the force along each prismatic one.
+Let ``e`` and ``w`` be the elbow and the wrist relative to the shoulder, ``ρ = |w|`` and
+``a = w × e``. The gradient of the arm angle consists of joint torques and forces: those due to a
+force α at the elbow and β at the wrist, with the opposite of their sum at the shoulder. Each entry
+is the moment about a revolute joint's axis, or the force along a prismatic joint's axis.
 
 .. math::
 
@@ -43,26 +44,27 @@ _U = 2.0**-52
 @dataclass(frozen=True, eq=False)
 @read_only
 class ArmAngleChain:
-    """The joints that move the shoulder, the elbow and the wrist of an arm angle, and its weights.
+    """Joints that move the shoulder, elbow and wrist of an arm angle, and weights of the angle.
 
-    An arm angle, that of the elbow about the line from shoulder to wrist, can be the potential of a
-    design. A proof of such a design needs bounds on its gradient.
+    An arm angle, the angle of the elbow about the line from shoulder to wrist, can be a potential
+    of a design. The proof of such a design needs bounds on the gradient of the angle.
 
     Attributes
     ----------
     R, p, a : (P, 3, 3), (P, 3) and (P, 3) arrays
-        Rotation and origin, m, of each joint in the frame of the joint before it, and its axis.
+        Rotation and origin, m, of each joint in the frame of the preceding joint, and the joint's
+        axis.
     before : (P,) array of int
-        Index of that joint, a lower one; −1 for the base.
+        Index of the preceding joint, which is lower; −1 for the base.
     revolute : (P,) array of bool
         False for prismatic joints.
     S, o : (P, n) and (P,) arrays
-        ``θ = S q + o``: the positions of the joints.
+        Map ``θ = S q + o`` from q to the positions of the P joints.
     joint, place : (3,) array of int and (3, 3) array
-        Joint that carries the shoulder, the elbow and the wrist, −1 for the base, and their
-        positions in its frame, m.
+        Joints that carry the shoulder, the elbow and the wrist, −1 for the base; and the positions,
+        m, of these points in the frames of their joints.
     direction : (3,) array
-        r of the conventional angle, or t of the stereographic one.
+        Vector r of the conventional angle, or t of the stereographic angle.
     stereographic : bool
         True if the angle is stereographic.
     weights : (r,) array
@@ -86,7 +88,7 @@ class ArmAngleChain:
     def of(cls, angle: ArmAngle, weights: Array) -> ArmAngleChain:
         """Collect the joints of an arm angle with the given weights (r,), one per potential.
 
-        An InputError is raised if it depends on no joint, or on more than 10.
+        An InputError is raised if the angle depends on no joint, or on more than 10.
         """
         model = angle.task.model
         data, neutral = model.createData(), pin.neutral(model)
@@ -125,8 +127,8 @@ class ArmAngleChain:
     def moving(self) -> NDArray[np.intp]:
         """Indices of the joints q that move the shoulder, the elbow or the wrist.
 
-        Only these appear in the Taylor models of the gradient, whose size grows fast with their
-        number.
+        Only these joints appear in the Taylor models of the gradient. The size of the models grows
+        fast with the number of joints.
         """
         return np.flatnonzero((self.S != 0).any(axis=0))
 
@@ -144,7 +146,7 @@ class ArmAngleChain:
         """Expand the gradient of the arm angle on boxes of joints Q ± half, (K, n) each.
 
         A proof adds the result to the expansions of other potentials. Boxes that differ only in
-        joints that do not move the three points are evaluated once.
+        joints that move neither shoulder, elbow nor wrist are evaluated once.
         """
         on = self.moving
         both = np.concatenate([Q[:, on], half[:, on]], axis=1)
@@ -183,11 +185,12 @@ class ArmAngleChain:
 def _carried(
     model: pin.Model, frame: pin.Frame, screw: Callable[[int], Array]
 ) -> tuple[int, Array]:
-    """Find the joint nearest to the tool that moves a frame's origin, and the place in its frame.
+    """Find the joint nearest to the tool that moves a frame's origin, and the origin's place.
 
-    Return the index of the joint in the model, 0 if there is none, and the place (3,), m. Revolute
-    joints on whose axis the origin lies do not move it, and need not be proved over. ``screw``
-    gives the twist (6,) of a joint in its own axes, linear part first.
+    Return the index of the joint in the model, 0 if there is none, and the place (3,), m, in the
+    joint's frame. A revolute joint whose axis passes through the origin does not move it, and so is
+    left out of the proof. ``screw`` gives the twist (6,) of a joint in its own axes, linear part
+    first.
     """
     joint, place = int(frame.parentJoint), np.array(frame.placement.translation)
     while joint > 0 and not np.cross(screw(joint)[3:], place).any():
@@ -204,7 +207,7 @@ def _carried(
 @dataclass(frozen=True, eq=False)
 @read_only
 class _GradientBounds:
-    """First-order expansions of a gradient V, that of an arm angle, on K boxes of joints.
+    """First-order expansions of the gradient V of an arm angle on K boxes of joints.
 
     Attributes
     ----------
@@ -212,9 +215,9 @@ class _GradientBounds:
         V at the centres, and its derivatives.
     rest : (K, n) array
         Bounds on the difference of V from its first-order expansion, rounding included; inf where
-        there is none.
+        no bound was found.
     size : (K,) array
-        Bounds of the absolute values of V and of its slopes times the half-widths.
+        Bounds on |V| and on the absolute slopes of V times the half-widths.
     """
 
     V: Array
@@ -227,7 +230,7 @@ def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientB
     """Convert Taylor models of the gradient to first-order expansions on boxes.
 
     ``P`` (K, k, M) and ``r`` (K, k) are the coefficients and error bounds of the models, for the k
-    joints that move the arm angle; ``half`` (K, n) are the half-widths of the boxes. Terms of a
+    joints that move the arm angle; ``half`` (K, n) are the half-widths of the boxes. Terms of
     higher order are added to the bounds.
     """
     on, (K, n) = chain.moving, half.shape

@@ -23,15 +23,15 @@ _STRETCH = 0.25
 def cover(region: Region) -> tuple[Array, Array]:
     """Cover a region of joint space by boxes: their lower and upper corners, (K, n) each.
 
-    A proof begins with these boxes. A tube, the configurations near a sampled motion, is divided
-    into sections of consecutive samples, see :func:`sections`. One box encloses the tube along each
-    section, all configurations between its samples included. Where boxes overlap, the later ones
-    are reduced. A workspace box is covered by the box of joints that it selects from.
+    A proof begins with these boxes. A tube, which consists of the configurations near a sampled
+    motion, is divided into sections of consecutive samples, see :func:`sections`. One box encloses
+    the tube along each section, with all configurations between the samples. Where boxes overlap,
+    the later box is reduced. A workspace box selects from a box of joints, by which it is covered.
 
     Raises
     ------
     InputError
-        If it is a region of the user, whose shape is not known.
+        If the region is user-defined, so that its shape is not known.
     """
     if isinstance(region, Box):
         return region.lower[None].copy(), region.upper[None].copy()
@@ -48,8 +48,8 @@ def cover(region: Region) -> tuple[Array, Array]:
 def _stretches(tube: Tube) -> tuple[Array, Array]:
     """Enclose a tube in boxes, one per section of its samples: their corners, (K, n) each.
 
-    A tube is the set of configurations near a sampled motion. A box contains those near one section
-    of it, see :func:`sections`. Rounding is included.
+    A tube is the set of configurations near a sampled motion. A box contains the configurations
+    near one section of the motion, see :func:`sections`. Rounding is included.
     """
     Q = tube.samples
     wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
@@ -62,9 +62,9 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
 def sections(Q: Array, clearance: Array) -> list[slice]:
     """Divide a path through Q (K, n) into sections that are short enough for one box each.
 
-    On a section, each joint moves by at most a quarter of the smallest ``clearance`` (K, n) there,
-    the distance that a joint may move within Ω, rad or m. The results are slices of the rows of Q.
-    A section has at least two configurations; its last one is the first one of the next section.
+    ``clearance`` (K, n) is the distance that a joint may move within Ω, rad or m. On a section,
+    each joint moves by at most a quarter of its smallest clearance there. The sections are slices
+    of the rows of Q, of at least two rows. The last row of a section is the first row of the next.
     """
     first, parts = 0, []
     for i in range(2, len(Q)):
@@ -79,7 +79,8 @@ def sections(Q: Array, clearance: Array) -> list[slice]:
 def centered(low: Array, high: Array) -> tuple[Array, Array]:
     """Compute centres and half-widths, (K, n) each, of boxes from their corners.
 
-    The half-widths are enlarged, so that the boxes contain both corners in spite of rounding.
+    The half-widths are slightly enlarged, so that the boxes contain both corners in spite of
+    rounding.
     """
     Q = (low + high) / 2
     size = np.maximum(np.abs(low), np.abs(high))
@@ -91,8 +92,9 @@ def halved(
 ) -> tuple[Array, Array, NDArray[np.intp]]:
     """Halve boxes, each along the joint with the index ``split`` (K,).
 
-    Both halves share the number at which they meet, so that a proof misses nothing between them.
-    Boxes with a negative ``split``, which were not evaluated yet, are returned whole, and first.
+    Both halves have exactly the same coordinate where they meet, so that no gap is left between
+    them. Boxes with a negative ``split``, which were not evaluated yet, are not halved; they come
+    first in the result.
 
     Returns
     -------
@@ -114,9 +116,9 @@ def halved(
 def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     """Reduce boxes so that they overlap less but still cover the same union.
 
-    A proof then has less to do. The corners of the boxes are low and high, (K, n) each, and so are
-    the results. Each box is divided into the parts outside the box before it. A part is reduced by
-    earlier boxes, too, where what remains is one box.
+    A proof then has less to do. Arguments and results are the corners low and high of boxes, (K, n)
+    each. Each box is replaced by the parts of it that are outside the preceding box. Earlier boxes
+    also reduce a part, if the rest of it is a single box.
     """
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]
@@ -132,7 +134,7 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
-    """Divide the part of a box outside another one into boxes, at most two per joint.
+    """Divide the part of a box outside another box into boxes, at most two per joint.
 
     A box is a pair of its lower and upper corner, (n,) each. The list is empty if the other box
     contains this one.
@@ -165,7 +167,7 @@ def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
     """Bound the distance to the nearest joint limit from below, over boxes of joints.
 
     The corners of the boxes are low and high, (K, n) each. Return the bound, rad or m, and the
-    index of the box with the smallest one.
+    index of the box with the smallest distance.
     """
     middle, reach = (low + high) / 2, (high - low) / 2
     size = np.abs(low).max() + np.abs(high).max()

@@ -1,4 +1,4 @@
-"""Branch and bound on the leaf margin: boxes are halved until the bounds on them suffice.
+"""Branch and bound on the leaf margin: boxes are halved until their bounds suffice.
 
 The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At such a singularity
 the matrix J_V is singular: the task Jacobian J stacked on the gradients V of the potentials. A box
@@ -51,10 +51,10 @@ def bound_leaf_margin(
     low, high : (K, n) arrays
         Lower and upper corners of the boxes.
     goal
-        Leaf margin to prove. The search stops as soon as it is proved, or at a configuration with a
-        smaller one. None finds the largest bound.
+        Leaf margin to prove. The search stops as soon as this margin is proved, or when it finds a
+        configuration with a smaller margin. None finds the largest bound.
     seconds
-        Processor time, s, after which the search stops with the bound found so far.
+        Processor time, s, after which the search stops and returns the bound found so far.
     report
         Progress callback (step, fraction); the fraction is the proved share of the volume.
 
@@ -77,12 +77,12 @@ def bound_leaf_margin(
 
 
 class _Search:
-    """State of branch and bound: the undecided boxes, and the smallest bounds of all others.
+    """State of branch and bound: undecided boxes, and the smallest bounds over all decided boxes.
 
     ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: its
     corners, the bounds of the leaf margin and of σ_min(J) on it, and the joint along which to halve
-    it. ``upper`` is the smallest leaf margin at a centre. ``reason`` says why the search stopped,
-    and is empty while it runs.
+    it. ``upper`` is the smallest leaf margin at any centre. ``reason`` says why the search stopped;
+    it is empty while the search runs.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class _Search:
     def advance(self) -> None:
         """Halve one batch of undecided boxes, and bound the leaf margin on the halves.
 
-        With a goal, the newest boxes are taken; without one, those with the smallest bounds.
+        With a goal, the newest boxes are halved; without a goal, those with the smallest bounds.
         """
         take = self._next()
         low, high, _ = halved(self.low[take], self.high[take], self.split[take])
@@ -142,10 +142,10 @@ class _Search:
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
         """Return the bound of the leaf margin from which a box counts as decided.
 
-        ``found`` are the bounds on the boxes Q ± half, (K, n) each. The result is the goal. Without
-        a goal it is 95 % of the smallest leaf margin at any centre, which no proved bound can
-        exceed. The search stops if the leaf margin at a centre is below the goal, or 0 without a
-        goal.
+        ``found`` are the bounds on the boxes Q ± half, (K, n) each. With a goal, the result is the
+        goal. Without a goal, it is 95 % of the smallest leaf margin at any centre, because no
+        proved bound can exceed that margin. The search stops if the leaf margin at a centre is
+        below the goal or, without a goal, 0.
         """
         least = int(np.argmin(found.center))
         if found.center[least] < self.upper:
@@ -162,9 +162,9 @@ class _Search:
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Count waiting boxes as decided if their bound now reaches ``enough``.
 
-        A search without a goal lowers ``enough`` when it finds a smaller leaf margin. ``stays`` has
-        one bool per undecided box, False for those of the last batch. Return a mask of the
-        undecided boxes, False for those that are now decided.
+        A search without a goal lowers ``enough`` when it finds a smaller leaf margin. ``stays``
+        (K,) is False for undecided boxes of the last batch. Return a mask of the undecided boxes
+        that is False for boxes that are now decided.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
@@ -175,10 +175,10 @@ class _Search:
     def _settle(
         self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
     ) -> None:
-        """Record the smallest bounds of newly decided boxes, and the box with the smallest of them.
+        """Record the smallest bounds of newly decided boxes, and the box that has the smallest.
 
-        ``found`` are the bounds on the boxes Q ± half, (K, n) each; ``done`` (K,) marks the decided
-        ones.
+        ``found`` are the bounds on the boxes Q ± half, (K, n) each; ``done`` (K,) is True for
+        decided boxes.
         """
         (rows,) = np.nonzero(done)
         least = rows[np.argmin(found.leaf_margin[rows])]
@@ -190,24 +190,24 @@ class _Search:
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
         """Stop the search, and name box number ``at`` of the boxes Q ± half, (K, n) each.
 
-        ``why`` is the reason for the user, unless an arm angle is not defined at the centre of the
-        box.
+        ``why`` is the reason to report, unless an arm angle is not defined at the centre of the
+        box; then that is the reason.
         """
         if self.problem.undefined(Q[at, None], 0 * half[at, None])[0]:
             why = "the arm angle is not defined there"
         self.reason, self.worst = why, (Q[at], half[at])
 
     def give_up(self, when: str) -> None:
-        """Stop the search while boxes are still undecided: it takes too long, or too much memory.
+        """Stop a search that takes too long, or too much memory, with boxes still undecided.
 
         ``when`` completes the reason "stopped …", such as "after 60 s".
         """
         self.reason, self.gave_up = f"stopped {when}", True
 
     def proof(self) -> Proof:
-        """Make the proof: the smallest bounds over all boxes, decided or waiting.
+        """Make the proof from the smallest bounds over all boxes, decided or not.
 
-        If the search stopped early, it holds the reason, and the box that prevented a proof.
+        If the search stopped early, the proof has the reason, and the box that prevented a proof.
         """
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
@@ -227,7 +227,7 @@ class _Search:
         """Name an arm angle as the reason if it may be singular in the smallest undecided box.
 
         ``worst`` is the box that the proof names so far: its centre and half-widths, (n,) each.
-        Return it, or the smallest undecided box if the arm angle may be undefined there.
+        Return ``worst``, or the smallest undecided box if the arm angle may be undefined there.
         """
         small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
         Q, half = centered(self.low[small, None], self.high[small, None])

@@ -1,7 +1,7 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
-The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each of
-them. A box of poses is halved until the bounds on it suffice.
+The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
+Boxes of poses are halved until their bounds suffice.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ def bound_cell(
     Returns
     -------
     Proof
-        It has no description yet. The bounds are 0 and −inf if the search stopped before its goal.
+        The proof, without a description yet. If the search stopped before its goal, the bounds are
+        0 and −inf.
     """
     end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)
@@ -67,12 +68,13 @@ def bound_cell(
 
 
 class _CellSearch:
-    """State of branch and bound: the undecided boxes, and the minimum margins of all others.
+    """State of branch and bound: undecided boxes, and the minimum margins over all proved boxes.
 
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
     coordinates u. ``margins`` are the smallest proved leaf margin, σ_min(J) and limit margin.
-    ``at`` is the box of the smallest leaf margin, or that at which the search stopped: centre and
-    half-widths. ``reason`` says why it stopped, and is empty while it runs.
+    ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
+    centre and half-widths. ``reason`` says why the search stopped; it is empty while the search
+    runs.
     """
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
@@ -85,9 +87,10 @@ class _CellSearch:
     def _counts(self) -> Array:
         """Choose the number of initial boxes along each of the k coordinates of the cell: (k,).
 
-        Boxes of the right size at the beginning save the halving of boxes that are too large. The
-        joints move equally far on a box along every coordinate. The boxes are made smaller until
-        half of a sample of them is proved; if that takes too many boxes, a single one is used.
+        Initial boxes of the right size save the halving of boxes that are too large. The edges of a
+        box are such that the joints move equally far along each. The boxes are made smaller until
+        half of a sample of them is proved. If that takes too many boxes, the search begins with a
+        single box.
         """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
@@ -110,7 +113,7 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        """Test which boxes have bounds of both margins, leaf and limit, above their goals: (K,)."""
+        """Test on which boxes the bounds of leaf and limit margin exceed their goals: (K,)."""
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:
@@ -141,10 +144,10 @@ class _CellSearch:
     def _stop_if_hopeless(self, low: Array, high: Array) -> None:
         """Stop the search at a box of poses that cannot be proved by halving it.
 
-        The corners of the boxes are low and high, (K, k) each. Either F at the centre of a box does
-        not exist, misses a margin, or is too far from q_ref, the polynomial that approximates it;
-        or the box is too small. Too far means beyond d*, the distance within which F is proved to
-        be the only solution.
+        The corners of the boxes are low and high, (K, k) each. A box cannot be proved if, at its
+        centre, F does not exist, misses a margin, or is too far from q_ref, the polynomial that
+        approximates F; or if the box is already too small. Too far means beyond d*, the distance
+        within which F is proved to be the only solution.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
@@ -168,7 +171,7 @@ class _CellSearch:
                 return
 
     def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
-        """Stop the search, and record why, and the box with the index ``which``.
+        """Stop the search, and record the reason and the box with the index ``which``.
 
         The corners of the boxes are low and high, (K, k) each, in the cell's coordinates.
         """
@@ -186,7 +189,7 @@ class _CellSearch:
 
 
 def grid(counts: Array) -> tuple[Array, Array]:
-    """Divide [−1, 1]^k into equal boxes, ``counts`` (k,) of them along the coordinates.
+    """Divide [−1, 1]^k into equal boxes; ``counts`` (k,) has their number per coordinate.
 
     Returns their lower and upper corners, (K, k) each.
     """

@@ -1,20 +1,21 @@
 r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
-F is the inverse kinematic function of the cell, a box of poses with coordinates u from −1 to 1: one
-configuration for each pose. The chart of F is a pair of polynomials in u, which approximate F and
-the null space of J. On a box ``u_c ± h`` of the cell's coordinates u, Taylor models are computed of
-the chart's reference configuration q_ref(u) and null-space basis n_ref(u) and of the pose x(u);
-coordinates that the task leaves free are those of f(q_ref(u)). From these follow models, in the
-middle link's frame, of the joint screws J at q_ref(u) and of the displacement ξ(u) from f(q_ref(u))
-to x(u). J_V is J stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the centre, and D, Y and
-g bounds on matrices and vectors, entry by entry. Then, for all q with ``|q − q_ref(u)| ≤ g``,
+F is the inverse kinematic function of the cell: it gives one configuration for each pose. The cell
+is a box of poses with coordinates u from −1 to 1. The chart of F is a pair of polynomials in u:
+q_ref approximates F, n_ref the null space of J. On a box ``u_c ± h`` of coordinates, Taylor models
+of q_ref(u), n_ref(u) and the pose x(u) are computed. Coordinates of x(u) that the task leaves free
+are those of f(q_ref(u)). Models of the joint screws J at q_ref(u), and of the displacement ξ(u)
+from f(q_ref(u)) to x(u), follow from these, in the frame of the middle link. J_V is J stacked on
+n_refᵀ. Let A be an approximation of J_V⁻¹ at the centre, and D, Y and g bounds on matrices and
+vectors, entry by entry. Then, for all q with ``|q − q_ref(u)| ≤ g``,
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 
 The gradients of the potentials on the leaf are ``Vᵀ = n_refᵀ − W J`` with ``W E = w``, where E are
 the twists of the pose and ``w = n_refᵀ ∂q_ref − (∂n_refᵀ) (F − q_ref)``. V and the null space of J
-are expanded to first order along F, and the leaf margin σ_min(Nᵀ V̂) is bounded from both. Its
-inverse, less 1, is the extra joint speed of the worst direction, over J⁺.
+are expanded to first order along F, and the leaf margin σ_min(Nᵀ V̂) is bounded from both. The
+reciprocal of the leaf margin, minus 1, is the extra joint speed in the worst direction, relative to
+J⁺.
 
 docs/theory.md derives this.
 """
@@ -65,9 +66,9 @@ class CellBounds:
     Attributes
     ----------
     leaf_margin, sigma_min, limit_margin : (K,) arrays
-        Lower bounds on each box of the leaf margin ``σ_min(Nᵀ V̂)``, V the gradients of the cell's
-        potentials on the leaf, of σ_min(J), and of the distance to the joint limits, rad or m; 0, 0
-        and −inf where F was not shown to exist.
+        Lower bounds on each box of the leaf margin ``σ_min(Nᵀ V̂)``, of σ_min(J), and of the
+        distance to the joint limits, rad or m. V are the gradients of the cell's potentials on the
+        leaf. Where F was not shown to exist, the bounds are 0, 0 and −inf.
     split : (K,) array of int
         Index of the coordinate along which to halve each box.
     Q, reach : (K, n) arrays
@@ -83,11 +84,11 @@ class CellBounds:
 
 
 class CellProof:
-    """Bounds over boxes of poses for the function F of one chart; the native library computes them.
+    """Bounds over boxes of poses for the function F of one chart, computed in C.
 
     F gives one configuration for each pose of a cell. The chart consists of q_ref and n_ref,
-    polynomials that approximate F and the null space of J. The search over a cell asks for bounds
-    on ever smaller boxes, until F is proved to exist and to keep its margins on all of them.
+    polynomials that approximate F and the null space of J. The search over a cell requests bounds
+    on ever smaller boxes, until F is proved to exist with its margins on all of them.
 
     Parameters
     ----------
@@ -117,14 +118,15 @@ class CellProof:
         self.see_from(max(made, key=self._tightness))
 
     def use(self, native: ctypes.CDLL) -> None:
-        """Compute with the given native library: later calls run its function ``cell_bounds``."""
+        """Use the given native library: later calls run its function ``cell_bounds``."""
         self._run = native.cell_bounds
         self._run.restype = ctypes.c_int
 
     def see_from(self, chain: Chain) -> None:
         """Choose the middle link, in whose frame the joint screws are expressed.
 
-        ``chain`` is the arm with such a choice. The bounds hold with any; some are tighter.
+        ``chain`` is the arm with that choice. The bounds hold for every choice, but are tighter for
+        some.
         """
         self.chain = chain
         self._chain = chain.struct()
@@ -134,7 +136,7 @@ class CellProof:
         """Sum the lower bounds of the leaf margin on boxes at corners of the cell, for a chain.
 
         A chain is the arm with a choice of the middle link, in whose frame the screws are
-        expressed. The larger the sum is for a chain, the fewer boxes a proof needs.
+        expressed. With a larger sum, a proof needs fewer boxes.
         """
         self.see_from(chain)
         k = self.cell.k
@@ -153,7 +155,7 @@ class CellProof:
     def bounds_from(
         self, Uc: Array, half: Array, start: Array, gradients: Array | None = None
     ) -> CellBounds:
-        """Bound the margins of F over boxes of poses, from estimates of its difference from q_ref.
+        """Bound the margins of F over boxes of poses, given estimates of F − q_ref.
 
         q_ref is the polynomial of the chart that approximates F.
 
@@ -164,8 +166,8 @@ class CellProof:
         start : (K, n, 1 + k) array
             Differences, see :meth:`start`.
         gradients : (K, r, n, 2 + k) array, optional
-            Filled with V along F: its value at the centre, its slopes times half, and a bound of
-            all else; unchanged where F was not enclosed.
+            Output: V along F, as its value at the centre, its slopes times ``half``, and a bound on
+            the rest. Not changed where F was not enclosed.
         """
         K, n = len(Uc), self.chain.n
         leaf, sigma, limit = np.zeros((3, K))
@@ -187,9 +189,10 @@ class CellProof:
     def start(self, Uc: Array, half: Array) -> Array:
         """Estimate F − q_ref at the centres Uc of boxes of poses, and its slopes: (K, n, 1 + k).
 
-        q_ref is the polynomial that approximates F. The first column is the difference, the others
+        q_ref is the polynomial that approximates F. The first column is the difference; the others
         are its slopes with respect to u, times ``half``. Uc and half are (K, k). The proof holds
-        with any numbers; these make it tight. They are 0 where F is not found, or is too far away.
+        with any estimates, but good ones make it tight. They are 0 where F is not found, or is too
+        far from q_ref.
         """
         k = self.cell.k
         points = self.chart.solve(Uc)
@@ -204,7 +207,7 @@ class CellProof:
     def _cell_struct(self) -> ctypes.Structure:
         """Create the C struct CELL, which holds all that the native library needs of the cell.
 
-        That is the arm's chain, the polynomials of the chart, the poses as functions of u, and
+        These are the arm's chain, the polynomials of the chart, the poses as functions of u, and
         bounds.
         """
         chain, poses, parts = self.chain, self.poses, self.polynomials
@@ -255,8 +258,8 @@ class CellProof:
 def _tips(chain: Chain, farthest: Array) -> Array:
     """Bound the distance of each joint's origin from the end-effector frame: (P,), m.
 
-    It is the length of the links in between, which tells how far a rotation of the joint can move
-    the frame. ``farthest`` (n,) are the largest absolute values of the joints.
+    The bound is the length of the links in between; it limits how far a rotation of the joint can
+    move the frame. ``farthest`` (n,) are the largest absolute positions of the joints.
     """
     slides = np.abs(chain.S[:, : chain.n]) @ farthest + np.abs(chain.o)
     lengths = np.linalg.norm(chain.p, axis=1) + np.where(chain.revolute, 0.0, slides)
@@ -267,9 +270,8 @@ def farthest(chart: Chart) -> Array:
     """Search for the largest distance of F from q_ref over the cell, joint by joint: (n,).
 
     F is the function of the chart, q_ref the polynomial that approximates it. The result is
-    sampled, not proved. It only sets the size of the box around q_ref within which the proof then
-    shows that F is unique. Random poses and corners are evaluated, then poses around the worst
-    ones.
+    sampled, not proved: it only sets the size of the box around q_ref within which the proof shows
+    that F is unique. Random poses and corners are evaluated, then poses around the worst ones.
     """
     cell, rng = chart.cell, np.random.default_rng(1)
 
@@ -292,10 +294,10 @@ def farthest(chart: Chart) -> Array:
 def limits_of(cell: Cell) -> tuple[Array, Array]:
     """Return the lower and upper joint limits for the F of a cell, (n,) each, rad or m.
 
-    F, one configuration for each pose, may be designed without the coordinates of a sector along
-    which a single joint moves the arm, its symmetries. The limits of such a joint are narrowed by
-    its motion along the coordinate. They are −inf and inf if they only end the range of the
-    coordinate.
+    F, which gives one configuration for each pose, may be designed without the symmetric
+    coordinates of a sector, along which a single joint moves the frame. The limits of such a joint
+    are narrowed by its motion along the coordinate. If the joint's limits only end the range of the
+    coordinate, they are returned as −inf and inf.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
@@ -326,10 +328,10 @@ class _Polynomials:
     fourth : (F, k) array of int
         The exponents α of degree 4.
     rest : (F, n, 1 + r) array
-        Bounds of ``|∂^α / α!|`` for these on the whole cell.
+        Bounds on ``|∂^α / α!|`` over the whole cell, for the exponents ``fourth``.
     sizes : (n, 1 + r) array
-        Sums of the bounds of all derivatives ``∂^α / α!`` up to degree 3, to which rounding errors
-        are relative.
+        Sums of the bounds on all derivatives ``∂^α / α!`` up to degree 3; rounding errors are
+        relative to these sums.
     """
 
     chart: Chart
@@ -340,10 +342,10 @@ class _Polynomials:
 
     @classmethod
     def of(cls, chart: Chart) -> _Polynomials:
-        """Compute the derivatives of a chart's polynomials, and bounds of the fourth ones.
+        """Compute the derivatives of a chart's polynomials to degree 3, and bounds on the fourth.
 
-        The bounds give the error of an expansion to degree 3. A bound is the sum of the absolute
-        values of a polynomial's coefficients, as |u_i| ≤ 1.
+        The bounds limit the error of an expansion to degree 3. A bound is the sum of the absolute
+        coefficients of a polynomial, because |u_i| ≤ 1.
         """
         monomials = chart.monomials
         derivatives = Monomials(monomials.k, ORDER + 1)
@@ -367,13 +369,13 @@ class _Polynomials:
 
 
 def _pose_tables(cell: Cell) -> dict[str, Array]:
-    r"""Return the poses (p, R) of a cell as functions of its coordinates u, and how they move.
+    r"""Return the poses (p, R) of a cell as functions of its coordinates u, and their velocities.
 
     ``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``: R_a rotates about a
     sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u.
 
-    The velocity of the pose is known along each of the m coordinates of the task: the k of u, then
-    those that symmetries remove from u, then those of width 0.
+    Velocities are given along each of the m task coordinates: first the k coordinates u, then those
+    that symmetries remove from u, then those of width 0.
 
     Returns
     -------
@@ -388,7 +390,8 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     way, turn : (m, 3) arrays
         Displacement and rotation per metre or radian of each coordinate of the task, before R_a.
     around, twirl : (m,) arrays
-        1 for the coordinate φ, and 1 for the coordinate ψ; 0 for others.
+        ``around`` is 1 for the coordinate φ, ``twirl`` is 1 for the coordinate ψ; both are 0 for
+        others.
     widths : (k,) array
         Metres or radians per unit of u.
     along : (n, l) array

@@ -52,53 +52,52 @@ def prove(
 ) -> Proof:
     """Prove by branch and bound, rounding included, that a design has no singularity in its region.
 
-    On each box of joints, J_V, the task Jacobian stacked on the gradients of the potentials, is
-    expanded about its value at the centre, with bounds on the remainder that hold on the whole box.
-    They follow from bounds on the second derivatives of the joint screws and on the third
-    derivatives of the potentials. A box is halved until its bound suffices. For the theorem and its
+    J_V is the task Jacobian stacked on the gradients of the potentials. On each box of joints, J_V
+    is expanded about its value at the centre, with bounds on the remainder that hold on the whole
+    box. The bounds follow from the second derivatives of the joint screws and the third derivatives
+    of the potentials. Boxes are halved until their bounds suffice. For the theorem and its
     assumptions, see the theory, "Proved, not sampled".
 
     Parameters
     ----------
     what
-        A design over a box or a tube, in joint space, or over a workspace box, for which the whole
-        box of joints that it selects from is proved. Or the design of a function over a cell of
-        poses: it is also proved that the function exists, is smooth, and is the only solution near
-        its chart.
+        A design over a region, or the design of a function over a cell of poses. A region is a box
+        or a tube in joint space, or a workspace box; the proof for the latter covers the whole box
+        of joints from which it selects. For a function, it is also proved that the function exists,
+        is smooth, and is the only solution near its chart.
     margin
-        Leaf margin to prove, from 0 to 1. By default, the largest bound that can be proved in the
-        time is found for a region; for a cell, 90 % of the smallest leaf margin of its evaluation
-        is to be proved.
+        Leaf margin to prove, from 0 to 1. By default: for a region, the largest bound that can be
+        proved in the time; for a cell, 90 % of the smallest leaf margin of its evaluation.
     limit_margin
-        Distance to the joint limits to prove, rad or m. By default, none for a region; for a cell,
-        the smallest one of its evaluation, less a tenth and 0.01.
+        Distance to the joint limits to prove, rad or m. By default: for a region, none; for a cell,
+        the smallest distance of its evaluation, minus a tenth of it and minus 0.01.
     region
-        Region of joint space to prove a design over, by default its own one. A proof over another
-        region is no certificate of the design.
+        Region of joint space over which to prove a design; by default, the design's own region. A
+        proof over another region is no certificate of the design.
     closes
-        Closing radius to prove: metres, or (metres, radians). By default the largest one that some
-        250,000 boxes prove; False for none. A closed path: the largest
-        one along it, in place of the surroundings of the start; for a tube, by default along the
-        path of the design's cycle. A function closes all paths in its cell.
+        Closing radius to prove: metres, or (metres, radians); False for none. By default, the
+        largest radius that some 250,000 boxes prove. With a closed path, the largest radius along
+        that path is proved, instead of that around the start; for a tube, the path of the design's
+        cycle is the default. A function needs none: it closes all paths in its cell.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
-        Processor time, s, after which the bounds found so far are taken: of the margins, and of
-        the closing radius.
+        Processor time, s, after which the bounds found so far are returned: once for the margins,
+        once for the closing radius.
     progress
         True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
     Returns
     -------
     Proof
-        ``proved``, the bounds, and where they are smallest; ``bool(proof)`` is ``proved``. Its
-        ``closes`` is the closing radius.
+        Attributes: ``proved``, the bounds, where they are smallest, and the closing radius
+        ``closes``. ``bool(proof)`` is ``proved``.
 
     Raises
     ------
     InputError
-        If the potentials or the region are functions of the user, of which no bounds are known, a
-        region is given for a cell, or there is no native library.
+        If the potentials or the region are user-defined, so that no bounds are known; if a region
+        is given for a cell; or if there is no native library.
 
     Examples
     --------
@@ -149,16 +148,16 @@ def _share(margin: float) -> float:
 
 
 class _Closing(NamedTuple):
-    """Closing radius to prove: the distance within which every closed path closes in the joints.
+    """Closing radius to prove: distance within which every closed path also closes in the joints.
 
     Attributes
     ----------
     ratio : float
         Radians per metre.
     metres : float or None
-        The radius, m; None for the largest one.
+        The radius, m; None for the largest radius.
     path : ClosedPath or None
-        Closed path along which to prove it; None for the surroundings of the start.
+        Closed path along which to prove the radius; None for the surroundings of the start.
     """
 
     ratio: float
@@ -169,9 +168,9 @@ class _Closing(NamedTuple):
 def _asked_closing(closes: Any, ratio: float) -> _Closing | None:
     """Convert the arguments ``closes`` and ``ratio`` of :func:`prove` to the radius to prove.
 
-    ``closes`` is a closed path, True or False, metres, or (metres, radians); else an InputError is
-    raised. ``ratio`` is in rad per m; a pair (metres, radians) replaces it. Return None if
-    ``closes`` is False, and no closing radius is to be proved.
+    ``closes`` is a closed path, True or False, metres, or (metres, radians); other values raise an
+    InputError. ``ratio`` is in rad per m; a pair (metres, radians) replaces it. Return None if
+    ``closes`` is False.
     """
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
     if isinstance(closes, ClosedPath):
@@ -197,9 +196,9 @@ def _of_region(
 ) -> Proof:
     """Prove the margins and the closing radius of a design over a region of joint space.
 
-    ``goal`` is the leaf margin to prove, None for the largest bound that can be proved. ``least``
-    is the limit margin to prove, rad or m, None for none. ``seconds`` is processor time, for the
-    margins and again for the radius. If a goal is missed, the proof names the box and the reason.
+    ``goal`` is the leaf margin to prove; None for the largest bound that can be proved. ``least``
+    is the limit margin to prove, rad or m; None for none. ``seconds`` is the processor time for the
+    margins, and again for the radius. If a goal is missed, the proof names the box and the reason.
     """
     task = design.task
     low, high = cover(region)
@@ -245,8 +244,8 @@ def _named(found: Proof, design: Design, region: Region, report: reporting.Repor
     """Name the singularity that prevented a proof, if signs of det J_V prove that there is one.
 
     J_V is the task Jacobian stacked on the gradients of the potentials. Where its determinant
-    changes its sign, a controller with these potentials is singular. ``found`` is the proof that
-    failed. Return it with this reason, or unchanged.
+    changes sign, a controller with these potentials is singular. ``found`` is the failed proof; it
+    is returned with this reason, or unchanged.
     """
     task, field = design.task, design.inverse.potentials
     if isinstance(region, WorkspaceBox):
@@ -273,9 +272,9 @@ def _opposite_signs(
     """Find two configurations of Ω at which det J_V has opposite signs; None if none are found.
 
     Ω is the region of joint space to prove over, J_V the task Jacobian stacked on the potentials'
-    gradients. J_V is continuous, and Ω connected, so J_V is singular between the two. Samples of Ω
-    and ``near`` (n,) are searched downhill. The two are then brought close on the line between
-    them.
+    gradients. J_V is continuous, and Ω connected, so J_V is singular between the two. Descents
+    start from samples of Ω and from ``near`` (n,). The two configurations are then brought close to
+    each other, on the line between them.
     """
     rng, half = np.random.default_rng(0), region.bounds.half_width
     Q = np.concatenate([region.center[None], near[None], region.random(_SAMPLES, 0)])
@@ -303,7 +302,7 @@ def _opposite_signs(
 def _close_pair(
     value: Callable[[Array], float], region: Region, a: Array, b: Array
 ) -> tuple[Array, Array] | None:
-    """Bring two configurations of opposite values close to each other; None if one is uncertain."""
+    """Bring two configurations of opposite sign close together; None if a sign is uncertain."""
     half = region.bounds.half_width
     if min(abs(value(a)), abs(value(b))) < _CERTAIN:
         return None
@@ -328,7 +327,7 @@ def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
 
 
 def _without(design: Design, region: Region, share: float, report: reporting.Report) -> str:
-    """Write how wide Ω may be without a singularity, as the end of a sentence; empty if not known.
+    """Write, as the end of a sentence, how wide Ω may be without a singularity; empty if unknown.
 
     Ω is the region of joint space that was to be proved. ``share`` is the factor by which to scale
     it so that a known singularity is on its boundary. Smaller factors are tried until a proof
@@ -354,9 +353,9 @@ def _of_cell(
 ) -> Proof:
     """Prove that the function of a design exists over its cell of poses, and prove its margins.
 
-    ``goal`` is the leaf margin to prove, by default 90 % of the smallest one found. ``least`` is
-    the limit margin to prove, rad or m, by default slightly below the smallest one found.
-    ``seconds`` is processor time.
+    ``goal`` is the leaf margin to prove, by default 90 % of the smallest margin found. ``least`` is
+    the limit margin to prove, rad or m, by default slightly below the smallest margin found.
+    ``seconds`` is the processor time.
     """
     from .cell_search import bound_cell
     from .cells import CellProof
@@ -388,10 +387,10 @@ def _of_cell(
 
 
 def _least_leaf_margin(design: CellDesign) -> float:
-    """Return the smallest leaf margin found in a cell, from which the goal of a proof is made.
+    """Return the smallest leaf margin found in a cell; the default goal is 90 % of this margin.
 
-    The evaluation of the design contains it. Files of older versions do not contain it; then it is
-    the smallest one at 4096 sampled poses and the corners of the cell.
+    The evaluation of the design contains this margin, except in older files. Then the result is the
+    smallest margin at 4096 sampled poses and the corners of the cell.
     """
     from ..cells.evaluate.margins import leaf_margins
 

@@ -1,10 +1,11 @@
 """Serial chain of a task, extended by virtual joints so that its task is a pose.
 
-A task with fewer than six coordinates leaves motions of the frame free. Each is represented by a
-virtual joint that stands still: three revolute joints at the tool for the rotation of a position
-task, one of them for an axis task, and a prismatic joint at the base for a position coordinate that
-is not controlled. The screws of all joints, twists (v, ω) per unit of joint speed, are the columns
-of a (6, N) matrix. Its null space, restricted to the first n entries, is the null space of J.
+A task with fewer than six coordinates leaves motions of the frame free. A virtual joint, which does
+not move, represents each: three revolute joints at the tool for the rotation of a position task,
+one for an axis task, and a prismatic joint at the base for each position coordinate that is not
+controlled. The screws of all joints, which are twists (v, ω) per unit of joint speed, are the
+columns of a (6, N) matrix. The null space of this matrix, restricted to the first n entries, is the
+null space of J.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ They are the base axes along which it can translate, and the tool axes about whi
 class Chain:
     """Serial chain of P joints, virtual ones included, with a middle link.
 
-    Virtual joints stand still: they represent motions that the task leaves free, so that the task
+    Virtual joints do not move: they represent motions that the task leaves free, so that the task
     of the chain is a pose. The screws of the joints, twists per unit of joint speed, are expressed
     in the frame of the middle link. The choice of that link decides how tight the bounds of a proof
     are.
@@ -53,9 +54,9 @@ class Chain:
     revolute : (P,) array of bool
         False for prismatic joints.
     level : (P,) array of bool
-        True for virtual joints at the tool with freely chosen axes, which are kept parallel to axes
-        of the middle link: three that span all rotations, or one in no column that marks the frame
-        of a pose task.
+        True for virtual joints at the tool whose axes can be chosen freely, and are kept parallel
+        to axes of the middle link. They are three joints that span all rotations or, for a pose
+        task, one joint without a column of S, which marks the frame.
     S, o : (P, N) and (P,) arrays
         ``θ = S q + o``: the positions of the joints. The last N − n entries of q belong to the
         virtual joints.
@@ -64,7 +65,7 @@ class Chain:
     middle : int
         Number of joints before the middle link.
     shift : (3,) array
-        Origin in which the screws are expressed, m, in the frame of the middle link's joint.
+        Origin at which the screws are expressed, m, in the frame of the middle link's joint.
     """
 
     R: Array
@@ -104,7 +105,7 @@ class Chain:
         """Return the chain with another middle link, in whose frame the joint screws are expressed.
 
         ``middle`` is the number of joints before that link. The origin is at the share ``half``,
-        from 0 to 1, of the offset from the link's joint to the next one. A proof takes the choice
+        from 0 to 1, of the offset from the link's joint to the next joint. A proof uses the choice
         with the tightest bounds.
         """
         ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
@@ -165,8 +166,8 @@ def chain_of(task: Task) -> Chain:
 def frames_of(task: Task) -> tuple[Task, ...]:
     """Return the tasks of the single frames of a task, each with all of its joints.
 
-    A task can control several frames, such as those of two arms; else the result is the task
-    itself.
+    A task can control several frames, such as those of two arms. With one frame, the result is the
+    task itself.
     """
     return task.parts if isinstance(task, SeveralFrames) else (task,)
 
@@ -174,9 +175,9 @@ def frames_of(task: Task) -> tuple[Task, ...]:
 def chains_of(task: Task) -> tuple[Chain, ...]:
     """Create the chains of all frames of a task, virtual joints included.
 
-    The matrix S of a chain maps q to the positions of its joints. Every S has the columns of all:
-    of the task's joints, then of each frame's virtual joints. J_V can thus be put together row by
-    row.
+    The matrix S of a chain maps q to the positions of its joints. Every S has the columns of all
+    frames: those of the task's joints, then those of each frame's virtual joints. So J_V can be put
+    together row by row.
     """
     chains = [chain_of(part) for part in frames_of(task)]
     before = np.cumsum([0, *(chain.N - chain.n for chain in chains)])
@@ -200,10 +201,10 @@ def tool_reach(chain: Chain) -> float:
 def frame_change(kind: str, distance: Array) -> Array:
     """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a right inverse of all screws.
 
-    The screws are known at the middle link, but J is that of the frame. β is the norm of the change
-    of a twist between the two, with ``distance`` (…), m, a bound of the frame's distance from the
-    origin of the screws. ``kind`` is that of the task, such as "pose". A task of positions has β =
-    1: its twists are those of the frame's origin without rotation, and have no moment to change.
+    The screws are known at the middle link, but J belongs to the frame. β is the norm of the change
+    of a twist between the two; ``distance`` (…), m, bounds the frame's distance from the origin of
+    the screws. ``kind`` is the kind of the task, such as "pose". For a task of positions β = 1,
+    because its twists are velocities of the frame's origin, without rotation.
     """
     t = np.asarray(distance, float)
     turns = kind in ("pose", "axis")
@@ -213,15 +214,15 @@ def frame_change(kind: str, distance: Array) -> Array:
 def relative_rounding(chain: Chain) -> float:
     """Bound the relative rounding of any sum or screw of a proof: ``512 (P + N + 2) u``, u = 2⁻⁵³.
 
-    A rotation after k joints has an error of at most 64 k u, a screw one of 128 (k + 2) u times its
-    length, and a sum of N products one of (N + 2) u times the sum of their absolute values; see
+    The errors are at most 64 k u for a rotation after k joints, 128 (k + 2) u times its length for
+    a screw, and (N + 2) u times the sum of absolute values for a sum of N products; see
     docs/theory.md.
     """
     return 512 * (len(chain.p) + chain.N + 2) * U
 
 
 def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
-    """Bound the sizes of the rows of J, to which rounding errors are relative: (6,).
+    """Bound the sizes of the rows of J (6,), to which rounding errors are relative.
 
     The first three rows are linear, the others angular; the slopes of J times the half-widths are
     added. The box of joint positions is θ ± η, ``theta`` and ``eta`` (P,) each.

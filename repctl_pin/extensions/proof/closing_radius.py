@@ -1,6 +1,6 @@
 """The closing radius of a design: around its start, or along a closed path.
 
-It is the distance within which every closed path of the end effector is closed in the joints, too.
+It is the distance within which every closed path of the end effector also closes in the joints.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def closing_radius(
         The design, the region Ω of joint space to prove over, and J_V there, the task Jacobian
         stacked on the potentials' gradients.
     path
-        Closed path along which to prove it; None for the surroundings of the start.
+        Closed path along which to prove the radius; None for the surroundings of the start.
     ratio
         Angle per distance, rad per m.
     goal
-        Radius, m, that suffices; None for the largest one.
+        Radius, m, at which the search may stop; None for the largest radius.
     seconds
-        Processor time after which the bounds found so far are taken.
+        Processor time, s, after which the bounds found so far are returned.
     """
     task = design.task
     turns = any(part.kind.turns for part in frames_of(task))
@@ -92,10 +92,10 @@ def closing_radius(
 
 
 def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:
-    """Choose poses of a path through Q (K, n), to which a distance is compared.
+    """Choose poses of a path through Q (K, n), from which to measure distances to the path.
 
-    They are about half a radius apart, in m and rad, as far as Q has rows: the whole path is
-    then within the radius. Returns positions (P, 3 F) and rotations (P, 3 F, 3) of F frames.
+    The poses are about half a radius apart, in m and rad, if Q has enough rows; the whole path is
+    then within the radius of them. Return positions (P, 3 F) and rotations (P, 3 F, 3) of F frames.
     """
     poses = [task.placements(q) for q in Q]
     p = np.array([[x.translation for x in pose] for pose in poses])
@@ -113,7 +113,7 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
 
 
 def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
-    """Tell whether a radius is the largest that can be proved, and why none beyond it is."""
+    """Write whether a radius is the largest that can be proved, and why no larger one is."""
     if goal is not None and found.radius >= goal:
         return True, "no larger one was asked for"
     where = _edge(task, places, found)
@@ -125,8 +125,7 @@ def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[
 def _edge(task: Task, places: Places, found: Reach) -> str:
     """Write what ends a closing radius: a joint that may leave Ω, or a possible singularity.
 
-    Ω is the region of joint space of the design. ``found`` names the place of the path and the
-    joint.
+    Ω is the region of joint space of the design. ``found`` has the place on the path and the joint.
     """
     if not found.regular:
         return "farther away, J_V is not proved to be regular"
@@ -138,9 +137,9 @@ def _edge(task: Task, places: Places, found: Reach) -> str:
 def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
     """Choose the configuration (n,) around which, or from which on, a closing radius is proved.
 
-    It is the start of the design's own cycle if that is inside Ω, the region of joint space to
-    prove over. Otherwise it is the centre of Ω; for a path in a tube, the sample of the tube whose
-    pose is nearest to the beginning of the path.
+    The result is the start of the design's own cycle if inside Ω, the region of joint space to
+    prove over. Otherwise it is the centre of Ω or, for a path in a tube, the sample of the tube
+    whose pose is nearest to the beginning of the path.
     """
     if design.cycle is not None and region.ratio(design.cycle.start[None])[0] < 1:
         return design.cycle.start
@@ -154,9 +153,9 @@ def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
 def _clearance(region: Region, Q: Array) -> Array:
     """Bound how far each joint may move from configurations Q (K, n) within Ω: (K, n), rad or m.
 
-    Ω is the region of joint space of the design. In a box it is the distance from the nearer face.
-    In a tube around sampled configurations, it is the distance from the boundary of the box around
-    the nearest one.
+    Ω is the region of joint space of the design. In a box, the bound is the distance from the
+    nearer face. In a tube around sampled configurations, it is the distance from the boundary of
+    the box around the nearest sample.
     """
     if isinstance(region, WorkspaceBox):
         return _clearance(region.within, Q)
@@ -173,9 +172,9 @@ def _places(Q: Array, clearance: Array, half: Array) -> Places:
     """Divide a path through Q (K, n) into places: boxes of configurations in which lines begin.
 
     A closing radius is proved for lines that begin anywhere on the path. Neighbouring boxes share a
-    configuration, and contain the path between, which is within ``half`` (K, n) of a row until the
-    next one. ``clearance`` (K, n) is the distance that each joint may move within Ω, rad or m; in a
-    place, the smallest one counts.
+    configuration, and contain the path between samples: it is within ``half`` (K, n) of each row
+    until the next row. ``clearance`` (K, n) is the distance that each joint may move within Ω, rad
+    or m; the clearance of a place is the smallest in it.
     """
     parts = sections(Q, clearance)
     low = np.array([Q[part].min(axis=0) for part in parts])

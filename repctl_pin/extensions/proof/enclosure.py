@@ -6,9 +6,9 @@ J_V at a sample Q, and J̄ a mean of J_V, any q and q' in a box of half-widths h
 
 .. math:: |q − Q| ≤ |A| ℓ + |A|\, Δ(h)\, h < h,
 
-with Δ a bound of the change of J_V on the box. The lift thus stays in the box, in which Φ is
-injective: its end is the one solution near the next sample. The theory, "The path itself closes",
-has the theorem.
+with Δ a bound of the change of J_V on the box. The lift then stays in the box, in which Φ is
+injective, so its end is the only solution near the next sample. The theory, "The path itself
+closes", has the theorem.
 """
 
 from __future__ import annotations
@@ -58,15 +58,15 @@ _TURN, _BATCH = 0.5, 512
 @dataclass(frozen=True, eq=False)
 @read_only
 class Enclosure:
-    """Motion along a closed path: samples, and how far the motion is from them until the next one.
+    """Motion along a closed path: samples, and bounds of its distance from them until the next.
 
     Attributes
     ----------
     Q : (K + 1, n) array
-        Configurations along the path; the last one is the first one.
+        Configurations along the path; the last row repeats the first.
     half : (K + 1, n) array
-        Half-widths of boxes around them, rad or m, that contain the motion. If they are not proved,
-        they are half the second differences.
+        Half-widths of boxes around the rows of Q, rad or m; the boxes contain the motion until the
+        next row. If ``proved`` is False, they are estimates: half the second differences.
     proved : bool
         True if the motion is proved to close, and to be in the boxes.
     reason : str
@@ -85,7 +85,8 @@ def enclosed(
 ) -> Enclosure:
     """Follow a closed path once on the leaf of the start (n,), and enclose its motion in boxes.
 
-    It is proved if arcs of the path have length bounds, and each arc can be taken short enough.
+    The enclosure is proved if the path has bounds on its arc lengths, and the arcs can be made
+    short enough.
     """
     task, q = inverse.task, start
     try:
@@ -120,9 +121,9 @@ def enclosed(
 def _bent(Q: Array) -> Array:
     """Estimate how far a closed path through Q (K, n) is from straight lines between its rows.
 
-    Boxes around these lines, widened by this, contain a path without sudden turns. It is ``|q_(i−1)
-    − 2 q_i + q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four times the
-    sag of a parabola.
+    Boxes around these lines, widened by the estimate, contain a path without sudden turns. The
+    estimate is ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. It suffices for a corner anywhere between two
+    rows, and is four times the sag of a parabola.
     """
     steps = np.diff(Q, axis=0, append=Q[1:2])
     return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)
@@ -134,7 +135,7 @@ def _boxes(
 ) -> Array | None:
     """Bound how far the lift is from sample Q_i until s_(i+1): (K + 1, n); None if not proved.
 
-    The last row is that of the first sample, in which the path ends.
+    The last row repeats that of the first sample, at which the path ends.
     """
     K = len(s) - 1
     samples = _Samples.of(inverse, problem, path, s, Q[:-1])
@@ -161,7 +162,7 @@ class _Samples(NamedTuple):
     """K samples Q (K, n) of a lift, their errors, and the arcs of the path after each.
 
     ``arcs`` (K, F, 2) are the length, m, and the rotation, rad, of each frame until the next
-    sample; ``off`` (K,) bounds the error of the pose, and ``level_off`` (K, r) that of the level.
+    sample. ``off`` (K,) bounds the error of the pose, ``level_off`` (K, r) the error of the level.
     """
 
     Q: Array
@@ -201,8 +202,9 @@ class _Samples(NamedTuple):
 class _ProvedArcs(NamedTuple):
     """Proved bounds of the lift on K arcs, each from a sample, as half-widths of boxes (K, n).
 
-    The lift stays within ``half`` of the sample, in the wider ``box``, in which Φ is injective.
-    ``start`` and ``end`` bound how far its ends are from this sample and from the next one.
+    The lift stays within ``half`` of the sample. Φ is injective in the wider ``box``. ``start``
+    bounds the distance of the lift's start from this sample, ``end`` that of its end from the next
+    sample.
     """
 
     half: Array
@@ -214,7 +216,7 @@ class _ProvedArcs(NamedTuple):
 def _proved_arcs(
     inverse: RepeatableInverse, problem: LeafMarginProblem, here: _Samples, after: _Samples
 ) -> _ProvedArcs | None:
-    """Bound the lift on the arcs from samples ``here`` to those ``after``; None if not proved."""
+    """Bound the lift on the arcs from samples ``here`` to samples ``after``; None if not proved."""
     bounds = _Boxes(inverse, problem, here.Q)
 
     # A box that contains the motion along the arc.
@@ -229,7 +231,7 @@ def _proved_arcs(
         return None
 
     def shift(off: Array, level_off: Array) -> Array:
-        """Bound the distance of the solution from its sample, as half-widths (K, n) along h.
+        """Bound the distance of the solution from its sample: half-widths (K, n), a multiple of h.
 
         ``off`` and ``level_off`` bound the task error and the level error of the sample.
         """
@@ -269,7 +271,7 @@ class _Boxes:
         self.rounding = wrong + 4 * task.n * 2.0**-53 * sizes
 
     def moved(self, arcs: Array, levels: Array) -> Array:
-        """Bound ``|A| ℓ``: ℓ has lengths and rotations ``arcs`` (K, F, 2) and ``levels`` (K, r)."""
+        """Bound ``|A| ℓ``, with ℓ the lengths ``arcs`` (K, F, 2) and ``levels`` (K, r)."""
         found = np.einsum("kir,kr->ki", self.level, levels)
         for f, (linear, angular) in enumerate(zip(self.linear, self.angular, strict=True)):
             g = min(f, arcs.shape[1] - 1)
@@ -277,7 +279,7 @@ class _Boxes:
         return np.asarray(found, float)
 
     def bent(self, h: Array) -> Array:
-        """Bound ``|A| Δ(h) h``, the part that is not linear, on boxes of half-widths h (K, n)."""
+        """Bound the nonlinear part ``|A| Δ(h) h`` on boxes of half-widths h (K, n)."""
         rounds = self.problem.round
         across = h.sum(axis=1)
         found = np.einsum("kij,kj->ki", self.rounding, h)
@@ -316,10 +318,12 @@ class _Boxes:
 def _pose_changes(chain: JointChain, Q: Array, h: Array) -> tuple[Array, Array]:
     """Bound the changes of a frame's Jacobian times h on boxes Q ± h, (K, n) each: (K,), (K,).
 
-    With L_l a bound of the distance from joint l to the frame, and η the half-widths of the joints,
-    a column of a revolute joint changes by ``Σ_j η_j min(L_j, L_l)``, and by η_j for a prismatic
-    joint j; that of a prismatic joint by the η_j of the revolute ones. The angular part of a column
-    changes by α = Σ η_j at most, and its chart, the rotation vector from the sample, by α again.
+    Let L_l bound the distance from joint l to the frame, and η be the half-widths of the joints.
+    The linear part of a revolute joint's column changes by ``η_j min(L_j, L_l)`` for each revolute
+    joint j, and by η_j for each prismatic joint j. That of a prismatic joint's column changes by
+    η_j for each revolute joint j. The angular part of a column changes by at most α, the sum of η_j
+    over the revolute joints. The rotation vector from the sample, as chart of rotations, adds α
+    again.
     """
     S = np.abs(chain.S)
     turns: NDArray[np.bool_] = chain.revolute

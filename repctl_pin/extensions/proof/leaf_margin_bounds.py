@@ -42,11 +42,11 @@ class LeafMarginBounds:
     Attributes
     ----------
     leaf_margin : (K,) array
-        Lower bound on the whole box; 0 where J_V was not shown to be regular.
+        Lower bound of the leaf margin on the whole box; 0 where J_V was not shown to be regular.
     center : (K,) array
-        Leaf margin at the centre, rounded up: no lower bound of the box can be larger.
+        Leaf margin at the centre, rounded up; no lower bound on the box can exceed it.
     sigma_min : (K,) array
-        Lower bound of σ_min(J) on the whole box; 0 where there is none.
+        Lower bound of σ_min(J) on the whole box; 0 where none was found.
     split : (K,) array of int
         Index of the joint along which to halve the box.
     """
@@ -60,10 +60,10 @@ class LeafMarginBounds:
 @dataclass(frozen=True, eq=False)
 @read_only
 class LeafMarginProblem:
-    """The leaf margin of potentials on a task, prepared to be bounded over boxes inside one region.
+    """Leaf margin of potentials of a task, prepared for bounds over boxes inside one region.
 
-    J_V (N, N) is the task Jacobian stacked on the potentials' gradients, with the rows and columns
-    of the virtual joints that represent motions which the task leaves free.
+    J_V (N, N) is the task Jacobian stacked on the potentials' gradients. It includes rows and
+    columns of virtual joints, which represent motions that the task leaves free.
 
     Attributes
     ----------
@@ -72,12 +72,12 @@ class LeafMarginProblem:
     features : Features
         The potentials as sums of features: monomials, sines, cosines and arm angles.
     round : (N,) array
-        Bounds of the rounding errors in the rows of J_V.
+        Bounds on the rounding errors in the rows of J_V.
     eps : float
         Relative rounding error of sums.
     beta : float
-        Factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a bound of a right inverse of J: norm of
-        the change of frame from the middle link to the task.
+        Factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a bound of a right inverse of J. It is the
+        norm of the change of frame from the middle link to the task's frame.
     """
 
     chains: tuple[Chain, ...]
@@ -93,7 +93,7 @@ class LeafMarginProblem:
 
     @property
     def N(self) -> int:
-        """Number of rows and columns of J_V, with those of virtual joints.
+        """Number of rows and columns of J_V, including those of virtual joints.
 
         J_V is the task Jacobian stacked on the gradients of the potentials.
         """
@@ -116,7 +116,7 @@ class LeafMarginProblem:
 
         J_V is the task Jacobian stacked on the potentials' gradients, A its approximate inverse at
         the centre. If the spectral radius of the bound is below 1, J_V is regular on the whole box.
-        The bound is inf without such an inverse.
+        The bound is inf if no such inverse exists.
         """
         D = np.full((len(Q), self.N, self.N), np.inf)
         self.run("deviations", Q, half, D)
@@ -125,8 +125,8 @@ class LeafMarginProblem:
     def run(self, kernel: str, Q: Array, half: Array, *more: Any) -> None:
         """Run a function of the native library on boxes of joints Q ± half, (K, n) each.
 
-        ``kernel`` is its name. ``more`` are its other arguments, numbers and contiguous arrays; the
-        last arrays are filled with the results.
+        ``kernel`` is the name of the function. ``more`` are its other arguments, numbers and
+        contiguous arrays; the last of these arrays receive the results.
         """
         call = getattr(required_library("a proof"), kernel)
         problem = self.struct()
@@ -154,10 +154,11 @@ class LeafMarginProblem:
         return made
 
     def arm_angles(self, Q: Array, half: Array) -> Array | None:
-        """Evaluate the arm angles' gradients on boxes Q ± half, (K, n) each, for C; None without.
+        """Evaluate the gradients of arm angles on boxes Q ± half, (K, n) each; None without angles.
 
-        The result (K, r, n² + 2 n + 1) has for each of the r potentials the gradient V at the
-        centre, its n² derivatives, n bounds of the remainder, and a bound of the rounding error.
+        The result (K, r, n² + 2 n + 1) is passed to C. For each of the r potentials, it has the
+        gradient V at the centre, its n² derivatives, n bounds on the remainder, and a bound on the
+        rounding error.
         """
         if not self.features.arms:
             return None
@@ -174,8 +175,8 @@ class LeafMarginProblem:
     def undefined(self, Q: Array, half: Array) -> NDArray[np.bool_]:
         """Test in which boxes of joints Q ± half, (K, n) each, an arm angle may be undefined: (K,).
 
-        It is undefined where the elbow is on the line from shoulder to wrist, for example. Such a
-        box cannot be proved, and the search names this reason.
+        For example, the angle is undefined where the elbow is on the line from shoulder to wrist.
+        Such a box cannot be proved; the search then gives this reason.
         """
         rests = [arm.gradient_bounds(Q, half).rest for arm in self.features.arms]
         found = [~np.isfinite(rest).all(axis=1) for rest in rests]
@@ -194,8 +195,8 @@ def _as_argument(value: Any) -> Any:
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem:
     """Prepare the leaf margin of potentials for bounds inside a box of joint space.
 
-    The joint screws of each frame are expressed in the frame of one link, the middle link. It is
-    the one with which the fewest boxes are expected to be needed. ``field`` are the potentials.
+    The joint screws of each frame are expressed in the frame of one link, the middle link. The link
+    is chosen that is expected to require the fewest boxes. ``field`` are the potentials.
     """
     features, chains = features_of(field, task.n, box), list(chains_of(task))
 
@@ -217,9 +218,9 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
 def _prepared(
     task: Task, chains: tuple[Chain, ...], features: Features, box: Box
 ) -> LeafMarginProblem:
-    """Make the problem of bounding a leaf margin from chains and features, with bounds of rounding.
+    """Make the problem of bounding a leaf margin, given chains and features; bound the rounding.
 
-    ``chains`` has one chain per frame of the task. ``box`` contains all boxes to be evaluated.
+    ``chains`` has one chain per frame of the task. All boxes to be evaluated lie in ``box``.
     """
     eps = max(map(relative_rounding, chains))
     rounds, betas = [], []

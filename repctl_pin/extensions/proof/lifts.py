@@ -1,4 +1,4 @@
-r"""The closing radius: every closed path within it closes, however long the path is.
+r"""Closing radius: every closed path within this distance closes in the joints, at any length.
 
 A lift is the joint path that the repeatable inverse G_r gives to a line of the end effector. Lifts
 of straight lines are followed in boxes of joints ``S_1 ⊂ S_2 ⊂ … ⊂ S_M ⊂ Ω`` around their start,
@@ -10,9 +10,9 @@ While such a lift is in S_k, joint i moves by at most
    T_{ki} = \max_{S_k} \sum_f \left(‖g_{i,v_f}‖ + \frac{α}{ρ} ‖g_{i,ω_f}‖\right) \text{ per metre},
    \qquad g_i \text{ row i of } G_r.
 
-Each frame f moves along a line of its own, in the same time. Branch and bound proves the T_k. They
-give the length ρ that every line has before its lift leaves the last box. The theory, "The closing
-radius", has the theorem.
+Each frame f moves along a line of its own, in the same time. Branch and bound proves the T_k. From
+the T_k follows the length ρ of lines whose lifts cannot leave the last box. The theory, "The
+closing radius", has the theorem.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ class Reach:
     """Length of the lines whose lifts are proved to stay in the clearance of their places.
 
     A lift is the joint path of a straight line of the end effector. The places are boxes in which
-    lifts begin; their clearance is how far each joint may move within Ω, the region of the design.
-    The smallest length over all places is the closing radius.
+    lifts begin. Their clearance is the distance that each joint may move within Ω, the region of
+    the design. The smallest length over all places is the closing radius.
 
     Attributes
     ----------
@@ -91,11 +91,12 @@ class Reach:
     boxes : int
         Number of boxes evaluated.
     place, joint : int
-        Place and joint at which a longer line may leave the clearance.
+        Indices of the place and the joint at which the lift of a longer line may leave the
+        clearance.
     complete : bool
         False if the search ended before all boxes were decided.
     regular : bool
-        False if there are boxes around that place in which J_V is not proved to be regular.
+        False if some box around that place exists in which J_V is not proved to be regular.
     """
 
     radius: float
@@ -116,24 +117,25 @@ def bound_reach(
     seconds: float,
     most: float,
 ) -> Reach:
-    """Bound from below the length of the lines whose lifts stay in the clearance of their places.
+    """Bound the length of lines, from below, whose lifts stay in the clearance of their places.
 
-    A lift is the joint path of a straight line of the end effector. It begins in a place, a box of
-    joints, and must stay in the clearance around it. The length is the closing radius of a design.
+    A lift is the joint path of a straight line of the end effector. It begins in a place, which is
+    a box of joints, and must stay in the clearance around that place. The length is the closing
+    radius of a design.
 
     Parameters
     ----------
     problem, task, field
-        The augmented Jacobian J_V of a task and its potentials.
+        Augmented Jacobian J_V, the task, and its potentials.
     places
         Where lifts begin, and their clearance.
     ratio
         Rotation, rad, per metre of the lines.
     goal
-        Length, m, that suffices; None for the greatest one.
+        Length, m, at which the search may stop; None for the largest length.
     seconds, most
-        Processor time and number of boxes after which boxes that are not decided count with their
-        last bounds.
+        Processor time, s, and number of boxes after which the search stops; undecided boxes then
+        count with their last bounds.
     """
     search = _Search(problem, task, field, places, ratio, goal)
     end = thread_time() + seconds
@@ -147,11 +149,11 @@ def bound_reach(
 class _Search:
     """Branch and bound on the rates of lifts, in the boxes S_1 ⊂ … ⊂ S_M of each place.
 
-    A lift is the joint path of a straight line of the end effector; it begins in a place, a box of
-    joints. A rate is the motion of a joint per metre of the line, rad or m per m. ``widths`` and
-    ``rates`` (K, M, n) are the half-widths of the boxes S around K places, and the rates to prove
-    in them. ``low``, ``high``, ``place``, ``within``, ``bound`` and ``split`` have one row per
-    undecided box.
+    A lift is the joint path of a straight line of the end effector; it begins in a place, which is
+    a box of joints. A rate is the motion of a joint per metre of the line, rad or m per m.
+    ``widths`` and ``rates`` (K, M, n) are the half-widths of the boxes S around K places, and the
+    rates to prove in them. ``low``, ``high``, ``place``, ``within``, ``bound`` and ``split`` have
+    one row per undecided box.
     """
 
     def __init__(
@@ -180,8 +182,8 @@ class _Search:
         """Divide S_1, and each S_k without S_(k−1), into boxes that branch and bound can halve.
 
         S_1 ⊂ … ⊂ S_M are boxes of joints around each place, in which lines begin. Return the lower
-        and upper corners, (L, n) each, relative to the centre of the place; the index of the place;
-        and k, counted from 0.
+        and upper corners of the new boxes, (L, n) each, relative to the centre of the place; the
+        index of the place; and k, counted from 0.
         """
         K, M, n = self.widths.shape
         half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
@@ -239,7 +241,7 @@ class _Search:
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
         """Halve the undecided boxes ``take``; return the halves, with their places and sets.
 
-        The halves are their lower and upper corners, (L, n) each. With them come two indices per
+        Return the lower and upper corners of the halves, (L, n) each. Return also two indices per
         half, (L,) each: of its place, and of the smallest set S that contains it. See
         :func:`halved`.
         """
@@ -264,10 +266,10 @@ class _Search:
     def reach(self) -> Reach:
         """Return the length that lines may have with the rates proved so far.
 
-        It is the minimum over all places, the parts of the path where lines begin. A rate is the
-        motion of a joint per metre of a line. A line is extended through the sets S_1 ⊂ S_2 ⊂ …
-        until a joint may leave the last one. Undecided boxes count with their last bounds, so the
-        length is valid at any time of the search.
+        The length is the minimum over all places, in which lines begin. A rate is the motion of a
+        joint per metre of a line. A line is extended through the sets S_1 ⊂ S_2 ⊂ … until a joint
+        may leave the last set. Undecided boxes count with their last bounds, so the length is valid
+        at any time of the search.
         """
         rates = self.rates.copy()
         bound = np.where(np.isnan(self.bound), np.inf, self.bound)
@@ -299,12 +301,12 @@ class _Search:
 def _largest_slack(
     task: Task, field: Potentials, places: Places, ratio: float, goal: float
 ) -> tuple[float, float]:
-    """Choose how much more than the sampled rates to allow, so that lines of the goal's length fit.
+    """Choose how far rates may exceed sampled rates, so that lines of the goal's length fit.
 
-    A rate is the motion of a joint per metre of a line. The more is allowed, the fewer boxes prove
-    it; but wider boxes have larger rates. The two numbers, for the first and the last box around a
-    place, are added to a factor of 1. If the goal allows no more than the default numbers, these
-    are returned.
+    A rate is the motion of a joint per metre of a line. With more slack, fewer boxes are needed,
+    but wider boxes have larger rates. The two numbers, for the first and the last box around a
+    place, are added to a factor of 1. If the goal allows no more than the default numbers, the
+    default is returned.
     """
     best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
     slack = 0.95 * best / goal - 1
@@ -326,10 +328,10 @@ def _sampled(
     """Choose the half-widths of the boxes S, and the rates to prove in them, (K, M, n) each.
 
     A rate is the motion of a joint per metre of a line of the end effector, rad or m per m. Around
-    each of K places, in which lines begin, grow M nested boxes of joints. Each is wider than the
-    one before by a step times the largest rate that was sampled in it, times 1 plus a slack that
-    goes from the first of ``slacks`` to the last. All places reach the same length in space. Return
-    also the length of these lines, m. A SingularityError is raised if J_V, the task Jacobian
+    each of K places, in which lines begin, M nested boxes of joints are made. Each is wider than
+    the preceding box by a step, times the largest rate sampled in it, times 1 plus a slack. The
+    slack goes from the first of ``slacks`` to the last. The length of the lines is the same for all
+    places. Return also this length, m. A SingularityError is raised if J_V, the task Jacobian
     stacked on the potentials' gradients, is singular at the start, or there is no clearance.
     """
     K, n = places.center.shape
@@ -368,7 +370,10 @@ def _sampled(
 
 
 def _rates_at_start(rates: Array) -> Array:
-    """Give joints that rest a small rate, (K, n); SingularityError if J_V is singular."""
+    """Replace zero rates of joints at rest by a small rate: (K, n).
+
+    A SingularityError is raised if J_V is singular at the start.
+    """
     if not rates.max() < _SINGULAR:
         raise SingularityError("J_V is singular at the start")
     return np.maximum(rates, 1e-9 * rates.max(axis=1)[:, None])
@@ -381,9 +386,9 @@ def rate_bounds(
 
     The rate of a joint is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames, with g the joint's row
     of the repeatable inverse G_r, v its linear and ω its angular columns. The boxes are Q ± half,
-    (K, n) each; ``ratio``, rad per m, is one number, or one per frame. Return the bounds, the
-    values at the centres, both (K, n), and the joint along which to halve each box in order to come
-    below ``most`` (K, n) soonest.
+    (K, n) each; ``ratio``, rad per m, is one number, or one per frame. Return the bounds (K, n),
+    the values at the centres (K, n), and the joint along which to halve each box so that the bounds
+    soonest fall below ``most`` (K, n).
     """
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)
@@ -397,8 +402,9 @@ def rate_bounds(
 def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
     """Evaluate how far each joint moves per metre of a line, at Q (K, s, n): (K, s, n).
 
-    It is the sum of ``‖g_v‖ + ratio ‖g_ω‖`` over the frames, with g the joint's row of the
-    repeatable inverse G_r, v its linear and ω its angular columns; inf where G_r does not exist.
+    The result is the sum of ``‖g_v‖ + ratio ‖g_ω‖`` over the frames: g is the joint's row of the
+    repeatable inverse G_r, v its linear and ω its angular columns. It is inf where G_r does not
+    exist.
     """
     points = Q.reshape(-1, Q.shape[2])
     J, V = task.jacobians(points), field.gradients(points)

@@ -1,4 +1,4 @@
-"""Check of one closed path: whether it can be shrunk to its start through paths that close.
+"""Check of one closed path: can it be shrunk to its start through paths that close?
 
 A leaf is the set of configurations with one value of the potentials h. On it, Φ = (f, h) is a local
 diffeomorphism where its Jacobian J_V is regular. So a sheet of poses that is swept from the start
@@ -34,21 +34,22 @@ _SAME = 1e-6
 
 @dataclass(frozen=True)
 class PathCertificate:
-    """Result of :func:`path_certificate`; ``bool`` of it is :attr:`shrinks`.
+    """Result of :func:`path_certificate`; ``bool(result)`` is :attr:`shrinks`.
 
     A ray is the motion along the straight line from the start pose to a pose of the path.
 
     Attributes
     ----------
     shrinks : bool
-        True if every ray's end is on the motion along the path, which then closes.
+        True if every ray ends on the motion along the path; that motion then closes.
     gap : float
-        Largest joint difference between end and start of the motion, rad or m; nan if it stops.
+        Largest joint difference between end and start of the motion, rad or m; nan if the motion
+        stops early.
     mismatch : float
         Largest joint difference between a ray's end and the motion, rad or m; nan if a ray or the
-        motion stops.
+        motion stops early.
     reason : str
-        Why the path is not shrunk; empty if it is.
+        Why the path cannot be shrunk; empty if it can.
     poses : int
         Number of poses of the path at which rays were checked.
 
@@ -73,7 +74,7 @@ class PathCertificate:
 
     @property
     def words(self) -> str:
-        """Whether the path closes, and why or why not, in words."""
+        """Sentence that says whether the path closes, and why or why not."""
         if self.shrinks:
             checked = f"checked at {self.poses} poses, not proved"
             return f"the path can be shrunk to its start, so it closes: {checked}"
@@ -85,13 +86,13 @@ def path_certificate(
 ) -> PathCertificate:
     """Check whether a closed path can be shrunk to its start, and so closes.
 
-    Each pose x(s) of the path is reached along the straight line from the start pose x₀,
-    ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, with a rotation about one axis. The arm stays on the leaf of
-    q0, on which the potentials are constant. If J_V, the task Jacobian stacked on their gradients,
-    is regular on all these rays, and each ends on the motion along x(s), the motion closes: paths
-    ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are checked at some 120 poses, all
-    corners included, so this is no proof. Paths around the base, or around a singularity, are not
-    shrunk.
+    A ray is the straight line ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, from the start pose x₀ to a pose
+    x(s) of the path, with a rotation about one axis. The arm follows it on the leaf of q0, on which
+    the potentials are constant. Let J_V be the task Jacobian stacked on the gradients of the
+    potentials. If J_V is regular on all rays, and each ray ends on the motion along x(s), that
+    motion closes: the paths ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are
+    checked at some 120 poses, all corners included, so this is no proof. Paths around the base, or
+    around a singularity, cannot be shrunk.
 
     Parameters
     ----------
@@ -141,7 +142,9 @@ def path_certificate(
     mismatch, at = float(away[worst]), float(grid[ends[worst]])
     if mismatch <= _SAME:
         return PathCertificate(True, gap, mismatch, "", count)
-    where = f"the straight line to {at:.0%} of it ends {mismatch:.2g} {inverse.task.unit} away"
+    where = (
+        f"the straight line to {at:.0%} of the path ends {mismatch:.2g} {inverse.task.unit} away"
+    )
     why = f"{where} from the motion, so something singular is inside the path, such as the base"
     return PathCertificate(False, gap, mismatch, why, count)
 
@@ -159,12 +162,12 @@ def _require_start(task: Task, path: TaskPath, q0: Array) -> None:
 def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Array) -> Array:
     """Reach the poses at s = ``shares`` (P,) along straight lines from q0 (n,): (P, n).
 
-    InputError names the pose before which the line stops.
+    The InputError of a ray that stops names its pose by s, in percent of the path.
     """
     reached = []
     for s in shares:
         try:
             reached.append(inverse.solve(path.placement(s % 1.0), q0))
         except InputError as error:
-            raise InputError(f"the straight line to {s:.0%} of it stops ({error})") from None
+            raise InputError(f"the straight line to {s:.0%} of the path stops ({error})") from None
     return np.array(reached)

@@ -1,8 +1,8 @@
-r"""Potentials as sums of features φ, with bounds of the second-order Taylor remainder of V.
+r"""Potentials as sums of features φ, with bounds on the second-order Taylor remainder of V.
 
 A potential h is a function of q that the controller holds constant; V are the gradients. A proof
 expands V on boxes of joints inside Ω, the region of the design. Each feature is 1, an earlier
-feature times a linear argument z, or the sine or cosine of one:
+feature times a linear argument z, or the sine or cosine of an argument z:
 
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,
@@ -43,33 +43,34 @@ class Features:
     """r potentials of n joints as sums of F features, with bounds that hold in one region.
 
     A potential h is a function of q that the controller holds constant; V are the gradients. A
-    feature is 1, a product of linear functions of q, or the sine or cosine of one. A proof expands
-    V on boxes of joints, and needs the bounds for the remainder.
+    feature is 1, a product of linear functions of q, or the sine or cosine of such a function. A
+    proof expands V on boxes of joints, and needs the bounds for the remainder.
 
     Attributes
     ----------
     Z, z0 : (s, n) and (s,) arrays
         The s linear arguments of the features, ``z = Z q − z0``.
     kind, parent, variable : (F,) arrays of int
-        Function of each feature, the feature that a product multiplies, and the index of the
-        argument.
+        Per feature: kind of function, index of the feature that a product multiplies, and index of
+        the argument.
     G : (r, n, F) array
         Coefficients of V.
     C : (r, n, n, F) array
         Coefficients of ∂V.
     third : (F_3,) array of int
-        Features that occur in the third derivatives of h; none where T bounds these well.
+        Indices of the features that occur in the third derivatives of h; none where T bounds these
+        well.
     C3 : (r, n, n, n, F_3) array
         Coefficients of the third derivatives of h.
     T, T4 : (r, n, n, n) and (r, n, n, n, n) arrays
-        Bounds over the region of the terms of the third derivatives that are not in C3, and of the
-        derivatives of ``C_3 φ``.
+        Bounds over the region: T on the terms of the third derivatives that are not in C3, T4 on
+        the derivatives of ``C_3 φ``.
     E : (r, n) array
-        Bounds of the rounding errors in V and in its derivatives times the half-widths.
+        Bounds on the rounding errors in V and in its derivatives times the half-widths.
     size : (r,) array
-        Bounds of |V| and of its derivatives times the half-widths, to which rounding is relative.
+        Bounds on |V| and on its derivatives times the half-widths, to which rounding is relative.
     arms : tuple of ArmAngleChain
-        Arm angles, which are added to the features and have Taylor models of their own.
+        Arm angles among the potentials. They are not features, but have Taylor models of their own.
     """
 
     Z: Array
@@ -96,8 +97,8 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
     Raises
     ------
     InputError
-        If they are not polynomials, Fourier series, arm angles or sums of them: no bounds are known
-        of a function of the user.
+        If they are not polynomials, Fourier series, arm angles or sums of these, such as
+        user-defined functions, for which no bounds are known.
     """
     made = _Builder(n, box)
     made.add(field)
@@ -107,8 +108,8 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
 class _Argument(NamedTuple):
     """Linear function ``z = row · q − z0`` of the joints, from which features are made.
 
-    Features are monomials, sines and cosines of such functions. ``most`` bounds the absolute value
-    in the box, ``error`` its rounding.
+    Features are monomials, sines and cosines of such functions. ``most`` bounds |z| in the box,
+    ``error`` its rounding error.
     """
 
     row: Array
@@ -120,8 +121,8 @@ class _Argument(NamedTuple):
 class _Feature(NamedTuple):
     """Function of q of which potentials are sums: 1, a product, a sine or a cosine.
 
-    The first three numbers are those of :class:`Features`; ``bound`` bounds its absolute value in
-    the box, ``error`` its rounding.
+    The first three numbers are those of :class:`Features`. ``bound`` bounds the absolute value of
+    the feature in the box, ``error`` its rounding error.
     """
 
     kind: int
@@ -132,10 +133,10 @@ class _Feature(NamedTuple):
 
 
 class _Builder:
-    """Collects the features of potentials, and their coefficients and bounds.
+    """Collector of the features of potentials, with coefficients and bounds.
 
-    A feature is a function of the n joints of which potentials are sums. :meth:`add` collects them,
-    :meth:`features` returns them as arrays. The bounds hold in ``box``.
+    Potentials are sums of features, which are functions of the n joints. :meth:`add` collects
+    features, :meth:`features` returns them as arrays. The bounds hold in ``box``.
     """
 
     def __init__(self, n: int, box: Box) -> None:
@@ -151,7 +152,7 @@ class _Builder:
         self.arms: list[ArmAngleChain] = []
 
     def add(self, field: Potentials) -> None:
-        """Add potentials, or each part of a sum of potentials, to what is collected."""
+        """Add the features of potentials; those of a sum are added part by part."""
         if isinstance(field, SumMap):
             for part in field.maps:
                 self.add(part)
@@ -163,7 +164,7 @@ class _Builder:
     def _add_other(self, field: Potentials) -> None:
         """Add a Fourier series or an arm angle; raise an InputError for any other potentials.
 
-        Few designs have them, so their modules are imported here, and a study need not import them.
+        Few designs have these potentials, so their modules are imported here, only when needed.
         """
         from ...potentials.arm_angle import ArmAngle
         from ...potentials.fourier import FourierMap
@@ -197,7 +198,7 @@ class _Builder:
         return len(self.found) - 1
 
     def _room(self, r: int) -> Array:
-        """Return the array (r, n, n, n) of bounds on the third derivatives of h."""
+        """Return the array (r, n, n, n) that collects bounds on the third derivatives of h."""
         if self.T is None:
             self.T = np.zeros((r, self.n, self.n, self.n))
         return self.T
@@ -254,9 +255,10 @@ class _Builder:
     ) -> None:
         """Add the term ``c u^three`` of the third derivative of h along the joints ``ijl``.
 
-        ``c`` (r,) are its coefficients, ``three`` its exponents. ``most`` has the bounds of |u_i|
-        in the box, ``monomial`` gives the index of the feature with given exponents. The derivative
-        of the term along the last of the three joints and all later ones is bounded, too.
+        ``c`` (r,) are its coefficients, ``three`` its exponents. ``most`` has the bounds on |u_i|
+        in the box; ``monomial`` gives the index of the feature with given exponents. The
+        derivatives of the term along the last of the three joints and along all later joints are
+        bounded, too.
         """
         feature = monomial(three)
         self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
@@ -271,8 +273,8 @@ class _Builder:
     ) -> int:
         """Add the monomial with exponents ``beta`` as a feature, and return its index.
 
-        It is the product of a lower monomial, which ``monomial`` finds or adds, and one of the
-        variables, whose linear functions have the indices z.
+        The monomial is the product of a monomial of lower degree, which ``monomial`` finds or adds,
+        and one of the variables. Their linear functions have the indices z.
         """
         used = [i for i, power in enumerate(beta) if power]
         if not used:
@@ -288,8 +290,8 @@ class _Builder:
     def _fourier(self, field: FourierMap) -> None:
         """Add the terms of Fourier series ``h = Σ a sin(w · q) + b cos(w · q)``.
 
-        They are sines and cosines of the linear functions w · q, with one coefficient a, b per
-        potential.
+        The features are sines and cosines of the linear functions w · q; the coefficients a and b
+        have one value per potential.
         """
         T = self._room(field.sines.shape[1])
         for row, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
@@ -312,7 +314,7 @@ class _Builder:
     # ---- all together -------------------------------------------------------------------------
 
     def features(self) -> Features:
-        """Create the arrays of all features, with bounds of the rounding in their sums."""
+        """Create the arrays of all features, with bounds on the rounding errors in their sums."""
         assert self.T is not None, "a field has at least one term"
         F = len(self.found)
         G, C = self._first_and_second()
@@ -362,7 +364,7 @@ class _Builder:
     def _third_and_fourth(self) -> tuple[NDArray[np.int32], Array, Array]:
         """Create the arrays of the third derivatives, and the bounds of the fourth.
 
-        The first array are the indices of the features in the third derivatives.
+        The first array has the indices of the features in the third derivatives.
         """
         assert self.T is not None, "a field has at least one term"
         r, n = len(self.T), self.n

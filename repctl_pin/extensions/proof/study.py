@@ -1,4 +1,4 @@
-"""Certificate of the design that a study makes: margins proved in a small part of its time."""
+"""Certificate of a study's design: margins that are proved in a small part of the study's time."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _CLOSING = 5.0
 def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -> Design:
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
-    So a study states what is proved, and takes little longer. If Ω, the region of joint space of
-    the design, is a tube, the certificate has a closing radius: the distance from the path within
-    which every closed path closes in the joints. The proof fails, too, if it takes too long
-    compared with the ``spent`` seconds of processor time. ``say`` reports the step.
+    If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
+    the distance from the path within which every closed path also closes in the joints. The proof
+    also fails if it takes too long compared with ``spent``, the processor time of the study, s.
+    ``say`` reports the step.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
@@ -44,9 +44,9 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
 
 
 def unproved_note(design: Design) -> list[str]:
-    """Write that a study's time did not suffice for a certificate, and how to get one.
+    """Write a note that a study's time did not suffice for a certificate, and how to get one.
 
-    The list is empty if the design has a certificate, or if there is no proof for such a design.
+    The list is empty if the design has a certificate, or if such a design cannot be proved.
     """
     if design.proof is not None or library() is None:
         return []

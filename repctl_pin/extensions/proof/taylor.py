@@ -18,11 +18,11 @@ ORDER = 3
 
 
 def space_of(k: int) -> Any:
-    """Create the C struct SPACE, the table by which Taylor models in k variables are multiplied.
+    """Create the C struct SPACE: the table with which C multiplies Taylor models in k variables.
 
-    Copies of it hold none of its arrays, so keep the original. It has a row per product of two
-    monomials up to degree 3: the indices of both factors, sorted by the monomial that they make;
-    and where the rows of each monomial, and each degree, begin.
+    The table has a row per product of two monomials up to degree 3: the indices of both factors.
+    Rows are sorted by the product monomial; further arrays say where the rows of each monomial, and
+    of each degree, begin. Copies of the struct do not keep its arrays alive, so keep the original.
     """
     from ..cells.chart.monomials import Monomials  # a study has no need of it
 

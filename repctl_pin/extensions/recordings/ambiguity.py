@@ -1,8 +1,8 @@
 """Ambiguity of recorded configurations: how badly a smooth function of the pose explains them.
 
-If demonstrations reach one pose with different elbows, no function of the pose fits their joints. A
-labelling is one choice of a configuration for every frame (row of the recording): the recorded
-joints, or the new ones.
+If demonstrations reach one pose with different elbow positions, no function of the pose fits their
+joints. A labelling assigns one configuration to every frame (row of the recording): the recorded
+joints, or the new joints.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _FRAMES_PER_TERM = 3
 class Ambiguity:
     """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
 
-    A labelling is one choice of a configuration for every frame, such as the recorded joints or the
-    new ones. The misfit is large if equal poses have different configurations.
+    A labelling assigns one configuration to every frame: the recorded joints, or the new joints.
+    The misfit is large if equal poses have different configurations.
 
     Attributes
     ----------
     misfits : tuple of (K,) arrays
-        ``‖q − q̂(x)‖`` at each frame, rad or m, for each labelling; q̂ was fitted to the frames of
-        the other folds.
+        ``‖q − q̂(x)‖`` at each frame, rad or m, per labelling, with q̂ fitted to the frames of the
+        other folds.
     degree : int
         Degree of the polynomial q̂.
     method : str
@@ -50,7 +50,7 @@ class Ambiguity:
 
     @property
     def residuals(self) -> tuple[float, ...]:
-        """Root mean square of the misfit of each labelling, rad or m."""
+        """Rms misfit of each labelling, rad or m."""
         return tuple(
             float(np.sqrt(np.mean(one**2))) if len(one) else np.nan for one in self.misfits
         )
@@ -59,17 +59,16 @@ class Ambiguity:
 def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
     r"""Fit configurations as a polynomial of the pose, and measure the misfit on held-out frames.
 
-    A labelling is a choice of configurations for the frames, such as the recorded ones; the
-    comparison of its misfit before and after relabelling shows whether equal poses had several
-    configurations.
+    A labelling assigns one configuration to every frame. The misfits of the recorded and the new
+    joints show whether equal poses had different configurations.
 
     .. math:: \hat q(u) = \sum_{|α| ≤ 3} a_α u^α, \qquad
               \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2
 
-    Each fold of frames is held out in turn. The folds are the sessions, grouped into six if there
-    are more, or six blocks of time of a single session. Each labelling has its own λ, the one of
-    1e-8, 1e-7, …, 1 with the smallest misfit. With few frames the degree is lower, down to 1, so
-    that the fit has three frames per term.
+    Each fold of frames is held out in turn. The folds are the sessions, in six groups if there are
+    more than six, or six blocks of time of a single session. Each labelling has its own λ: that of
+    1e-8, 1e-7, …, 1 which gives the smallest misfit. With few frames the degree is lower, down to
+    1, so that the fit has at least three frames per term.
 
     Parameters
     ----------
@@ -100,10 +99,11 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
 
 
 def _folds(session: Column) -> tuple[Column, str]:
-    """Assign frames to cross-validation folds: the fold of each frame (K,), and its kind in words.
+    """Assign frames to cross-validation folds: return fold numbers (K,), and a description.
 
-    A fold is a group of frames left out of one fit and predicted by it. Folds are sessions, in up
-    to six groups, or six blocks of time of a single session, because neighbouring frames are alike.
+    A fold is a group of frames that one fit leaves out and then predicts. Folds are up to six
+    groups of sessions, or six blocks of time of a single session: neighbouring frames are alike, so
+    they must be in one fold.
     """
     sessions = np.unique(session)
     if len(sessions) > 1:
@@ -115,7 +115,7 @@ def _folds(session: Column) -> tuple[Column, str]:
 def _scaled(U: Array) -> Array:
     """Scale coordinates U (K, k) of the poses to [−1, 1]; leave out columns that do not vary.
 
-    The fit is of polynomials in them, with a ridge parameter that presumes this range.
+    The polynomials and the ridge parameter of the fit presume this range.
     """
     if not len(U):
         return U
@@ -128,10 +128,10 @@ def _scaled(U: Array) -> Array:
 def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]) -> Array:
     """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
 
-    The labellings stand side by side in the columns of Q; ``parts`` are the columns of each,
-    ``fold`` the number of each frame's fold, and ``terms`` the monomials of the polynomial q̂. One
-    pass over the frames sums up the normal equations of the fits, another evaluates the misfit, so
-    that memory does not grow with the recording.
+    The columns of Q hold the labellings side by side; ``parts`` are the columns of each. ``fold``
+    is the number of each frame's fold, and ``terms`` are the monomials of q̂. One pass over the
+    frames sums the normal equations of the fits, another evaluates the misfit, so that memory does
+    not grow with the recording.
     """
     folds, N = int(fold.max()) + 1, terms.size
     gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))
@@ -152,12 +152,12 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
 
 
 def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:
-    """Solve the ridge regressions that each leave out one fold: coefficients W (folds, N, ·).
+    """Solve ridge regressions, each without one fold, for the coefficients W (folds, N, ·).
 
-    ``gram`` has G = TᵀT and ``right`` B = TᵀQ of each fold, which hold its N terms T (K, N) and
-    configurations Q; ``counts`` are the frames per fold, ``parts`` the columns of each labelling.
-    Each labelling has the ridge parameter λ with the smallest misfit on the left-out folds. The
-    part of the squared misfit on a fold that depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)``.
+    ``gram`` has G = TᵀT, and ``right`` B = TᵀQ, of each fold with the N terms T (K, N) and
+    configurations Q. ``counts`` are the frames per fold, ``parts`` the columns of each labelling.
+    Each labelling gets the ridge parameter λ with the smallest misfit on the left-out folds. That
+    part of the squared misfit which depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)`` per fold.
     """
     K = counts.sum()
     total = gram.sum(axis=0)

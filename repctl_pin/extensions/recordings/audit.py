@@ -1,8 +1,8 @@
 """Audit of a recorded joint motion: how the configurations at the visits of one hand pose differ.
 
 Creep is a steady drift: the configuration at the pose changes from visit to visit. A visit is a
-time at which the hand is back at the pose; the first is no return. The hand is the frame that the
-task controls; of several frames, all must be back.
+time at which the hand is at the pose; every visit but the first is a return. The hand is the frame
+that the task controls; if the task controls several frames, all must be at their poses.
 """
 
 from __future__ import annotations
@@ -51,19 +51,19 @@ class Audit:
     visits : Visits
         Visits of the hand pose that was visited most often.
     points : (N, L, 3) array
-        The point of each link's body that is displaced most, at each visit, m.
+        Position at each visit of that point of each link's body which is displaced most, m.
     links : tuple of str
-        These L links.
+        Names of the L links.
     found : Verdict or None
         Verdict on the configurations at the visits; None with fewer than two returns.
     part : int
-        Index of the link that is displaced most, see :mod:`.displacement`.
+        Index, among ``links``, of the link that is displaced most; see :mod:`.displacement`.
     rate : float
-        Speed at which its point creeps, m/s; 0 with fewer than two returns.
+        Speed at which the point of that link creeps, m/s; 0 with fewer than two returns.
     error : float
         Half-width of the 95 % confidence interval of ``rate``, m/s.
     difference : float
-        Largest distance of that point between two visits, m.
+        Largest distance of that point between any two visits, m.
     notes : tuple of str
         Remarks on the log.
 
@@ -97,11 +97,11 @@ class Audit:
         - ``repeats``: the largest difference between two visits is within the noise, and no slope
           is significant.
         - ``creeps``: the joints change steadily.
-        - ``creeps later``: they are the same at first, and change steadily later.
-        - ``jumps``: they are in one of a few configurations.
-        - ``scatters``: they differ, without a steady change.
-        - ``inconclusive``: there are two to four returns, or their noise could hide a difference.
-        - ``no return``: there are fewer.
+        - ``creeps later``: the joints are the same at first, and change steadily later.
+        - ``jumps``: each visit is in one of a few configurations.
+        - ``scatters``: the configurations differ, without a steady change.
+        - ``inconclusive``: there are two to four returns, or the noise could hide a difference.
+        - ``no return``: there are fewer than two returns.
         """
         return NO_RETURN if self.found is None else self.found.kind
 
@@ -122,12 +122,12 @@ class Audit:
 
     @property
     def differences(self) -> Array:
-        """Largest difference of each joint between two visits of the hand pose: (n,), rad or m."""
+        """Largest difference of each joint between any two visits: (n,), rad or m."""
         return np.ptp(self.visits.q, axis=0)
 
     @property
     def returns(self) -> int:
-        """Number of times that the hand came back to the pose; the first visit is no return."""
+        """Number of times that the hand came back to the pose; the first visit is not a return."""
         return len(self.visits.t) - 1
 
     @property
@@ -146,8 +146,8 @@ class Audit:
     def along(self) -> Array:
         """Displacement of the most displaced link's point since the first visit: (N,), m.
 
-        The link is ``part``. It is measured along the straight line to the point's position at the
-        last visit.
+        The link is ``part``. The displacement is measured along the straight line to the position
+        at the last visit.
         """
         place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]
@@ -158,7 +158,7 @@ class Audit:
     def clock(self) -> tuple[float, str]:
         """Unit of time in which rates are written: its length, s, and its name.
 
-        It is an hour, a minute or a second: the longest unit that is at most twice as long as the
+        The unit is an hour, a minute or a second: the longest that is at most twice as long as the
         log.
         """
         span = float(self.log.t[-1] - self.log.t[0])
@@ -168,8 +168,8 @@ class Audit:
     def leaves_range(self) -> tuple[float, str] | None:
         """Predicted time after the log, s, at which a joint leaves its range, and the joint's name.
 
-        The prediction extends the creep at the measured rate. It is None if the arm does not creep,
-        or if the time is more than 100 times as long as the log.
+        The prediction assumes that the creep continues at the measured rate. None if the arm does
+        not creep, or if the predicted time is more than 100 times as long as the log.
         """
         if self.joints is None or not self.creeps:
             return None
@@ -249,29 +249,29 @@ def audit(
 ) -> Audit:
     """Measure how far an arm creeps between returns to one end-effector pose, from a joint log.
 
-    Creep is a steady change of the joints at that pose, as under J⁺. The end-effector poses of the
-    log, f(q) of (1), are searched for the one that is visited most often. The arm repeats if the
-    largest difference of its configurations there is within the noise. A joint's creep is the
+    Creep is a steady change of the joints at one pose, as under J⁺. The pose that the end effector
+    visits most often is found among the poses f(q), equation (1), of the log. The arm repeats if
+    the largest difference of its configurations there is within the noise. A joint's creep is the
     median of the slopes between all pairs of visits (Theil and Sen), so an outlier, a gap or a
-    pause does not change it. Its confidence interval is that of a straight line with the robust
-    scatter of the visits, at least the noise of the log.
+    pause does not change it. The confidence interval is that of a straight-line fit; its scatter is
+    the robust scatter of the visits, but at least the noise of the log.
 
     Parameters
     ----------
     log
-        File with a column ``time``, s, and one for each joint: ``.csv``, ``.npz`` or ``.parquet``;
-        or a pair of times (T,), s, and joint positions (T, n), rad or m.
+        File (``.csv``, ``.npz`` or ``.parquet``) with a column ``time``, s, and one column per
+        joint; or a pair of times (T,), s, and joint positions (T, n), rad or m.
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
         Frame of the end effector and kind of task; by default the end of the arm, and the first
-        redundant kind. If they are several, as :meth:`Robot.task` takes them, all frames must be
-        back at once.
+        redundant kind. With several frames, as :meth:`Robot.task` takes them, all must be at their
+        poses at once.
     degrees
         True if revolute joints are in degrees.
     tolerance : float, optional
-        Distance within which the end effector is at the pose again, m; by default from the noise of
-        the log.
+        Distance within which the end effector counts as being at the pose, m; by default derived
+        from the noise of the log.
 
     Returns
     -------
@@ -281,8 +281,8 @@ def audit(
     Raises
     ------
     InputError
-        If the log cannot be read, or its values are not those of the joints: they look like
-        degrees, or violate limits as if the joints were in another order.
+        If the log cannot be read, or its values do not fit the joints: they look like degrees, or
+        violate limits as if the joints were in another order.
 
     References
     ----------
@@ -323,7 +323,7 @@ def audit(
 
 
 def _task(robot: Any, frame: Any, kind: str | None) -> Task:
-    """Make the task of an audit from a robot, its frame and a kind; return a given task as it is.
+    """Make the task of an audit from a robot, a frame and a kind; a given task is returned as is.
 
     ``robot`` is a name, a URDF, a Robot or a Task. InputError is raised if a task is given together
     with a frame or kind that is not its own.
@@ -337,11 +337,11 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
 
 
 def _units(task: Task, log: JointLog) -> list[str]:
-    """Check units, times and the order of the joints of a log; return notes, a list of sentences.
+    """Check the units, times and joint order of a log; return notes, which are sentences.
 
-    Values that look like degrees, or that are not those of this arm, raise an InputError, because a
-    verdict on them would be wrong. Slight violations of joint limits, and speeds far above the
-    limits, are noted only.
+    Values that look like degrees, or do not fit this arm, raise an InputError, because a verdict on
+    them would be wrong. Slight violations of joint limits, and speeds far above the limits, only
+    give a note.
     """
     lower, upper, q = task.lower, task.upper, log.q
     beyond = _beyond(task, q)
@@ -382,22 +382,23 @@ def _units(task: Task, log: JointLog) -> list[str]:
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
     """Compute the 99th percentile of joint speed relative to its limit, for the worst joint.
 
-    Times in a wrong unit make it far too large; a few outliers of the log do not.
+    If times are in a wrong unit, the ratio is far too large; a few outliers of the log do not make
+    it so.
     """
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.velocity_limit))
 
 
 def _beyond(task: Task, q: Array) -> Array:
-    """Compute how far each joint exceeds its limits at most (n,), rad or m; 0 within them."""
+    """Compute the largest excess of each joint over its limits (n,), rad or m; 0 if none."""
     return np.maximum(-task.limit_margin(q).min(axis=0), 0.0)
 
 
 def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:
-    """Compare the configurations at the visits, and measure the links; return the audit.
+    """Compare the configurations at the visits, measure the links, and return the audit.
 
-    The verdict is on the joints. To say it in metres, the point of each link that is displaced most
-    is found, and its speed and its largest distance between two visits are measured.
+    The verdict is on the joints. To express it in metres, the most displaced point of each link is
+    found; its speed, and its largest distance between two visits, are measured.
     """
     scale = joint_scale(task, visits.q[0])
     found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)
@@ -427,9 +428,9 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
 def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
     """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
 
-    ``part`` is the index of the link. ``floor`` (n,), rad or m, is a smallest scatter of each
-    joint. The scatter of the point is taken as at least the one that ``floor`` causes, so that the
-    interval is not too narrow after a few equal visits.
+    ``part`` is the index of the link. ``floor`` (n,), rad or m, is a lower bound on the scatter of
+    each joint. The scatter of the point is at least that due to ``floor``, so that the interval is
+    not too narrow after a few equal visits.
     """
     q, step = visits.q[0], 1e-6
     around = np.vstack([q, q + step * np.eye(len(q))])

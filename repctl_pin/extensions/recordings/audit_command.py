@@ -1,4 +1,4 @@
-"""``repctl audit``: whether an arm drifts, and how fast, from a log of its joint positions."""
+"""``repctl audit``: find from a log of joint positions whether an arm drifts, and how fast."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ a pose counts once, and gaps are allowed."""
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl audit`` to its parser."""
     add = parser.add_argument
     add("log", metavar="LOG", help="recorded joints: a .csv, .npz or .parquet file")
     add("--robot", metavar="ROBOT", required=True, help="catalogue name or path to a URDF")

@@ -1,4 +1,4 @@
-"""Report of an audit: a sentence and a table for a terminal of 24 rows, a page and a figure.
+"""Report of an audit: an answer that fits a terminal of 24 rows, a page and a figure.
 
 A Span is a piece of text with a style, such as "bad" for red. Creep is a steady drift of the joints
 at one hand pose.
@@ -56,14 +56,14 @@ _LEAST = 2e-3
 
 
 def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
-    """Write the answer of an audit: a sentence, a short table, notes, and the written files.
+    """Write the answer of an audit: a sentence, a short table, notes, and a list of files.
 
     Parameters
     ----------
     audit
         The audit.
     files
-        Lines on the files that were written, printed at the end.
+        Lines that name the written files, to be printed last.
     """
     out = [*wrapped(_audit_sentence(audit)), Span(f"\n\n{fitted(_about(audit))}\n")]
     after = [f"note: {note}" for note in audit.notes]
@@ -74,7 +74,7 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 
 
 def _audit_sentence(audit: Audit) -> list[Span]:
-    """Write the verdict, its statistic, and how often the hand came back, in pieces of styled text.
+    """Write the verdict, its statistic, and the number of returns, in pieces of styled text.
 
     A log in which no pose is visited often enough gets a sentence that says so.
     """
@@ -88,8 +88,8 @@ def _audit_sentence(audit: Audit) -> list[Span]:
 def _verdict(audit: Audit) -> list[Span]:
     """Write the verdict and its statistic as one sentence in pieces, with the key number marked.
 
-    An arm that creeps gets its rate and interval, one that jumps or scatters the largest
-    difference, and an inconclusive log the reason.
+    The statistic is the rate with its interval if the arm creeps, and the largest difference if it
+    jumps or scatters. If the log is inconclusive, the sentence gives the reason.
     """
     assert audit.found is not None
     seconds, unit = audit.clock
@@ -135,7 +135,7 @@ def _verdict(audit: Audit) -> list[Span]:
 
 
 def _farthest(audit: Audit) -> tuple[str, str]:
-    """Name what differs most between two visits: a point of a link or, if none moves, a joint.
+    """Name what differs most between two visits: a point of a link or, if no point moves, a joint.
 
     Returns the name, such as "the elbow", and the largest difference with its unit, as texts.
     """
@@ -159,9 +159,9 @@ def _headline(audit: Audit) -> Headline:
 
 
 def _distance(audit: Audit) -> str:
-    """Write how near the hand came to an earlier pose again, as the end of a sentence.
+    """Write, as the end of a sentence, how near the hand came to an earlier pose again.
 
-    It explains a log for which there is no verdict, because no pose was visited often enough.
+    This explains why there is no verdict: no pose was visited often enough.
     """
     if audit.returns > 0:
         back = hands_are(len(audit.task.frames))
@@ -174,7 +174,7 @@ def _distance(audit: Audit) -> str:
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
-    """Write the creep of the most displaced part or, if it does not creep, of the fastest joint.
+    """Write the creep of the most displaced link or, if it does not creep, of the fastest joint.
 
     Returns three texts: the name, the rate per hour, minute or second, and the 95 % interval.
     """
@@ -194,7 +194,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def _part_of(audit: Audit) -> str:
-    """Name the part that differs most between two visits of one pose, such as "elbow"."""
+    """Name the link that differs most between two visits of one pose, such as "elbow"."""
     return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
 
@@ -212,12 +212,12 @@ def _time_span(seconds: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Format a change of a joint as a number; 0 below 1e-9 rad or m, as for lengths."""
+    """Format a change of a joint as a number; changes below 1e-9 rad or m are written as 0."""
     return "0" if abs(value) < 1e-9 else number(value)
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of creep: the most displaced part, then the joints, the largest first.
+    """Format the table of creep: the most displaced link, then the joints, the largest first.
 
     Its columns are the largest difference, the creep per return and per unit of time, and the
     half-width of the 95 % interval.
@@ -241,8 +241,8 @@ def _table(audit: Audit) -> str:
 def _leads(audit: Audit) -> list[str]:
     """Write lines that follow the table of an audit.
 
-    They say which visits are alike, for an arm that jumps or scatters; when a joint will leave its
-    range at the measured rate; and what counted as the same pose.
+    They say which visits have the same configuration if the arm jumps or scatters, when a joint
+    will leave its range at the measured rate, and within which distance poses counted as the same.
     """
     said = []
     if audit.verdict in (JUMPS, SCATTERS) and audit.found is not None:
@@ -258,10 +258,10 @@ def _leads(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write which visits have the same configuration, as letters A B A B …, and how many are alike.
+    """Write which visits have the same configuration, as letters A B A B …, with their numbers.
 
-    ``groups`` (N,) has the number of each visit's configuration, from 0. Letters show at a glance
-    whether an arm alternates.
+    ``groups`` (N,) has the number of each visit's configuration, from 0. The letters show at a
+    glance whether the arm alternates.
     """
     names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
     more = "…" if len(names) > _SHOWN else ""
@@ -276,13 +276,12 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
     Parameters
     ----------
     audit
-        The audit of a log that repeats.
+        The audit; the hand must have returned to the pose.
     folder
         Output folder.
 
     Returns
-    -------
-    The files, in this order.
+    ------- Paths of the two files, in this order.
     """
     contents: dict[str, str | bytes] = {
         "audit.html": _audit_page(audit),
@@ -296,7 +295,7 @@ def _audit_page(audit: Audit) -> str:
     """Write the HTML page of the recorded motion, with the arm of the first visit as a ghost.
 
     Each cycle is the part of the log between two consecutive visits of the pose. If there are too
-    many, evenly spaced ones are shown.
+    many cycles, evenly spaced ones are shown.
     """
     task, visits = audit.task, audit.visits
     ends = np.unique(np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int))
@@ -330,8 +329,8 @@ def _audit_page(audit: Audit) -> str:
 def _between(audit: Audit, end: int, steps: int) -> Array:
     """Interpolate the log between visits ``end`` − 1 and ``end``: (steps + 1, n), at equal times.
 
-    The page shows each return as one cycle of as many steps. The ends are the configurations at the
-    visits, which are more exact than the log's rows.
+    The page shows the motion between two visits as one cycle of ``steps`` steps. Its ends are the
+    estimated configurations at the visits, which are more exact than rows of the log.
     """
     visits, log = audit.visits, audit.log
     t = np.linspace(visits.t[end - 1], visits.t[end], steps + 1)
@@ -341,7 +340,7 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def _audit_figure(audit: Audit) -> Figure:
-    """Draw ``audit.png``: creep over time, of the most displaced link, and of the joints.
+    """Draw ``audit.png``: creep of the most displaced link and of the joints over time.
 
     Dots are the visits of the hand pose, lines the measured rates.
     """

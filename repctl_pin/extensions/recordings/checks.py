@@ -1,7 +1,8 @@
 """Plausibility checks of recorded frames: units, order of the joints, frame of the poses, times.
 
-A frame is a row of a recording. A mistake here, such as degrees or another tool frame, would give
-wrong joints without an error later, so each check raises an InputError that names the mistake.
+A frame is a row of a recording. A mistake in the recording, such as degrees or another tool frame,
+would later give wrong joints without an error. So each check raises an InputError that names the
+mistake.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def require_radians(task: Task, Q: Array) -> None:
 def require_limits(task: Task, Q: Array) -> None:
     """Raise an error if one joint exceeds its limits in most of the configurations Q (K, n).
 
-    If another order of the joints keeps the limits, the message says so.
+    If the values fit the limits in another order of the joints, the message says so.
     """
     beyond = (-task.limit_margin(Q) > _BEYOND).mean(axis=0)
     joint = int(np.argmax(beyond))
@@ -104,10 +105,10 @@ def require_limits(task: Task, Q: Array) -> None:
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
-    A constant offset of the tool or of the base is refused if it exceeds both the noise, which is
-    what remains when the offset is taken out, and what the calibration of an arm usually corrects.
-    Other differences are refused from 0.05 m or 0.2 rad on. The message names the mistake in the
-    numbers that would explain it, if one is found.
+    A constant offset of the tool or of the base is refused if it exceeds both the noise that
+    remains when the offset is subtracted, and the usual corrections by the calibration of an arm.
+    Other differences are refused above 0.05 m or 0.2 rad. If a mistake in the numbers would explain
+    the difference, the message names the mistake.
 
     Parameters
     ----------
@@ -138,10 +139,10 @@ def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: 
 
 
 def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> tuple[str, str]:
-    """Find the mistake in recorded numbers that explains why joints and poses disagree.
+    """Find a mistake in the recorded numbers that explains why joints and poses disagree.
 
-    Other orders of the joints and quaternions that begin with qw are tried. Returns the
-    explanation, empty if none is found, and the remedy, as texts for the error message.
+    Other orders of the joints, quaternions that begin with qw, and constant offsets are tried.
+    Return the explanation, empty if none is found, and the remedy, as texts for the error message.
     """
     few = slice(None, None, max(1, len(Q) // 16))
     for order in _orders(task.n):
@@ -155,11 +156,11 @@ def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool)
 
 
 def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
-    """Find a constant offset of the tool or of the base: texts that describe it and the remedy.
+    """Find a constant offset of the tool or of the base; return its description and the remedy.
 
     Q are the recorded joints, p and R the recorded poses. Another frame of the tool, a shift of the
-    base, and a shift with a rotation are tried; the first of equally good ones is taken. Returns
-    None if no offset stands out from the noise, or if there are fewer than four frames.
+    base, and a shift with a rotation are tried; of equally good explanations, the first is
+    returned. Return None if no offset exceeds the noise, or if there are fewer than four frames.
     """
     if len(Q) < _FEWEST:
         return None
@@ -217,9 +218,9 @@ def _other_base(
 
 
 def _size(miss: tuple[float, float]) -> float:
-    """Combine differences in m and in rad into one number, by which explanations are compared.
+    """Combine differences in m and in rad into one number, with which to compare explanations.
 
-    Each is counted in units of what the calibration of an arm usually corrects, 3 mm and 0.01 rad.
+    The units are the usual corrections by the calibration of an arm: 3 mm and 0.01 rad.
     """
     return miss[0] / _CALIBRATED_M + miss[1] / _CALIBRATED_RAD
 
@@ -237,7 +238,7 @@ def mean_rotation(R: Array) -> Array:
 def _base_rotation(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> Array:
-    """Find the rotation B (3, 3) from the arm's base to the one of recorded poses p, R.
+    """Find the rotation B (3, 3) from the arm's base to the base of recorded poses p, R.
 
     p_own and R_own are the poses by forward kinematics. For a pose task ``R ≈ B R_own``; otherwise
     B is found from the positions alone, in the coordinates ``rows`` that the task commands.
@@ -257,7 +258,8 @@ def _base_rotation(
 def _orders(n: int) -> list[list[int]]:
     """List permutations of n joints to try: reversed, rotated, and with two joints exchanged.
 
-    They are the usual mistakes, found by whether the joints then agree with the recorded poses.
+    These are the usual mistakes; a permutation is right if the joints then agree with the recorded
+    poses.
     """
     plain = list(range(n))
     orders = [plain[::-1]] + [plain[i:] + plain[:i] for i in range(1, n)]
@@ -271,7 +273,7 @@ def _orders(n: int) -> list[list[int]]:
 def _first_is_w(R: Array) -> Array:
     """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last.
 
-    If the corrected ones agree with the joints, that was the mistake.
+    If the corrected rotations agree with the joints, that was the mistake.
     """
     x = Rotation.from_matrix(R).as_quat()
     return Rotation.from_quat(x[:, [1, 2, 3, 0]]).as_matrix()
@@ -286,8 +288,8 @@ def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
 def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[float, float]:
     """Compute the median distances, m and rad, of two series of poses, in the task's coordinates.
 
-    The series are p, R and p_own, R_own, (K, 3) and (K, 3, 3). For a position task the angle is 0,
-    for an axis task it is that between the tool axes.
+    The series are p, R and p_own, R_own, of shapes (K, 3) and (K, 3, 3). The angle is 0 for a
+    position task, and the angle between the tool axes for an axis task.
     """
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
@@ -301,7 +303,7 @@ def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[f
 
 
 def _alike(by: tuple[float, float]) -> bool:
-    """Test whether median distances, m and rad, are small: a correction explains the poses."""
+    """Test whether median distances, m and rad, are so small that they explain the poses."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 

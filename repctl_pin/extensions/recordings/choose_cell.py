@@ -1,8 +1,8 @@
 """Cell around recorded frames, and a function over it near the recorded configurations.
 
 A cell is a box of poses, or a sector around the base, over which one function q = F(x) gives the
-joints. It should hold all frames (rows of the recording) and be no larger than that, because a
-larger one may not have such a function.
+joints. The cell should contain all frames (rows of the recording) and be no larger than necessary,
+because a larger cell may have no such function.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ _SMALL_SPIN = 0.6
 def design_for(
     recording: Recording, options: FitOptions, report: Callable[[str, float], None]
 ) -> CellDesign:
-    """Design a function over a box or a sector, just large enough to hold the recorded frames.
+    """Design a function over a box or a sector that is just large enough for the recorded frames.
 
-    A box of poses, or a sector around the base, is a cell; its function gives one configuration per
-    pose. The cell holds all frames or, if no function covers it, 98 or 90 % of them. If no function
-    covers those either, the one that covers most frames is returned. In the middle of the cell, the
-    function has a recorded configuration, see :func:`_posture`, if a design from it succeeds.
+    Both are cells; the function of a cell gives one configuration per pose. The cell contains all
+    frames or, if no function covers it, 98 or 90 % of them. If no function covers such a cell
+    either, the function that covers most frames is returned. In the middle of the cell, the
+    function has a recorded configuration, see :func:`_posture`, if a design with it succeeds.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def design_for(
     thin = thinned(recording, _FRAMES)
     few = thinned(recording, _TRIED)
     best: tuple[float, CellDesign | None] = (0.0, None)
-    failure = InputError("no cell holds the frames")
+    failure = InputError("no box or sector contains the frames")
     for share in _SHARES:
         for cell in _cells(thin, share):
             report(f"a function over {cell.size()}", 0.1)
@@ -85,7 +85,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of the frames at which a cell's function has joints within the limits."""
+    """Compute the share of frames at which a cell's function has a configuration within limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -94,9 +94,10 @@ def _held(found: CellDesign, recording: Recording) -> float:
 def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign:
     """Design the function of a cell from a recorded configuration in its middle.
 
-    The function gives one configuration per pose of the cell, near the recorded ones. Without
-    recorded joints, or if that fails, the design searches for the configuration itself. A function
-    that covers only part of the cell is returned too, since not all frames need be held.
+    The function gives one configuration per pose of the cell, near the recorded configurations.
+    Without recorded joints, or if that design fails, the design searches for the configuration in
+    the middle. A function that covers only a part of the cell is also returned, because it may
+    still cover most frames.
     """
     control = Pseudoinverse(cell.task)
     if recording.joints is not None:
@@ -112,9 +113,9 @@ def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign
 def _posture(recording: Recording, cell: Cell) -> Array:
     """Select a typical recorded configuration (n,) near the middle of a cell.
 
-    The new joints are to be near the recorded ones. Candidates are, of each session, the
-    configuration nearest to the middle; the one with the smallest sum of distances to the others is
-    returned.
+    The new joints should be near the recorded joints. The candidates are the configurations nearest
+    to the middle, one per session. The candidate with the smallest sum of distances to the others
+    is returned.
     """
     assert recording.joints is not None
     U, _ = cell.coordinates(recording.positions, recording.rotations)
@@ -130,7 +131,7 @@ def _posture(recording: Recording, cell: Cell) -> Array:
 
 
 def _cells(recording: Recording, share: float) -> Iterator[Cell]:
-    """Yield a box and a sector, a cell around the base, that hold a share of the recorded poses.
+    """Yield a box, and a sector around the base, that contain a share of the recorded poses.
 
     The sector comes first if the poses extend far around the base, where a box would be too large.
     """
@@ -148,10 +149,10 @@ def _cells(recording: Recording, share: float) -> Iterator[Cell]:
 
 
 def _box(recording: Recording, share: float) -> Cell:
-    """Make the box of poses that holds a share of the frames, just larger than they need.
+    """Make a box of poses that contains a share of the frames, with a small margin.
 
-    Its middle is found in two steps: the median position and mean rotation first, then the middle
-    of the extent of the share of frames nearest to it.
+    Its middle is found in two steps. The first middle has the median position and the mean
+    rotation. The final middle is that of the extent of the frames nearest to the first.
     """
     task = recording.task
     p = recording.positions
@@ -172,10 +173,10 @@ def _box(recording: Recording, share: float) -> Cell:
 
 
 def _sector(recording: Recording, share: float) -> Cell:
-    """Make the sector around the base that holds a share of the frames, just larger than they need.
+    """Make a sector around the base that contains a share of the frames, with a small margin.
 
-    Its coordinates are radius, angle and height, and tilts and spin of the tool. Its middle is
-    found in two steps, since they depend on it. InputError is raised if there is no such sector.
+    The coordinates are radius, angle and height, and tilts and spin of the tool. They depend on the
+    middle, which is therefore found in two steps. InputError is raised if there is no such sector.
     """
     task = recording.task
     p = recording.positions
@@ -213,8 +214,8 @@ def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:
 def _sector_of(probe: Sector, w: Array) -> Sector:
     """Make a sector with the middle of ``probe`` and half-widths w (m,), in m and rad.
 
-    A spin, the turn about the tool's axis, of less than 0.6 rad becomes a third half-angle of the
-    rotation instead.
+    If the spin, which is the turn about the tool's axis, is below 0.6 rad, it is given as a third
+    ``half_angle`` instead.
     """
     task = probe.task
     spin = float(w[SPIN]) if task.m > SPIN else 0.0
@@ -239,9 +240,9 @@ def _measured(probe: Cell, p: Array, R: Array) -> Array:
 
 
 def _within(Y: Array, share: float) -> Array:
-    """Select the rows of Y (K, m), a share of all poses, that are nearest to their median.
+    """Select the share of the rows of Y (K, m) that is nearest to the median of all rows.
 
-    Each coordinate is measured by its own spread, so that metres and radians count alike.
+    Each coordinate is divided by its spread, so that metres and radians count alike.
     """
     if share == 1.0:
         return Y
@@ -253,8 +254,8 @@ def _within(Y: Array, share: float) -> Array:
 def _widths(Y: Array, positions: int) -> Array:
     """Compute half-widths (m,) of a cell around 0 that holds poses Y (K, m), with a margin.
 
-    The first ``positions`` coordinates are in m, the others in rad. A coordinate that is constant
-    gets the half-width 0; if all are, the margin alone is returned.
+    The first ``positions`` coordinates are in m, the others in rad. A constant coordinate gets the
+    half-width 0. If all coordinates are constant, the half-widths are the margins.
     """
     reach = np.abs(Y).max(axis=0)
     pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)

@@ -1,7 +1,7 @@
-"""Reading of a log of joint positions: times, and one column per joint, found by their names.
+"""Reading of a log of joint positions: times, and one column per joint, found by name.
 
-Logs come from many recorders, so that names of columns, the unit of time and the order of the
-joints are worked out, or refused if several readings are possible.
+Logs come from many recorders. So names of columns, the unit of time and the order of the joints are
+inferred; a log with several possible readings is refused.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class JointLog:
     q : (T, n) array
         Joint positions, rad or m.
     by_name : bool
-        True if the file names the joints; False if they were taken in its order.
+        True if the file names the joints; False if the order of the file's columns was used.
     dropped : int
         Number of rows left out, because a number is missing or the time equals that of the previous
         row.
@@ -100,19 +100,20 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
 
     The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
     joint. The name of the joint may be part of a longer name, such as ``panda_joint1.position``.
-    Columns of one name and a number, such as ``q1`` to ``q7``, are taken in the order of the
-    numbers, and an array ``q`` in that of its columns. Measured positions (actual, position,
-    measured) come before desired ones. Velocities, efforts and errors are not taken.
+    Columns with one name and a number, such as ``q1`` to ``q7``, are used in the order of the
+    numbers, and an array ``q`` in the order of its columns. Measured positions (actual, position,
+    measured) are preferred to desired ones. Velocities, efforts and errors are ignored.
 
-    The unit of time is that in the name of the column; or that in which the times are of the years
-    1990 to 2100; or the only one in which the time steps and the joint speeds are those of a robot.
+    The unit of time is the unit in the name of the column. Otherwise, it is the unit in which the
+    times are dates from 1990 to 2100, or the only unit in which time steps and joint speeds are
+    plausible for a robot.
 
     Parameters
     ----------
     file
         The file.
     task
-        Task, whose robot's joints are read.
+        Task; the joints of its robot are read.
     units : (n,) array
         Units of the positions in the file, rad or m.
 
@@ -120,8 +121,8 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
     ------
     InputError
         If the file cannot be read, a joint or the times are missing, several columns may be the
-        joints, several units of time are possible, or time runs backwards; the message names the
-        line.
+        joints, several units of time are possible, or time runs backwards; then the message names
+        the line.
     """
     joints = task.joint_names
     table = read_table(file_name(file, "log"), joints)
@@ -160,8 +161,8 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
 def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     """Find the unit of the times in the column ``clock``: "s", "ms", "us" or "ns".
 
-    Also returns whether the times count from 1970. ``fastest`` are the speed limits of the joints,
-    rad/s or m/s: a unit with which the log exceeds them is excluded. InputError is raised if
+    Return also whether the times count from 1970. ``fastest`` are the speed limits of the joints,
+    rad/s or m/s. A unit in which the log exceeds these limits is excluded. InputError is raised if
     several units remain.
     """
     steps = np.diff(log.t)
@@ -199,7 +200,7 @@ def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
 
 
 def _unit_of(clock: str) -> str:
-    """Return the unit that the name of a column of times ends with, as ``time_ms``; else empty."""
+    """Return the unit at the end of a time column's name, such as ``time_ms``; empty if none."""
     words = re.findall(r"[a-zµ]+", clock.lower())
     return _UNIT_NAMES.get(words[-1], "") if len(words) > 1 else ""
 
@@ -207,8 +208,8 @@ def _unit_of(clock: str) -> str:
 def _clock(header: Sequence[str]) -> str | None:
     """Find the name of the column of times; None if there is none.
 
-    If there are several, the first in the order of ``_CLOCKS`` is taken; a unit may follow, as in
-    ``time_ms``.
+    If there are several, the first in the order of ``_CLOCKS`` is returned. A unit may follow the
+    name, as in ``time_ms``.
     """
     bare = {
         name: re.sub(r"[ _.(\[]+(s|sec|secs|seconds|ms|us|µs|ns)[)\]]?$", "", name.lower())
@@ -221,7 +222,7 @@ def _clock(header: Sequence[str]) -> str | None:
 def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> InputError:
     """Make the error for a file without columns of joint positions.
 
-    Its message names the joint that is missing, or says that the columns are velocities or efforts.
+    The message names the missing joint, or says that the columns are velocities or efforts.
     """
     held = [j for j in joints if any(_holds(name, j) for name in header)]
     others = [name for name in header if words_of(name, joints) & _NO_POSITION]
@@ -238,7 +239,7 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
 def joint_log(t: Any, q: Any, units: Array) -> JointLog:
     """Make a log from times t (T,), s, and joint positions q (T, n), after checking them.
 
-    ``units`` (n,) are the values of one unit of q, rad or m: π/180 for degrees.
+    ``units`` (n,) are the units of q in rad or m, such as π/180 for degrees.
     """
     times, values, n = as_numbers(t), as_numbers(q), len(units)
     sizes = None if values is None or times is None else (times.shape, values.shape)
@@ -252,14 +253,13 @@ def joint_log(t: Any, q: Any, units: Array) -> JointLog:
 
 
 def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], bool]:
-    """Find the columns of the joints: by name, by names that contain it, or by number.
+    """Find the columns of the joints: by name, by names that contain a joint's, or by number.
 
     ``header`` are the names of the file's columns, ``joints`` those of the arm. Columns whose names
     differ in the joint only, such as ``j1.pos`` and ``j2.pos``, belong together.
 
     Returns
-    -------
-    Their names, empty if they are not found, and whether they name the joints.
+    ------- Names of the columns, empty if not found; and True if these name the joints.
 
     Raises
     ------
@@ -291,10 +291,10 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
 
 def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
-    """Choose the set of columns that is most likely measured; refuse equally likely ones.
+    """Choose the set of columns that most likely is measured; refuse a tie.
 
     Each of ``sets`` has the names of a column per joint. Words such as "actual" come first,
-    "desired" or "command" last. InputError lists the sets between which the choice is open.
+    "desired" or "command" last. In a tie, an InputError lists the possible sets.
     """
 
     def rank(names: Sequence[str]) -> int:
@@ -315,7 +315,7 @@ def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
 def words_of(name: str, joints: Sequence[str]) -> set[str]:
     """Split the name of a column, without the name of a joint, into words in lower case.
 
-    The words, such as "velocity" or "desired", tell what the column holds.
+    The words, such as "velocity" or "desired", say what the column contains.
     """
     for joint in joints:
         if _holds(name, joint):
@@ -329,10 +329,10 @@ def _holds(name: str, joint: str) -> bool:
 
 
 def _whole(table: Table, n: int) -> str | None:
-    """Find the name of an array (T, n) with the positions of all n joints; None without one.
+    """Find the name of an array (T, n) with the positions of all n joints; None if there is none.
 
-    A wider array may begin with another arm's joints. InputError is raised if there are only such
-    ones, or several arrays that differ.
+    A wider array may begin with the joints of another arm. InputError is raised if all arrays are
+    wider, or if there are several different arrays.
     """
     known = [name for name in _TABLES if table.widths.get(name, 0) > 1]
     found = [name for name in known if table.widths[name] == n]
@@ -352,9 +352,9 @@ def _whole(table: Table, n: int) -> str | None:
 
 
 def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) -> JointLog:
-    """Make a log without rows that lack a number or repeat the time of the row before.
+    """Make a log without rows that lack a number or repeat the time of the preceding row.
 
-    ``table`` is the file that was read, by which the error names the line; None for arrays.
+    ``table`` is the file that was read, with which an error names the line; None for arrays.
     InputError is raised if time runs backwards, or fewer than three rows remain.
     """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(q).all(axis=1))

@@ -1,7 +1,8 @@
 """Recorded frames of an arm, by session and time: joints, poses of the frame, or both.
 
-A frame is one row of a recording; *the* frame of a task is the link whose poses they are. A session
-is one run of the recorder, such as a demonstration. Large arrays are worked on in blocks of rows.
+A frame is one row of a recording, but *the* frame of a task is the link whose poses are recorded. A
+session is one run of the recorder, such as a demonstration. Large arrays are processed in blocks of
+rows.
 """
 
 from __future__ import annotations
@@ -69,13 +70,13 @@ _NAMES = {
 class Recording:
     """Frames of one or several recorded sessions: joints, poses of the frame, or both.
 
-    Rows are checked: finite, in m and rad, times that increase, and joints whose forward kinematics
-    agrees with the poses.
+    All rows are checked: numbers are finite, units are m and rad, times increase, and the forward
+    kinematics of the joints agrees with the poses.
 
     Parameters
     ----------
     task
-        The task, whose frame the poses are of.
+        The task; the poses are those of its frame.
     joints : (K, n) array, optional
         Joint positions, rad or m.
     poses : (K, 4, 4), (K, 7) or (K, 3) array, optional
@@ -85,7 +86,7 @@ class Recording:
     times : (K,) array, optional
         Time of each frame, s.
     sessions : sequence, optional
-        Number or name of each frame's session, (K,); by default, all frames are of one.
+        Number or name of each frame's session, (K,); by default, all frames belong to one session.
 
     Attributes
     ----------
@@ -196,8 +197,8 @@ class Recording:
         task
             Task; the poses are those of its frame.
         joints : sequence of str, optional
-            Names of the numbers of that array, in its order, if it has other joints or a gripper,
-            too. Those of the task's joints are taken.
+            Names of the numbers in such an array, in order, needed if it also has other joints or a
+            gripper. The numbers of the task's joints are used.
 
         Raises
         ------
@@ -240,7 +241,7 @@ class Recording:
 def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order.
 
-    It serves steps that take longer with more frames, but give nearly the same result.
+    Used for steps whose time grows with the number of frames, but whose result hardly changes.
     """
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)
@@ -257,7 +258,7 @@ def forward(task: Task, Q: Array) -> tuple[Array, Array]:
 
 
 def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
-    """Evaluate a function of the rows of arrays block by block, to keep its memory small.
+    """Evaluate a function of the rows of arrays block by block, to save memory.
 
     The function takes a block of rows of each array, and returns an array or a tuple of arrays with
     as many rows. The blocks are joined, so the result is that of one call on all rows.
@@ -301,7 +302,7 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
 
 
 def _rotations(R: Array) -> Array:
-    """Project matrices (K, 3, 3) onto the nearest rotations, to remove rounding of a file.
+    """Project matrices (K, 3, 3) onto the nearest rotations, to remove rounding errors of a file.
 
     Raises InputError if a singular value differs from 1 by more than 0.01, or a matrix is a
     reflection.
@@ -355,11 +356,10 @@ def _find(
     """Find by name the columns of a table that become arguments of :class:`Recording`.
 
     The first result is a dict from argument (joints, poses, times, sessions) to the names of its
-    columns, without the arguments that the table lacks. The second one is used if a single column
-    holds an array of all joints: the index of each joint in that array. It is None if each joint
-    has a column. ``given`` are the names of the numbers in the array, ``lerobot`` those of its
-    ``meta/info.json``. InputError is raised if there are neither joints nor poses, or only some of
-    the joints.
+    columns; arguments that the table lacks are left out. The second result is the index of each
+    joint in a column that holds an array of all joints; None if each joint has a column. ``given``
+    are the names of the numbers in the array, ``lerobot`` those of its ``meta/info.json``.
+    InputError is raised if there are neither joints nor poses, or only some of the joints.
     """
     widths = table.widths
     found = {
@@ -402,10 +402,10 @@ def _find(
 
 
 def _lerobot_names(file: Path) -> list[str] | None:
-    """Read the names of the joints' array from LeRobot's ``meta/info.json`` near a Parquet file.
+    """Read the names of the numbers in the joints' array from LeRobot's ``meta/info.json``.
 
-    It is looked for in the folder of the Parquet file, and in the two folders above. None if there
-    is no such file, or it has no names.
+    That file is searched for in the folder of the Parquet file, and in the two folders above.
+    Return None if there is no such file, or it has no names.
     """
     for folder in file.resolve().parents[:3]:
         info = folder / "meta" / "info.json"
@@ -425,9 +425,9 @@ def _lerobot_names(file: Path) -> list[str] | None:
 
 
 def _require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
-    """Raise InputError if LeRobot's names of the numbers of an array are none of the task's joints.
+    """Raise InputError if none of LeRobot's names of an array's numbers is a joint of the task.
 
-    The numbers could be those of another arm, although their count fits.
+    Even if their count fits, the numbers could then belong to another arm.
     """
     own = task.joint_names
     if not set(own) & {_stem(text, own) for text in lerobot}:
@@ -440,14 +440,14 @@ def _require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
 
 
 def _stem(name: str, own: Sequence[str]) -> str:
-    """Return a joint's name without LeRobot's suffix, unless the joint is called so itself."""
+    """Return a joint's name without LeRobot's suffix, unless the robot's joint has that suffix."""
     return name if name in own else name.removesuffix(".pos")
 
 
 def _places(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
     """Find the indices of the task's joints in the rows of an array, each of ``width`` numbers.
 
-    ``given`` are the names of the numbers. Without names, the array must have one per joint.
+    ``given`` are the names of the numbers. Without names, the array must have one number per joint.
     """
     own = task.joint_names
     if given is None and width == task.n:

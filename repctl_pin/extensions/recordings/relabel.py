@@ -1,7 +1,7 @@
 """Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function.
 
 A cell is a box of poses, or a sector around the base, over which a function q = F(x; c) gives the
-joints. The level c chooses the leaf, that is, where along the self-motion the elbow is.
+joints. The level c selects the leaf, and so the position of the elbow along the self-motion.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class _Gap:
     session : str
         Name of the session.
     start, end : float
-        Time of the first and of the last frame, s; numbers of the frames if there are no times.
+        Times of the first and of the last frame, s; without times, the numbers of these frames.
     frames : int
         Number of frames.
     why : str
@@ -73,7 +73,8 @@ class Relabeled:
     recording : Recording
         The frames as recorded.
     design : CellDesign
-        The cell and its function; ``design.function(pose, leaf=leaf)`` labels other poses alike.
+        The cell and its function; ``design.function(pose, leaf=leaf)`` labels other poses
+        consistently.
     leaf : (r,) array
         Level c of the new configurations, rad or m.
     recorded_leaves : (K, r) array or None
@@ -83,8 +84,8 @@ class Relabeled:
     gaps : tuple of Gap
         Time ranges of the frames that could not be relabelled.
     ambiguity : Ambiguity
-        Misfit of a smooth fit of configurations over poses, at the relabelled frames: of the
-        recorded configurations, if there are any, and of the new ones.
+        Misfit of a smooth function of the pose at the relabelled frames: that of the recorded
+        configurations, if any, and that of the new configurations.
 
     Examples
     --------
@@ -125,7 +126,7 @@ class Relabeled:
     def residual_before(self) -> float:
         """Ambiguity of the recorded configurations, rad or m; NaN if none were recorded.
 
-        It is the rms misfit of a smooth function of the pose, large if equal poses have several
+        This rms misfit of a smooth function of the pose is large if equal poses have different
         configurations.
         """
         residuals = self.ambiguity.residuals
@@ -182,15 +183,15 @@ class Relabeled:
     def save(self, file: str | Path) -> Path:
         """Write the recording with the new configurations, as .csv, .npz or .parquet.
 
-        Other columns of a file that was read are kept, except ``removed`` and ``recomputed``; a
-        file of the same format keeps their values and types, and its metadata, unchanged. New
-        joints are rounded to the type of their column. Frames that could not be relabelled have NaN
-        as their configuration.
+        If the recording was read from a file, its other columns are kept, except ``removed`` and
+        ``recomputed``. In the same format, their values and types, and the metadata, are unchanged.
+        New joints are rounded to the type of their column. Configurations of frames that could not
+        be relabelled are NaN.
 
         Raises
         ------
         InputError
-            If the file has another suffix, or cannot be written.
+            If the suffix is not supported, or the file cannot be written.
         """
         path, source = file_name(file), self.recording.source
         if source is None or source.file.suffix.lower() != path.suffix.lower():
@@ -242,9 +243,9 @@ class Relabeled:
         return f"c = {text}; recorded: {_row(low)} to {_row(high)}{near}"
 
     def _missing(self) -> str:
-        """Write which frames were not relabelled: the three longest gaps in the order of time.
+        """Write which frames were not relabelled: the three longest gaps, in order of time.
 
-        The frames of the other gaps are counted in a last line.
+        A last line gives the number of frames in the other gaps.
         """
         longest = sorted(self.gaps, key=lambda gap: -gap.frames)[:_LISTED]
         lines = [self._gap(gap) for gap in self.gaps if gap in longest]
@@ -277,22 +278,23 @@ def relabel(
 ) -> Relabeled:
     """Give every recorded pose of a cell one configuration: ``q = F(x; c)``.
 
-    Recorded configurations depend on where each session started and on the motion before, so that
-    equal poses have different configurations. The new ones depend on the pose alone. The cell is
-    the box of poses, or the sector around the base, that holds the frames, and F the function
-    designed for it. The level c says where along the self-motion the elbow is; by default it is
-    near the median of the recorded ones.
+    Recorded configurations depend on where each session started and on the preceding motion, so
+    equal poses can have different configurations. New configurations depend only on the pose. The
+    cell is a box of poses, or a sector around the base, that contains the frames; F is the function
+    designed for it. The level c sets the position of the elbow along the self-motion; by default, c
+    is near the median of the recorded levels.
 
     Parameters
     ----------
     recording
         The frames, such as ``rp.Recording.read("demos.csv", task)``.
     design
-        Function of a cell to use, instead of one over the cell that holds the frames.
+        Design of a cell's function to use; by default, a function is designed over a cell that
+        contains the frames.
     leaf : (r,) array, optional
         Level c, rad or m. By default, the level between 0 and the median of the recorded levels
-        that is nearest to the median, relabels as many frames as c = 0, and keeps a joint-limit
-        margin as large as with c = 0, or 0.05; 0 without recorded configurations.
+        that is nearest to the median without a loss: it must relabel as many frames as c = 0, with
+        as large a joint-limit margin, or 0.05. Without recorded configurations, c = 0.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
     progress
@@ -358,9 +360,10 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
-    """Compute the level c (K, r) of each recorded configuration; None if none were recorded.
+    """Compute the level c (K, r) of each recorded configuration; None if there are none.
 
-    The level says where along the self-motion the elbow was: consistent demonstrations have one.
+    The level is the position of the elbow along the self-motion; in consistent demonstrations, it
+    is constant.
     """
     if recording.joints is None:
         return None
@@ -382,9 +385,9 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
 def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
     """Find the level c (r,) nearest to the recorded median that loses no frame and no limit margin.
 
-    So the new elbow is near the recorded one. Levels between the median of ``recorded`` (K, r) and
-    0 are tried, the nearest to the median first. The function was designed for c = 0, which is
-    returned if all others lose frames or margin.
+    So the elbow stays near its recorded positions. Levels between the median of ``recorded`` (K, r)
+    and 0 are tried, the nearest to the median first. If all lose frames or margin, the result is
+    c = 0, for which the function was designed.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():
@@ -430,10 +433,10 @@ def _result(
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[_Gap, ...]:
-    """List the ranges of consecutive frames of a session that lack a label for one reason.
+    """List the ranges of consecutive frames of a session that were not relabelled for one reason.
 
-    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. A pose
-    that is inside and has none is beyond the joint limits.
+    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. If a
+    pose inside has no new joints, they would be beyond the joint limits.
     """
     reason = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")

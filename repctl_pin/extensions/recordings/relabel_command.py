@@ -27,7 +27,7 @@ joints, cell.json (the function), and relabel.png."""
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl relabel`` to its parser."""
     add = parser.add_argument
     add("file", metavar="FILE", help="recording: .csv, .npz, or .parquet (with pyarrow)")
     parser.what(
@@ -107,10 +107,10 @@ def run(options: Options) -> int:
 
 
 def _sentence(relabeled: rp.Relabeled) -> str:
-    """Write in one sentence whether the recorded joints were ambiguous, unlike the new ones.
+    """Write one sentence that says whether the recorded joints were ambiguous and the new are not.
 
     Ambiguity is the misfit of a smooth function of the pose. The recorded joints count as ambiguous
-    if the new joints have less than half of their misfit.
+    if the misfit of the new joints is less than half as large.
     """
     import numpy as np
 

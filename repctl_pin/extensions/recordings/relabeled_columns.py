@@ -1,7 +1,7 @@
-"""Columns of a relabelled recording: those of its file, with new joints and poses.
+"""Columns of a relabelled recording: the columns of its file, with new joints and poses.
 
-Columns that depend on the old joints, such as velocities or actions, would contradict the new ones
-and are removed; those of the gripper, of cameras and of times stay.
+Columns that depend on the old joints, such as velocities or actions, would contradict the new
+joints and are removed. Columns of the gripper, of cameras and of times stay.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Columns(NamedTuple):
     Attributes
     ----------
     new : dict of str to NewCells
-        New numbers, by the names of their columns; other columns of the file are kept.
+        New numbers, by name of the column; other columns of the file are kept.
     removed : tuple of str
         Names of columns of the file that are left out, because they belong to the old joints.
     recomputed : tuple of str
@@ -64,8 +64,8 @@ class Columns(NamedTuple):
 def relabeled_columns(recording: Recording, Q: Array) -> Columns:
     """Find the columns of a recording's file that change with new configurations Q (K, n).
 
-    Other columns are kept, unless they depend on the recorded joints. Rows of Q that are NaN, where
-    the cell's function has no value, keep their recorded pose.
+    Other columns are kept, unless they depend on the recorded joints. Where the cell's function has
+    no value and Q is NaN, the recorded pose is kept.
     """
     task, old, source = recording.task, recording.joints, recording.source
     assert source is not None
@@ -95,9 +95,10 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
 
 
 def plain_columns(recording: Recording, Q: Array) -> dict[str, Column]:
-    """Make the columns of a recording with new configurations Q (K, n), whatever its file.
+    """Make the columns of a recording with new configurations Q (K, n), for any output format.
 
-    They are those of its file or, without one, times, sessions and poses, beside the new joints.
+    They are the new joints and the other columns of the file or, without a file, times, sessions
+    and poses.
     """
     source = recording.source
     if source is None:
@@ -118,7 +119,7 @@ def _ranges(at: Sequence[int]) -> str:
 
 
 def _copy(source: Table, name: str, recording: Recording) -> Sequence[int] | None:
-    """Find the indices of the recorded joints in the rows of a file's array; None without them.
+    """Find the indices of the recorded joints in the rows of a file's array; None if not there.
 
     The array may have further numbers, such as a gripper's, which are then kept.
     """
@@ -136,10 +137,10 @@ def _copy(source: Table, name: str, recording: Recording) -> Sequence[int] | Non
 
 
 def _of_old_joints(name: str, joints: Sequence[str]) -> bool:
-    """Test by its name whether a column depends on the recorded joints, and is to be removed.
+    """Test by its name whether a column depends on the recorded joints and must be removed.
 
-    It does if it contains the name of a joint, or a word such as ``action``, ``qvel`` or
-    ``velocity``, and no word of the hand or the gripper.
+    It does if the name contains the name of a joint, or a word such as ``action``, ``qvel`` or
+    ``velocity``, but no word for the hand or the gripper.
     """
     rest = words_of(name, joints)
     held = rest != words_of(name, ())
@@ -162,7 +163,7 @@ def _poses(recording: Recording, Q: Array) -> tuple[Array, Array]:
 def _beside(recording: Recording) -> dict[str, Column]:
     """Make the columns of time and session of a recording that was not read from a file.
 
-    They stand beside the new joints in the file that is written; those that it lacks are left out.
+    They are written beside the new joints; a column without data is left out.
     """
     columns = dict[str, Column]()
     if recording.times is not None:
@@ -173,7 +174,7 @@ def _beside(recording: Recording) -> dict[str, Column]:
 
 
 def _pose_columns(recording: Recording, Q: Array, widths: Mapping[str, int]) -> dict[str, Array]:
-    """Compute the columns of poses of a file with these columns, by name, from the joints Q."""
+    """Compute those columns of poses that the file has, by name, from the joints Q."""
     p, R = _poses(recording, Q)
     X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
     poses = dict(zip(POSITION + QUATERNION, np.split(X, 7, axis=1), strict=True))

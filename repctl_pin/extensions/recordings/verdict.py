@@ -1,7 +1,8 @@
-"""Verdict on the configurations at the visits of one pose, by the largest of their differences.
+"""Verdict on the configurations at the visits of one pose, from their largest difference.
 
-A visit is a time at which the hand is back at the pose. Differences are compared with the noise:
-the scatter of a reading, and a bias, a bound on its systematic errors. Creep is a steady change.
+A visit is a time at which the hand is at the pose. Differences are compared with the noise, which
+has two parts: the scatter of a reading, and a bias, which bounds its systematic errors. Creep is a
+steady change.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ _MOST_VISITS = 400
 class Trend:
     """Robust lines through columns of values over time, such as each joint at the visits of a pose.
 
-    A slope is the median of the slopes between all pairs, so an outlier does not change it.
+    The slope of a column is the median of the slopes between all pairs of values, so an outlier
+    hardly changes it.
 
     Attributes
     ----------
@@ -72,7 +74,7 @@ class Trend:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Verdict:
-    """How the configurations at the visits of one pose differ.
+    """Verdict on how the configurations at the visits of one pose differ.
 
     Attributes
     ----------
@@ -83,7 +85,8 @@ class Verdict:
     begins : int
         Number of the visit at which a later creep begins; 0 for all other kinds.
     groups : (N,) array of int
-        Number of each visit's configuration. Visits of one configuration are within the noise.
+        Number of each visit's configuration. Visits with equal numbers differ by no more than the
+        noise.
     within : bool
         True if the differences of all visits are within the noise.
     """
@@ -96,14 +99,14 @@ class Verdict:
 
 
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
-    """Compare the configurations q (N, n) of the visits at times t (N,), s, with their noise.
+    """Compare the configurations q (N, n) of visits at times t (N,), s, in view of their noise.
 
     A visit is a time at which the hand is at the pose; an arm that repeats has the same
     configuration there. Each value has an interval: its deviation times a quantile of the normal
     distribution, plus its bias. The quantile is corrected for the number of pairs (Bonferroni), so
     that two intervals of equal configurations with equal deviations do not overlap in one log of
-    10,000. The bias is a wide bound, which must not hide a difference: an arm repeats if the
-    intervals with a quarter of it overlap, too.
+    10,000. The bias is a wide bound, and must not hide a difference. So an arm counts as repeating
+    only if the intervals with a quarter of the bias also overlap.
 
     Parameters
     ----------
@@ -165,7 +168,7 @@ class _Visits(NamedTuple):
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
     def later(self, groups: NDArray[np.intp]) -> int:
-        """Find the visit from which on the arm creeps, after it has repeated; 0 without one."""
+        """Find the visit from which on the arm creeps after it has repeated; 0 if there is none."""
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:
             return 0
@@ -175,11 +178,11 @@ class _Visits(NamedTuple):
 
 
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
-    """Number the configurations (N,): a visit joins the first whose intervals all overlap its own.
+    """Number the configurations (N,): a visit joins the first group that its intervals overlap.
 
-    Each visit has the interval q ± r (N, n) of every joint, with r its noise; visits with one
-    number have the same configuration within the noise. Intervals have a common point if and only
-    if each two overlap.
+    Each visit has an interval q ± r of every joint, with q and r (N, n), where r is the noise.
+    Visits with the same number have the same configuration within the noise: all their intervals
+    overlap in pairs, and so have a common point.
     """
     low, high = np.empty_like(q), np.empty_like(q)  # of each group
     groups, count = np.zeros(len(q), np.intp), 0
@@ -218,8 +221,8 @@ def _significant(found: Trend) -> NDArray[np.bool_]:
 def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
     """Test which joints (n,) creep: a significant slope, and a line that explains their values.
 
-    The line explains them if their distances from it are at most half of their range, or within the
-    noise r (N, n). A jump has a slope as well, but no such line.
+    The line explains the values if their distances from it are at most half of their range, or
+    within the noise r (N, n). A jump also has a slope, but no such line.
     """
     rest = np.ptp(q - t[:, None] * found.rate, axis=0)
     most = np.maximum(_EXPLAINED * np.ptp(q, axis=0), 2 * np.median(r, axis=0))

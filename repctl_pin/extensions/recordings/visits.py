@@ -1,8 +1,8 @@
 """Search for the hand pose to which a recorded joint motion returns most often.
 
-A visit is a time at which the hand is within a tolerance of the pose. Its configuration is
-estimated from the rows of the log around it, with two errors: a deviation, the scatter that the
-noise causes, and a bias, a bound on systematic errors.
+A visit is a time at which the hand is within a tolerance of the pose. The configuration of a visit
+is estimated from nearby rows of the log. Two errors are given: the deviation is the scatter due to
+noise, the bias a bound on systematic errors.
 """
 
 from __future__ import annotations
@@ -75,17 +75,17 @@ class Visits:
     q : (N, n) array
         Configuration at each visit, corrected by J⁺ to reach the pose exactly.
     tolerance : float
-        Distance within which the hand counts as back, m; 1 rad counts as a quarter of the arm's
-        length.
+        Distance within which the hand counts as being at the pose, m; 1 rad counts as a quarter of
+        the arm's length.
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
         Smallest distance at which the hand came back to one of the poses tried, m.
     deviation : (N, n) array
-        Standard deviation of the joints at each visit that the noise of the log causes, rad or m.
+        Standard deviation of the joints at each visit due to the noise of the log, rad or m.
     bias : (N, n) array
-        Bound on other errors at each visit, rad or m: of interpolation between the rows of the log,
-        and of the correction by J⁺.
+        Bound on the other errors at each visit, rad or m: those of interpolation between rows of
+        the log, and of the correction by J⁺.
     """
 
     t: Array
@@ -101,12 +101,11 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
-    The pose with the most visits within a quarter of the tolerance is taken, and among equals the
-    pose at which the hand stayed longest. A path that passes a pose farther away is thus not
-    preferred. If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand
-    passes the poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its
-    points are ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; the length ℓ counts as much
-    as 1 rad.
+    The pose with the most visits within a quarter of the tolerance is chosen, so passages farther
+    away do not count; among equals, the pose at which the hand stayed longest. If nearly all visits
+    of a pose are rests of 0.2 s, they count twice, because the hand passes other poses twice, on
+    its way there and back. Nearby poses are found in a k-d tree of points ``(p, ℓ R / √2)``, m,
+    with up to 12 coordinates per hand; a rotation by 1 rad counts like the length ℓ.
 
     Parameters
     ----------
@@ -117,9 +116,9 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     Q : (T, n) array
         Joint positions, rad or m.
     tolerance : float or None
-        Distance within which the hand counts as back, m; if None, four times the noise of the
-        distance between two poses, plus the sagitta of the path between two rows, plus 1e-4 arm
-        lengths.
+        Distance within which the hand counts as being at the pose, m. If None, it is four times the
+        noise of the distance between two poses, plus the sagitta of the path between two rows, plus
+        1e-4 arm lengths.
     """
     noise = _noise_of(Q)
     length = arm_length(task, Q[0]) or 1.0
@@ -152,7 +151,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
 
 
 def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, float]:
-    """Score a pose by its sure visits, twice if they are rests, then by the time spent there, s.
+    """Score a pose by its certain visits, twice if they are rests, then by the time there, s.
 
     ``each`` is the time between two rows of the log, s.
     """
@@ -163,11 +162,11 @@ def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, fl
 
 
 class _Pass(NamedTuple):
-    """Rows of a log near one pose: a stay of the hand there, or its way past the pose.
+    """Consecutive rows of a log near one pose: a stay of the hand, or a passage.
 
-    ``run`` are the rows near the pose, and ``rows`` those within the tolerance, by their numbers.
-    ``at`` is the row number, with a fraction, at which the hand is nearest to the pose, and
-    ``distance`` its distance there, m, with rotations counted as lengths.
+    ``run`` are the numbers of the rows near the pose, ``rows`` those within the tolerance. ``at``
+    is the fractional row number at which the hand is nearest to the pose, and ``distance`` the
+    distance there, m, with rotations counted as lengths.
     """
 
     run: NDArray[np.intp]
@@ -179,10 +178,10 @@ class _Pass(NamedTuple):
 def _noise_of(Q: Array) -> Array:
     """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
 
-    Nothing else in a log says how exact its readings are. Differences of order k of white noise σ
-    have the variance ``(2k choose k) σ²``; those of a smooth motion vanish as k grows. The smallest
-    estimate of orders 3 to 6 is taken, each from the median size of the differences, which pauses
-    and gaps of the log hardly change.
+    Nothing else in a log shows the precision of its readings. Differences of order k of white noise
+    σ have the variance ``(2k choose k) σ²``; those of a smooth motion vanish as k grows. The result
+    is the smallest estimate of orders 3 to 6. Each comes from the median size of the differences,
+    which pauses and gaps hardly change.
     """
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
@@ -196,7 +195,7 @@ def _noise_of(Q: Array) -> Array:
 def _quantum(Q: Array) -> Array:
     """Find the resolution of every column of Q (T, n): the smallest step between its values, (n,).
 
-    An encoder or a file with few digits rounds to it; it is at most 0.01 rad or m.
+    Encoders, and files with few digits, round to this resolution; it is at most 0.01 rad or m.
     """
     steps = np.diff(np.sort(Q, axis=0), axis=0)
     return np.min(np.where(steps > _EXACT, steps, np.inf), axis=0, initial=_COARSE)
@@ -237,10 +236,10 @@ def _tolerance(
 ) -> float:
     """Compute the default tolerance of a hand pose, m, to which ``_FLOOR`` is added.
 
-    It is four times the noise of the distance between two poses, plus the sagitta of the path
-    between two rows, by which a quick hand can pass a pose unseen. ``X`` are the points of
-    :func:`_features`, ``noise`` (n,) that of the joints, and ``whole`` is False for the time steps
-    that are gaps.
+    The tolerance is four times the noise of the distance between two poses, plus the sagitta of the
+    path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` are
+    the points of :func:`_features`, ``noise`` (n,) is that of the joints, and ``whole`` is False
+    for time steps that are gaps.
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
@@ -253,8 +252,8 @@ def _tolerance(
 def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
     """Choose the rows of the log whose poses are tried, spread over time and along the path.
 
-    ``steps`` (T - 1,) are the distances between rows, m. Returns at most 65 row numbers, among them
-    the first row's.
+    ``steps`` (T - 1,) are the distances between rows, m. Return at most 65 row numbers, the first
+    row included.
     """
     way = np.append(0.0, np.cumsum(steps))
     shares = (np.arange(_CANDIDATES) + 0.5) / _CANDIDATES
@@ -264,9 +263,9 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 
 
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split sorted row numbers of a log, those near a pose, into runs of consecutive ones.
+    """Split the sorted numbers of rows near a pose into runs of consecutive rows.
 
-    Between two runs the hand was away, so each run is a visit of the pose, or a passage near it.
+    Between two runs the hand was away, so each run is a visit of the pose, or a passage nearby.
     """
     return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
@@ -276,9 +275,9 @@ def _closest(
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
-    ``X`` (T, d) are the poses of the log, and ``pose`` (d,) is the pose to come near to, all as
-    points of :func:`_features`. Between two rows the motion is taken as straight; across a gap of
-    the log, where ``whole`` is False, it is unknown.
+    ``X`` (T, d) are the poses of the log, and ``pose`` (d,) is the given pose, all as points of
+    :func:`_features`. Between two rows the motion is assumed straight; across a gap of the log,
+    where ``whole`` is False, it is unknown.
     """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)
@@ -297,10 +296,10 @@ def _closest(
 
 
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
-    """Compute how near the hand comes to the pose of a row at other visits, or while away, m.
+    """Compute how near the hand comes, m, to the pose of a row at other times.
 
-    An audit that finds no return reports it. ``found`` are the passes of that pose. The result is
-    infinite if the hand never leaves the pose.
+    An audit that finds no return reports this distance. ``found`` are the passes of that pose. The
+    result is infinite if the hand never leaves the pose.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:
@@ -310,17 +309,17 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
 
 
 def _at(values: Array, at: float) -> Array:
-    """Interpolate values (T, …), one per row of the log, at a row number with a fraction."""
+    """Interpolate values (T, …), one per row of the log, at a fractional row number."""
     low = min(int(at), len(values) - 2)
     return values[low] + (at - low) * (values[low + 1] - values[low])
 
 
 class _Estimate(NamedTuple):
-    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, and data for its errors.
+    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, with data on its errors.
 
-    ``off`` (m,) is the error of the hand before the correction. ``A`` (n, n) is the derivative of
-    q, before the correction, by an error of the log's rows, and ``bend`` (n,) a bound on the error
-    of interpolating between them.
+    Three attributes describe q before the correction: ``off`` (m,) is the task error, ``A`` (n, n)
+    the derivative of q with respect to errors of the log's rows, and ``bend`` (n,) a bound on the
+    error of interpolation between rows.
     """
 
     q: Array
@@ -332,9 +331,9 @@ class _Estimate(NamedTuple):
 def _configuration(
     task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3, noise: Array
 ) -> _Estimate:
-    """Estimate the configuration of a visit: the mean of four rows or more, or interpolated.
+    """Estimate the configuration of a visit: the mean of at least four rows, or an interpolation.
 
-    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) that of the joints.
+    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) the noise of the joints.
     """
     if len(one.rows) >= _AVERAGED:
         q, A, bend = _average(task, Q[one.rows], target, noise)
@@ -346,9 +345,10 @@ def _configuration(
 def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> tuple[Array, Array]:
     """Compute the standard deviations (N, n) and the biases (N, n) of the configurations ``made``.
 
-    ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes an error that moves
-    the hand, and leaves the part ``P = I − J⁺ J`` of it. It does not see a self-motion between the
-    pose and where the hand was, which the bias must bound.
+    ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
+    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. It does not
+    remove a self-motion between the pose and the position of the hand; the bias must bound that
+    motion.
     """
     off = np.array([one.off for one in made])
     off = off - np.median(off, axis=0)
@@ -366,16 +366,16 @@ def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> 
 def _average(task: Task, Q: Array, target: pin.SE3, noise: Array) -> tuple[Array, Array, Array]:
     """Average the configurations (K, n) of a visit.
 
-    Its rows need not lie evenly around the pose ``target``. A linear regression of q on the error e
-    of the hand gives the configuration at ``e = 0``, along the directions in which the hand moves
-    most. If the arm also moves in other ways during the visit, by more than the noise, only the
-    first half of the rows counts: the mean of a motion between two configurations would be the same
-    there and back.
+    The rows need not lie evenly around the pose ``target``. A linear regression of q on the task
+    error e, along the directions in which the hand moves most, gives the configuration at
+    ``e = 0``. If the arm also moves in other ways during the visit, by more than the noise, only
+    the first half of the rows is used. Otherwise a motion between two configurations would have the
+    same mean in both directions, and hide their difference.
 
     Returns
-    -------
-    Configuration (n,); its derivative A (n, n) by an error of the rows, in units of the standard
-    deviation of one row; and the error (n,) of the regression, at most its correction of the mean.
+    ------- Configuration (n,); its derivative A (n, n) with respect to errors of the rows, in units
+    of the standard deviation of one row; and the error (n,) of the regression, which is at most the
+    change that it makes to the mean.
     """
     Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
     E = np.array([task.error(q, target) for q in Q])
@@ -402,13 +402,12 @@ def _interpolated(
 ) -> tuple[Array, Array, Array]:
     """Interpolate the rows around a quick visit by a cubic, where the hand is nearest to the pose.
 
-    ``at`` is about the row number, with a fraction. At gaps of the log, and at its ends, fewer rows
+    ``at`` is the approximate fractional row number. At gaps of the log, and at its ends, fewer rows
     are used.
 
     Returns
-    -------
-    Configuration (n,); its derivative A (n, n) by errors of the rows, which also shift the time;
-    and the error (n,) of interpolation.
+    ------- Configuration (n,); its derivative A (n, n) with respect to errors of the rows, which
+    also shift the time; and the error (n,) of interpolation.
     """
     low = min(int(at), len(Q) - 2)
     step = t[low + 1] - t[low]
@@ -441,7 +440,7 @@ def _near(t: Array, low: int) -> NDArray[np.intp]:
 
 
 def _bend(Q: Array) -> Array:
-    """Estimate the error (n,) of interpolation between neighbouring rows Q, six if all are near."""
+    """Estimate the error (n,) of interpolation between neighbouring rows Q, at most six."""
     if len(Q) == 6:
         return np.asarray(np.abs(np.diff(Q, 4, axis=0)).max(axis=0) * 3 / 128, float)
     return np.asarray(np.abs(np.diff(Q, 2, axis=0)).max(axis=0, initial=0.0) / 8, float)
@@ -450,7 +449,7 @@ def _bend(Q: Array) -> Array:
 def _onto(task: Task, q: Array, target: pin.SE3) -> Array:
     """Correct a configuration to reach a pose near it, by two Newton steps ``q + J⁺ e``.
 
-    Configurations at exactly one pose can be compared joint by joint.
+    Only configurations at exactly the same pose can be compared joint by joint.
     """
     for _ in range(2):
         q = q + np.linalg.pinv(task.jacobian(q), rcond=1e-3) @ task.error(q, target)

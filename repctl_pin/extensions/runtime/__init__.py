@@ -1,7 +1,8 @@
 """Control loops: the governor, the torque law, and export to C.
 
-A control loop asks for one command per tick of a few milliseconds. The governor keeps the limits at
-every tick, whatever targets come; the torque law is for robots that take torques.
+A control loop asks for one command per tick of a few milliseconds. The governor stays within the
+limits at every tick, whatever targets arrive. The torque law is for robots that are commanded by
+torques.
 """
 
 from ...base.plugins import Extension

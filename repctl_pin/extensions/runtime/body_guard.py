@@ -1,16 +1,16 @@
-r"""Body distances kept along the plans of a governor, between its samples too.
+r"""Guard of body distances along the plans of a governor, also between samples.
 
-A pair's distance d changes by at most ρ·|q − q'| from q to q', with ρ_j a bound on how far joint j
-moves the points of the two bodies against each other, m per rad. So a distance that was measured
-at one configuration bounds it at others, and between two samples of a plan
+Let d be the distance of a pair of bodies, and ρ_j, m per rad, a bound on how far joint j moves
+their points relative to each other. From q to q', d changes by at most ρ·|q − q'|. So a distance
+measured at one configuration bounds d at others, and between two samples of a plan
 
 .. math:: d \ge \tfrac{1}{2} (d_k + d_{k+1} - \rho \cdot s),
 
-with s the ways of the joints from one to the other. A part of a plan on which a pair's distance
-changes by at most w from the middle needs d ≥ w + the kept distance there, or it is halved. At a
-sample, d is bounded by spheres, boxes, and remembered distances. Distances are measured only for
-the pairs and at the samples where these bounds do not decide. In C it is body_guard.c. The work of
-a tick is counted, not timed, so that the same ticks give the same motion.
+with s the distances that the joints move between the two samples. If d changes by at most w on a
+part of a plan, the part is safe if d, in its middle, is at least w plus the distance to keep;
+otherwise the part is halved. At a sample, d is bounded by spheres, boxes, and remembered distances.
+Distances are measured only for pairs and samples that these bounds do not decide. The C code is
+body_guard.c. The work of a tick is counted, not timed, so that equal ticks give equal motions.
 """
 
 from __future__ import annotations
@@ -72,11 +72,11 @@ _KNOWN = ("rest", "anchor", "bound")
 
 
 class BodyGuard:
-    """Tell a governor whether all pairs of bodies keep a distance along a plan.
+    """Test for a governor: do all pairs of bodies keep a distance along a plan?
 
-    A plan is the motion of the next ticks that ends at rest; the governor follows it only if this
-    allows it. The distances of a few configurations are remembered, with lower bounds that follow
-    from them elsewhere, so that few are measured per tick.
+    A plan is the motion of the next ticks, which ends at rest; the governor follows it only if the
+    guard allows it. The distances at a few configurations are remembered. They bound the distances
+    elsewhere, so that only a few are measured per tick.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ class BodyGuard:
     task
         Task of the governor.
     distance
-        Distance to keep, m; pairs that are checked for collisions only keep 0.
+        Distance to keep, m; for pairs that are only checked for collisions, it is 0.
     unchecked
         Accept links without a body.
 
     Attributes
     ----------
     nearest : (str, str) or None
-        Links of the two bodies that did not allow the last plan that was refused.
+        Links of the two bodies for which the last plan was refused.
     """
 
     def __init__(self, bodies: Bodies, task: Task, distance: float, *, unchecked: bool) -> None:
@@ -102,7 +102,7 @@ class BodyGuard:
         self._connect()
 
     def _connect(self) -> None:
-        """Find the collision model and fill the struct of C, which a copy cannot contain."""
+        """Get the collision model and fill the C struct; neither can be copied."""
         from ...model.collision_model import collision_model
 
         self._model = collision_model(self._bodies.task)
@@ -117,7 +117,7 @@ class BodyGuard:
         self._native = required_library("a governor with bodies", holds=True)
 
     def _arrays(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Create the arrays of the struct: those of integers, and those of numbers."""
+        """Create the arrays of the struct: arrays of integers, and arrays of floats."""
         pairs, joints = self._reach.shape
         most = min(pairs, _OPEN)
         ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}
@@ -142,7 +142,7 @@ class BodyGuard:
         return scalars | {"measure": ctypes.cast(self._measure, ctypes.c_void_p)}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; the collision model, which cannot be copied, is found again."""
+        """Return the state for a copy; the collision model cannot be copied, and is found anew."""
         kept = {name: vars(self)[name] for name in ("_bodies", "_distance", "nearest")}
         known = {name: self._own.held[name].copy() for name in _KNOWN}
         return kept | {"known": known, "numbers": (self._own.next, self._own.left)}
@@ -156,7 +156,7 @@ class BodyGuard:
         self._own.next, self._own.left = after, left
 
     def start(self, q: Array) -> None:
-        """Begin at q (n,), at rest; measure and remember all distances there.
+        """Begin at rest at q (n,); measure and remember all distances there.
 
         Raises
         ------
@@ -175,10 +175,10 @@ class BodyGuard:
         self.nearest = None
 
     def keeps(self, Q: Array) -> bool:
-        """Tell whether all distances are kept along samples Q (K, n) of a motion of another origin.
+        """Test whether all distances are kept along a motion Q (K, n) that is not the governor's.
 
-        Between two samples the joints move on a straight line. As many distances are measured as
-        needed.
+        Between two samples the joints move on a straight line. The number of measured distances is
+        not limited.
         """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
         own, held = self._own, self._own.held
@@ -194,7 +194,7 @@ class BodyGuard:
             own.next, own.nodes = after, _NODES
 
     def _keeps_part(self, Q: Array, S: Array) -> bool:
-        """Tell whether all distances are kept along at most ROOM samples, or along both halves.
+        """Test whether all distances are kept along at most ROOM samples, by halving if needed.
 
         Q and S are as for :meth:`allows`.
         """
@@ -210,7 +210,7 @@ class BodyGuard:
         )
 
     def _refuse_start(self, pair: int, distance: float) -> None:
-        """Raise the InputError for a start at which a pair (its index) is too near, mm."""
+        """Raise the InputError for a start at which the pair with the given index is too near."""
         one, other = self._model.names(pair)
         asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
         if self._kept[pair]:
@@ -222,14 +222,14 @@ class BodyGuard:
         )
 
     def begin_tick(self) -> None:
-        """Begin a tick of the control loop, with its work ahead."""
+        """Begin a tick of the control loop: reset the count of its work."""
         self._own.left, self._outside = _WORK, True
 
     def allows(self, Q: Array, S: Array) -> bool:
-        """Tell whether a plan, the motion of the next ticks to rest, keeps all body distances.
+        """Test whether a plan, the motion of the next ticks to rest, keeps all body distances.
 
-        If not, the pair that is too near is :attr:`nearest`. It is also not allowed if it needs
-        more than the work of this tick: the arm then follows the plan before, which ends at rest.
+        If not, :attr:`nearest` is the pair that is too near. The plan is also refused if its test
+        exceeds the work of this tick. The arm then follows the previous plan, which ends at rest.
 
         Parameters
         ----------
@@ -237,8 +237,8 @@ class BodyGuard:
             Samples (K, n) of the plan, from the present to rest. From tick to tick the joints move
             on a straight line.
         S
-            Distance (K, n), rad or m, that each joint has moved, there and back, from the first
-            sample to each sample. It bounds how far the bodies move between samples.
+            Total travel (K, n), rad or m, of each joint from the first sample to each sample, both
+            directions added up. It bounds how far the bodies move between samples.
         """
         if not self._drive.identity:
             Q, S = self._drive.joints(Q), S @ np.abs(self._drive.S).T
@@ -254,9 +254,9 @@ class BodyGuard:
         return allowed == 1
 
     def _measured(self, sample: int, count: int) -> int:
-        """Measure the distances of ``count`` pairs that C chose at a sample of a plan: 1, or 0.
+        """Measure the distances of ``count`` pairs that C chose at a sample; 1, or 0 on error.
 
-        An error, which must not pass through C, is kept for :meth:`allows`.
+        Errors must not pass through C, so :meth:`allows` raises them later.
         """
         try:
             held = self._own.held
@@ -270,9 +270,10 @@ class BodyGuard:
 
 
 def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
-    """Check that bodies are those of the task's robot and joints, and some; return them.
+    """Return ``bodies`` after a check that they are those of the task's robot and joints.
 
-    With ``unchecked``, links without a body are accepted.
+    There must be at least one pair of bodies. With ``unchecked``, links without a body are
+    accepted.
     """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task

@@ -1,7 +1,7 @@
 r"""Clutch of teleoperation: from an operator's hand and elbow to targets of the arm.
 
-While engaged, the target moves as the hand does; released, the hand can be put elsewhere, like a
-mouse that is lifted.
+While the clutch is engaged, the target moves with the hand. While it is released, the hand can move
+freely, like a mouse that is lifted.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _MOST = 5.0
 
 
 class Clutch:
-    r"""Moves the target of an arm as a hand moves, while engaged; without a jump at any time.
+    r"""Clutch that moves the target of an arm with a hand while engaged, never with a jump.
 
-    Let the hand be at (p_h, R_h) in the frame of its tracker, and at (p_h0, R_h0) when it was
-    engaged with the arm's frame at (p_0, R_0). The target is
+    Let (p_h, R_h) be the pose of the hand in the frame of its tracker. When the clutch was engaged,
+    the hand was at (p_h0, R_h0) and the arm's frame at (p_0, R_0). The target is
 
     .. math:: p = p_0 + s\,B\,(p_h - p_{h0}), \qquad
               R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
@@ -33,9 +33,9 @@ class Clutch:
     with the rotation B from the tracker's axes to those of the base. So the first target is the
     arm's own pose. The point for the arm's elbow moves with the operator's elbow as p does.
 
-    The logarithm is continued beyond half a turn. Near full turns it is not continuous unless the
-    hand turns about one axis: if ρ is no integer, the clutch is released where the target would
-    turn by more than five times ρ times the hand's step.
+    The logarithm is continued beyond half a turn. Near full turns, it is continuous only if the
+    hand turns about one axis. So, if ρ is not an integer, the clutch is released where the target
+    would turn by more than 5 ρ times the step of the hand.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Clutch:
     Raises
     ------
     InputError
-        If a scale is negative, or axes is no rotation.
+        If a scale is negative, or ``axes`` is not a rotation.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class Clutch:
 
     @property
     def engaged(self) -> bool:
-        """True from :meth:`engage` to :meth:`release`, or to a hand pose that is no placement."""
+        """True from :meth:`engage` to :meth:`release`, or to a hand pose that is not valid."""
         return self._start is not None
 
     def engage(
@@ -118,8 +118,9 @@ class Clutch:
     def target(self, hand: Placement) -> pin.SE3 | None:
         """Compute the target of the arm for a pose of the hand; None while released.
 
-        A pose that is not finite, or has no rotation matrix, releases the clutch: where the tracker
-        finds the hand again, the arm must not go there. ``governor.step(None)`` stops the arm.
+        A pose that is not finite, or has no rotation matrix, releases the clutch, so that the arm
+        does not jump to where the tracker finds the hand again. While released, call
+        ``governor.step(None)``, which stops the arm.
         """
         hand = as_placement(hand, "hand")
         if self._start is None or not _usable(hand):
@@ -148,7 +149,7 @@ class Clutch:
         return np.asarray(at + self._scale * (self._axes @ (point - begin)))
 
     def _jumps(self, hand: pin.SE3, turn: Array) -> bool:
-        """Test whether the target turns much more than the hand since the last pose; store both."""
+        """Test whether the target turned far more than the hand since the last pose; store both."""
         last_hand, last_turn = self._last
         self._last = hand, turn
         if self._turned == round(self._turned):
@@ -160,8 +161,8 @@ class Clutch:
     def _rotation(self, hand: pin.SE3, hand_0: pin.SE3) -> Array:
         """Compute the hand's rotation since it was engaged, as a rotation vector (3,), rad.
 
-        It is log(R_h R_h0ᵀ) plus the full turns that continue the last one, so that the target does
-        not jump when the hand has turned by half a turn.
+        The result is log(R_h R_h0ᵀ) plus full turns, chosen such that it continues the last vector.
+        So the target does not jump when the hand has turned by half a turn.
         """
         if (hand.rotation == hand_0.rotation).all():
             angle: Array = np.zeros(3)
@@ -176,7 +177,7 @@ class Clutch:
 
 
 def _usable(place: pin.SE3) -> bool:
-    """Test whether a placement has finite numbers and a rotation; a lost tracker sends others."""
+    """Test whether a placement is finite and has a rotation; lost trackers send other numbers."""
     finite = bool(np.isfinite(place.translation).all())
     return finite and is_rotation(place.rotation.ravel().tolist())
 
@@ -190,7 +191,7 @@ def _point(value: ArrayLike, name: str) -> Array:
 
 
 def _axes(value: ArrayLike) -> Array:
-    """Convert the user's axes to a rotation (3, 3); InputError if they do not form one."""
+    """Convert the argument ``axes`` to a rotation (3, 3); InputError if it is not one."""
     axes = as_numbers(value)
     if axes is None or axes.shape != (3, 3):
         raise InputError(f"must be a 3 × 3 rotation matrix; got {shown(value)}", argument="axes")

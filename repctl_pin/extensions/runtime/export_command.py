@@ -19,7 +19,7 @@ results of Python:
 
 
 def add_options(parser: Parser) -> None:
-    """Add the options of this subcommand."""
+    """Add the options of ``repctl export`` to its parser."""
     parser.what("a saved design or cell (.json) of repctl design, study or cell")
     parser.set_defaults(frame=None, task=None)
     parser.add_argument(

@@ -1,8 +1,8 @@
-"""Limits kept at run time: motion to any pose and level, with a known stop at every tick.
+"""Governor: motion to any pose and level within all limits, with a known stop at every tick.
 
-A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. Its level c is where the
-elbow is along the self-motion. A plan is a short motion that ends at rest. The work is done in C;
-Python is asked for the distances of bodies only.
+A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. Its level c is the position
+of the elbow along the self-motion. A plan is a short motion that ends at rest. The work is done in
+C, except for body distances, which Python computes.
 """
 
 from __future__ import annotations
@@ -54,22 +54,23 @@ class Status(IntEnum):
     OK
         Target and level are reached, or the frame has the requested twist.
     SINGULAR
-        J_V is singular ahead, or the target is out of reach: the arm stops before it. Or the arm
-        rests, and no motion to the target was found.
+        J_V is singular ahead, or the target is out of reach, and the arm stops before that point.
+        Or the arm is at rest, and no motion to the target was found.
     BAD_NUMBER
-        A number of the input is not finite or too large, or its matrix is not a rotation: the arm
+        A number of the input is not finite or too large, or a matrix is not a rotation: the arm
         stops.
     OUTSIDE
         The region Ω ends ahead: the arm stops before its edge.
     SLOWED
-        On the way, as fast as the limits of speed, acceleration and jerk allow.
+        The arm is on its way, as fast as the limits of speed, acceleration and jerk allow.
     LIMIT
         A joint limit is ahead: the arm slows down and stops before it.
     RECOVERING
-        A joint is on its way back from beyond its limit; the target is followed after that.
+        A joint that was beyond its limit is on its way back; afterwards, the arm follows the
+        target.
     BODIES
-        Two bodies are near each other ahead, :attr:`Governor.nearest_bodies`: the arm slows down
-        and stops before their distance falls below ``body_distance``.
+        Two bodies, :attr:`Governor.nearest_bodies`, would come near each other ahead: the arm slows
+        down and stops before their distance falls below ``body_distance``.
 
     Examples
     --------
@@ -94,16 +95,16 @@ _STATUS = {int(status): status for status in Status}
 
 
 class Governor:
-    """Online motion generator: moves to any target, or by any twist, within all limits.
+    """Online motion generator that moves an arm to any target, or by any twist, within all limits.
 
-    Pose x and level c of the inverse's potentials h determine q, so they are one target, and a plan
-    is a straight line of both. Without a new level, the commanded configuration stays on one leaf,
-    the set h(q) = c. The first, second and third differences of its samples, divided by dt, dt² and
-    dt³, never exceed the limits of speed, acceleration and jerk. Every few ticks a new plan is
-    made: a short motion towards the target, and a stop after it. All samples of a plan are checked
-    before the first one is sent. If no new plan keeps the limits, the previous plan is followed to
-    its stop. So a stop within the limits is known at every tick, whatever the input is, and also if
-    the robot misses ticks.
+    The pose x and the level c of the inverse's potentials h together determine q. So both form one
+    target, and a plan is a straight line in both. Without a new level, the commanded configuration
+    stays on one leaf, the set h(q) = c. The first, second and third differences of its samples,
+    divided by dt, dt² and dt³, never exceed the limits of speed, acceleration and jerk. Every few
+    ticks a new plan is made: a short motion toward the target, followed by a stop. All samples of a
+    plan are checked before the first is sent. If no new plan is within the limits, the previous
+    plan is followed to its stop. So a stop within the limits is known at every tick, whatever the
+    input, and even if the robot misses ticks.
 
     Parameters
     ----------
@@ -114,20 +115,21 @@ class Governor:
         Time step of the loop, 0.0001 to 0.1 s. Steps of more than 1 ms are divided, so the motion
         does not depend on it.
     limits
-        Limits of acceleration and, if given, of speed and jerk, as for :func:`timed`; a governor
-        takes none of torque or the tool's speed.
+        Limits of acceleration and, if given, of speed and jerk, as for :func:`timed`. Limits of
+        torque and of the tool's speed are refused.
     margin
-        Distance kept from the joint limits, rad (m).
+        Distance to keep from the joint limits, rad or m.
     closes
         Closing radius of the design's certificate, ``design.proof.closes``, for
         :attr:`beyond_closing_radius`.
     bodies
-        Bodies of the robot and its surroundings whose distance is kept, ``rp.Bodies(task)``.
+        Bodies of the robot and its surroundings that must keep a distance, ``rp.Bodies(task)``.
     body_distance
-        Minimum distance of these bodies, m; pairs of :attr:`Bodies.only_contact` do not collide.
+        Distance that these bodies must keep, m; pairs of :attr:`Bodies.only_contact` must only not
+        collide.
     unchecked
-        ``"allow"`` accepts bodies with links that have no shape, :attr:`Bodies.unchecked`, whose
-        collisions are not detected.
+        ``"allow"`` accepts links without a shape, :attr:`Bodies.unchecked`, whose collisions are
+        not detected.
 
     Attributes
     ----------
@@ -176,7 +178,7 @@ class Governor:
             raise InputError(
                 f"dt = {self._dt:g} s, {1 / self._dt:g} ticks per second: a governor takes 0.0001 "
                 "to 0.1 s, 10,000 to 10 per second",
-                remedy="choose a rate between them",
+                remedy="choose another dt",
             )
         self._kept = _kept_limits(task, limits)
         self._margin = positive(margin, "margin", "rad (m)", zero=True)
@@ -199,9 +201,9 @@ class Governor:
         self._connect()
 
     def _connect(self) -> None:
-        """Let C find the arm, the state, the limits and the memory of a tick, by their addresses.
+        """Pass the addresses of the arm, the state, the limits and a tick's memory to C.
 
-        It is done at the start, and anew in a copy, whose memory is elsewhere.
+        This is done at creation, and again in each copy, whose memory has other addresses.
         """
         task, kept = self._task, self._kept
         jerk = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
@@ -236,7 +238,7 @@ class Governor:
         self._native = required_library("a governor", holds=True)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy needs; its connection to C, addresses in memory, is made again."""
+        """Return the state for a copy, without addresses in memory, which the copy sets anew."""
         connected = "arm call address target twist asked_leaf begin native ask samples ways error"
         own = {f"_{name}" for name in connected.split()}
         kept = {name: value for name, value in vars(self).items() if name not in own}
@@ -261,14 +263,14 @@ class Governor:
     def leaf(self) -> Array:
         """Level c (r,) of the leaf on which the commanded configuration lies: h(q).
 
-        While a joint comes back from beyond its limit, it is the level at which this motion ends.
+        While a joint comes back from beyond its limit, this is the level at which that motion ends.
         """
         self._check_started()
         return self._inverse.leaf(np.clip(self._q, self._lower, self._upper))
 
     @property
     def recovering(self) -> bool:
-        """True from a start beyond a joint limit, or within its margin, until the arm is inside."""
+        """True from a start beyond a joint limit, or in its margin, until all joints are inside."""
         self._check_started()
         return bool(((self._q < self._lower) | (self._q > self._upper)).any())
 
@@ -276,8 +278,9 @@ class Governor:
     def beyond_closing_radius(self) -> bool | None:
         """True if the commanded pose is beyond the proved closing radius; None without one.
 
-        Nothing is wrong there, but a loop that goes there is not proved to close. The radius is
-        that of one leaf: on another one, every pose is beyond it."""
+        Beyond the radius nothing is wrong, but paths that lead there are not proved to close. The
+        radius holds on one leaf only: on any other leaf, every pose counts as beyond it.
+        """
         return beyond(self._closes, self._inverse, self.q) if self._closes else None
 
     @property
@@ -288,13 +291,14 @@ class Governor:
         return self._guard.nearest
 
     def keeps_distance(self, Q: ArrayLike) -> bool:
-        """Tell whether the bodies keep their distance on a motion that the governor does not make.
+        """Test whether the bodies keep their distance on a motion that the governor does not make.
 
         Parameters
         ----------
         Q : (K, n) array
-            Its configurations; between two of them the joints move on a straight line. The answer
-            can be no where the distance is kept by less than 1 mm, or where they are far apart.
+            Configurations of the motion; in between, the joints move on a straight line. The result
+            can be False although the distance is kept: if it is kept by less than 1 mm, or if the
+            configurations are far apart.
         """
         self._check_started()
         Q = as_configurations(Q, self._task.n, repr(self._task))
@@ -304,21 +308,21 @@ class Governor:
         """Start or restart at rest at a configuration, on its leaf.
 
         The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
-        joint can be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad (m). The
-        first target or twist then moves it straight inside, never farther out, at most at a tenth
-        of the speed limits, with the status ``RECOVERING``; once begun, this motion ends inside.
-        The leaf is then that of the configuration at which this motion ends.
+        joint may be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad or m.
+        Then the first target or twist moves it straight inside, never farther out, at no more than
+        a tenth of the speed limits, with the status ``RECOVERING``. Once begun, this motion
+        continues until the joint is inside; the leaf is that of its last configuration.
 
         Parameters
         ----------
         q : (n,) array
-            Configuration of the robot, at rest: the last one commanded, or the measured one.
+            Configuration of the robot at rest: the last command, or the measurement.
 
         Raises
         ------
         InputError
-            If q is farther beyond a joint limit, outside the region Ω, or if two bodies are closer
-            than ``body_distance``, or the frame is 10⁶ m from the base or farther.
+            If q is farther beyond a joint limit or outside the region Ω, if two bodies are closer
+            than ``body_distance``, or if the frame is at least 10⁶ m from the base.
         SingularityError
             If J_V is singular there.
         """
@@ -336,8 +340,9 @@ class Governor:
             way = np.linspace(q, inside, ROOM)
             if (q != inside).any() and not self._guard.keeps(way):
                 raise InputError(
-                    "two bodies are near each other on the way back inside the joint limits",
-                    remedy="move the arm inside by hand",
+                    "q is beyond a joint limit, and two bodies would come closer than "
+                    "body_distance on the straight motion back",
+                    remedy="move the joints within their limits by hand",
                 )
         self._on = False
         self._begin[...] = q
@@ -363,17 +368,17 @@ class Governor:
         Parameters
         ----------
         target : pinocchio.SE3 or (4, 4) array, optional
-            Placement of the frame to move to, as fast as the limits allow, on a straight line with
-            a rotation about one axis, if the arm begins at rest. A task of several frames takes a
-            list of one placement per frame; each frame has done the same share of its line at any
-            time.
+            Placement to which the frame moves as fast as the limits allow. From rest, it moves on a
+            straight line with a rotation about one axis. For a task of several frames, a list with
+            one placement per frame; at any time, all frames have completed the same share of their
+            lines.
         twist : (6,) or (F, 6) array, optional
-            Velocity (v, ω) of the frame, or of each of F frames, base axes, m/s and rad/s, instead
-            of a target. Without target, twist and leaf, the arm stops.
+            Velocity (v, ω) of the frame, or of each of F frames, in base axes, m/s and rad/s,
+            instead of a target. Without target, twist and leaf, the arm stops.
         leaf : (r,) array, optional
-            Level c to move to, with the target on one straight line of pose and level, or beside a
-            twist. Alone it moves the elbow, and the frame rests. Without it, a target keeps the
-            last level given; without a target, the level comes to rest where it is.
+            Level c to which the arm moves: with a target, on one straight line of pose and level;
+            with a twist, at the same time; alone, by moving the elbow while the frame rests. If it
+            is None, a target keeps the last level given; without a target, the level comes to rest.
 
         Returns
         -------
@@ -385,8 +390,8 @@ class Governor:
         Raises
         ------
         InputError
-            If an argument has the wrong type or size. Numbers that are not finite raise nothing:
-            the arm stops, with ``Status.BAD_NUMBER``.
+            If an argument has the wrong type or size. Numbers that are not finite raise no error,
+            but stop the arm, with ``Status.BAD_NUMBER``.
         """
         self._check_started()
         if target is not None and twist is not None:
@@ -411,10 +416,10 @@ class Governor:
         return self._guarded_step(self._guard, given)
 
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
-        """Compute the next configuration and its status, with the distances of bodies kept.
+        """Compute the next configuration and its status with a guard of body distances.
 
-        ``given`` tells C which inputs are given. An error of the guard, which must
-        not pass through C, is raised after its tick.
+        ``given`` tells C which inputs are given. Errors of the guard must not pass through C, so
+        they are raised after the call.
         """
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)
@@ -424,10 +429,10 @@ class Governor:
         return self._q.copy(), self._said
 
     def _allows(self, count: int, first: int) -> int:
-        """Tell C whether the bodies allow the plan whose ``count`` samples it wrote: 1 or 0.
+        """Tell C whether the guard allows the plan of ``count`` samples that C wrote: 1 or 0.
 
         C calls this in the middle of a tick; ``first`` is 1 for the first plan of the next motion.
-        An error is kept for :meth:`_guarded_step`.
+        Errors are kept, and raised by :meth:`_guarded_step`.
         """
         try:
             assert self._guard is not None
@@ -447,7 +452,8 @@ class Governor:
 def _as_twists(twist: ArrayLike, task: Task) -> Array:
     """Convert the twists (v, ω) of F frames, (6 F,) or (F, 6), to an array (6 F,).
 
-    Their numbers need not be finite: C then stops the arm, instead of an error that ends the loop.
+    Numbers need not be finite: in that case C stops the arm, instead of an error that ends the
+    loop.
     """
     rates, size = as_numbers(twist), task.twist_size
     if rates is not None and rates.ndim == 2 and rates.shape[1] == 6:
@@ -461,7 +467,7 @@ def _as_twists(twist: ArrayLike, task: Task) -> Array:
 
 
 def _as_level(leaf: ArrayLike, r: int) -> Array:
-    """Convert a level c (r,) to an array; its numbers need not be finite, as those of twists."""
+    """Convert a level c (r,) to an array; as in twists, its numbers need not be finite."""
     level = as_numbers(leaf)
     if level is None or np.atleast_1d(level).shape != (r,):
         count = f"{r} numbers, the levels of the potentials" if r > 1 else "1 number, the level"
@@ -470,9 +476,10 @@ def _as_level(leaf: ArrayLike, r: int) -> Array:
 
 
 def _kept_limits(task: Task, limits: Limits) -> JointLimits:
-    """Convert limits to arrays of the joints; refuse those that a governor does not keep.
+    """Convert limits to arrays of the joints; refuse limits that a governor does not support.
 
-    It keeps no torque limit and no speed limit of the tool, and needs a speed limit of every joint.
+    Limits of torque and of the tool's speed are not supported. A speed limit of every joint is
+    required.
     """
     kept = joint_limits(task, limits)
     for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):

@@ -38,14 +38,14 @@ class LeafImpedance:
     ``τ = Jᵀ F + P V Λ_h (ḧ* − Vᵀ M⁻¹ Jᵀ F) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
     ``ḧ* = ω² (c − h) − 2 ζ_h ω Vᵀ q̇``, ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``,
     ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; e is the task error, M the joint-space inertia,
-    and b compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not
-    accelerate the end effector (Khatib), and its last part decouples the leaf from the force F.
-    There is no home posture: the null-space spring is relaxed anywhere on the leaf, and only pulls
-    the joints back to the leaf. This controller is not part of the paper.
+    and b compensates gravity and the velocity terms. Because ``J M⁻¹ P = 0``, the second term does
+    not accelerate the end effector (Khatib); its last part decouples the leaf from the force F.
+    There is no home posture: the null-space spring is relaxed everywhere on the leaf, and only
+    pulls the joints back to it. This controller is not part of the paper.
 
-    It is computed in the form ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``, which also compensates
-    ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D gives the end effector, with its
-    inertia Λ, the same damping ratio in every direction.
+    The torque is computed as ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``. This form also
+    compensates ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D is such that the end
+    effector, with its inertia Λ, has the same damping ratio in every direction.
 
     Friction and errors of M and b move the joints off the leaf. An :meth:`observer` estimates this
     disturbance from ḧ* and ḣ, and cancels it.
@@ -59,20 +59,20 @@ class LeafImpedance:
     damping
         Damping ratio ζ of the end effector; 1 is critical.
     leaf_frequency
-        Natural frequency ω of the return to the leaf, rad/s. A lower one makes the elbow softer,
-        and the leaf error larger.
+        Natural frequency ω of the return to the leaf, rad/s. A lower frequency makes the elbow
+        softer, and the leaf error larger.
     leaf_damping
         Damping ratio ζ_h of the return to the leaf; 1 is critical.
     observer_rate
         Rate κ at which the observer follows a disturbance of the leaf, 1/s.
     observer_limit : float or (n,) array
-        Maximum torque of each joint with which the observer opposes a disturbance, Nm or N. A
-        larger disturbance, such as a push, still moves the arm.
+        Maximum torque per joint with which the observer opposes a disturbance, Nm or N. A larger
+        disturbance, such as a push, still moves the arm.
 
     Raises
     ------
     InputError
-        If an argument cannot be used, or a link of the chain has no inertia.
+        If an argument is invalid, or a link of the chain has no inertia.
 
     Examples
     --------
@@ -124,7 +124,7 @@ class LeafImpedance:
     def observer(self, dt: float) -> Observer:
         """Create a disturbance observer for :meth:`torque`; each arm needs its own.
 
-        Call its ``reset()`` after the robot was stopped.
+        Call ``reset()`` of the observer after the robot was stopped.
 
         Parameters
         ----------
@@ -165,17 +165,18 @@ class LeafImpedance:
         target : pinocchio.SE3 or (4, 4) array
             Desired placement of the frame; of several frames, one placement per frame.
         twist : (6,) or (6 F,) array, optional
-            Velocity (v, ω) of the target, of each frame, base axes, m/s and rad/s; 0 by default.
+            Velocity (v, ω) of the target, for each frame, in base axes, m/s and rad/s; 0 by
+            default.
         leaf : (r,) array
             Level c, from ``inverse.leaf(q)`` at the start.
         observer : Observer, optional
-            Result of :meth:`observer`; the call updates its state, unless it raises. Without it,
-            friction and errors of the model are not compensated.
+            Result of :meth:`observer`; a call that raises no error updates its state. Without an
+            observer, friction and errors of the model are not compensated.
 
         Raises
         ------
         InputError
-            If a size is wrong, a number not finite, or so large that the torque is not finite.
+            If a size is wrong, or a number is not finite or so large that the torque is not finite.
         SingularityError
             If J_V is singular.
         """
@@ -196,11 +197,10 @@ class LeafImpedance:
 
 
 def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
-    """Check n numbers and return them as an array; an array of finite doubles is not copied.
+    """Check n numbers and return them as an array; an array of finite doubles is returned as is.
 
-    It is called at every tick of a control loop, so the usual case is decided by one product. An
-    array whose squares overflow goes through :func:`vector`, which looks at each number. ``name``
-    and ``each`` are words of the InputError.
+    A control loop calls this at every tick, so one product decides the usual case. If it overflows,
+    :func:`vector` checks each number. ``name`` and ``each`` are words of the InputError.
     """
     if (
         type(values) is np.ndarray
@@ -215,7 +215,8 @@ def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") 
 def _stiffness(given: ArrayLike, kind: Kind) -> Array:
     """Convert a stiffness to an array (m,), one number per row of the Jacobian, N/m or Nm/rad.
 
-    Two numbers are taken for the translations and the rotations. InputError unless all are above 0.
+    Two numbers are for the translations and the rotations. InputError is raised unless all numbers
+    are above 0.
     """
     values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:
@@ -229,9 +230,9 @@ def _stiffness(given: ArrayLike, kind: Kind) -> Array:
 
 
 def _torque_law(inverse: RepeatableInverse, gains: Gains) -> NumPyTorques | NativeTorques:
-    """Create the torque law of one thread: in C, or in NumPy where C cannot hold the potentials.
+    """Create the torque law of one thread, in C or, if C lacks the potentials, in NumPy.
 
-    User-defined potentials are such a case.
+    C lacks user-defined potentials.
     """
     task = inverse.task
     law = NumPyTorques(task, inverse.potentials, gains)
@@ -243,7 +244,8 @@ def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
     """Create the function (q, q̇) → inertia M (n, n) and bias b (n,), for one thread.
 
     b contains gravity and velocity terms. Inertia and bias of a mimic joint are added to those of
-    the joint that drives it. Each thread has its own, because Pinocchio computes in a buffer.
+    the joint that drives it. Each thread needs its own function, because Pinocchio computes in a
+    buffer.
     """
     model, drive = task.bodies_model()
     data = model.createData()

@@ -1,7 +1,8 @@
-"""Torque law of :class:`LeafImpedance`: in C, and in NumPy as its formulas stand.
+"""Torque law of :class:`LeafImpedance`: in C, and in NumPy as plain formulas.
 
-It moves the end effector like a spring and a damper, and pulls the joints to the leaf h(q) = c. C
-is fast enough for a loop at 1 kHz; NumPy is its reference, and serves where C cannot.
+The end effector moves as if held by a spring and a damper, and the joints are pulled to the leaf
+h(q) = c. C is fast enough for a loop at 1 kHz; NumPy is the reference, and replaces C where it
+cannot be used.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class Gains(NamedTuple):
 
 
 class Observer(NamedTuple):
-    """Disturbance observer of one arm: it estimates what pushes the joints off their leaf h(q) = c.
+    """Disturbance observer of one arm: it estimates what moves the joints off their leaf h(q) = c.
 
     Attributes
     ----------
@@ -61,18 +62,18 @@ class Observer(NamedTuple):
     dt: float
 
     def reset(self) -> None:
-        """Set the state to 0, after a stop of the robot: what it has estimated no longer holds."""
+        """Set the state to 0, because after a stop of the robot the estimate is no longer valid."""
         self.state[...] = 0.0
 
 
 class NumPyTorques:
-    """Torque law as its formulas stand, the reference of the one in C.
+    """Torque law in NumPy as plain formulas, the reference for the law in C.
 
     ``τ = M J_V⁻¹ ([ẍ; ḧ − d] − J̇_V q̇) + b`` with ``J_V = [J; Vᵀ]`` (37): the end effector
     accelerates by ẍ and the potentials by ḧ, independently.
 
     ``ẍ = Λ⁻¹ F``, ``F = K e + D (ẋ* − ẋ)``, where D gives every mode the damping ratio ζ: with
-    ``A = √K J M⁻¹ Jᵀ √K`` it is ``√K ẍ = A √K e + 2 ζ A^½ √K (ẋ* − ẋ)``.
+    ``A = √K J M⁻¹ Jᵀ √K``, the law is ``√K ẍ = A √K e + 2 ζ A^½ √K (ẋ* − ẋ)``.
 
     ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``. The observer's estimate of the disturbance of ḧ is
     ``d = κ (ḣ − w)``, ``ẇ = ḧ``; its torque is scaled down to the limit of every joint.
@@ -161,8 +162,8 @@ class NumPyTorques:
     def _curvature(self, q: Array, qdot: Array) -> Array:
         """Evaluate ``J̇_V q̇`` (n,), the acceleration at constant q̇, by a difference along q̇.
 
-        J_V is the Jacobian above the gradients of the potentials. It is exact for the rows of
-        potentials of degree 3, else to 1e-6 of its size.
+        J_V is the Jacobian above the gradients of the potentials. For rows of potentials of degree
+        3 the result is exact, for others accurate to 1e-6 of its size.
         """
         speed = float(np.linalg.norm(qdot))
         if speed == 0.0:
@@ -230,7 +231,7 @@ class NativeTorques:
     ) -> Array:
         """Compute the torques τ (n,), Nm or N, with the arguments of :class:`NumPyTorques`.
 
-        What C refuses is computed again in NumPy, which raises the error that names the cause.
+        If C fails, NumPy repeats the computation and raises the error that names the cause.
         """
         self._q[...] = q
         self._qdot[...] = qdot

@@ -1,14 +1,15 @@
 """Time-optimal profile with bounded jerk along a joint path, by a sequence of linear programs.
 
-The unknown is ``x(s) = ṡ²``, where s is the length of the joint path q(s), at the *stages*, which
-are grid points of s. Speed and acceleration limits are linear in x and x′, and jerk is
+The unknown is ``x(s) = ṡ²`` at the *stages*, which are grid points of s, the length of the joint
+path q(s). Speed and acceleration limits are linear in x and x′, and jerk is
 
     ``q⃛ = √x (q‴ x + 3/2 q″ x′ + 1/2 q′ x″)``.
 
 ``|q⃛| ≤ J`` is ``|q‴ x + 3/2 q″ x′ + 1/2 q′ x″| ≤ J / √x``. J/√x is convex, so its tangent at the
 previous solution x̄, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, is a lower bound. With this bound, every
 solution of the linear program respects the limit at the stages. Between two stages x is a parabola.
-Next to rest the joints move with constant jerk, ``x ∝ s^4/3``."""
+In the intervals next to rest the joints move with constant jerk, ``x ∝ s^4/3``.
+"""
 
 from __future__ import annotations
 
@@ -68,12 +69,12 @@ _BETWEEN = np.linspace(0.0, 1.0, 9)
 class _JerkSegment(Segment):
     """A smooth part of a joint path, from rest to rest, timed with bounded jerk.
 
-    s is the length of the joint path; stages are the grid points of s at which the limits are kept.
+    s is the length of the joint path; stages are grid points of s at which the limits are imposed.
 
     Attributes
     ----------
     x, bend : (K,), (K - 1,) arrays
-        ṡ² at the stages, and x″ between them; x″ of the first and of the last interval is not
+        x = ṡ² at the stages, and x″ between them; x″ in the first and the last interval is not
         used.
     """
 
@@ -106,7 +107,7 @@ class _JerkSegment(Segment):
         return found
 
     def between(self) -> Array:
-        """Times at which limits are checked between stages, s from the start: (9 (K − 1),)."""
+        """Times between stages at which limits are checked, s after the start: (9 (K − 1),)."""
         return (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)).ravel()
 
     def used(self, limits: JointLimits) -> Array:
@@ -119,17 +120,17 @@ class _JerkSegment(Segment):
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: JointLimits) -> float:
-        """Factor by which time must be stretched to keep the limits between stages; 1 if kept.
+        """Factor by which to stretch time so that limits hold between stages; 1 if they do already.
 
-        The linear program keeps them at the stages, the grid points of the path, only.
+        The linear program imposes the limits only at the stages, which are grid points of the path.
         """
         return most_used(limits, self.derivatives(self.between()))
 
 
 def _exponentials(z: Array) -> tuple[Array, Array]:
-    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z``, analytic in z, whatever its sign.
+    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z``, which are analytic in z of either sign.
 
-    A motion whose acceleration is linear in the distance consists of them; z is an array.
+    They describe a motion whose acceleration is linear in the distance; z is an array.
     """
     root = np.sqrt(np.abs(z))
     small = root < 1e-2
@@ -145,7 +146,7 @@ def with_jerk(
 ) -> _JerkSegment:
     """Find the time-optimal profile with bounded jerk along a curve, from rest to rest.
 
-    The profile is the speed ṡ along the curve. It is found by linear programs, from a profile
+    The profile is the speed ṡ along the curve. Linear programs find it, starting from a profile
     without a limit of jerk.
 
     Parameters
@@ -153,12 +154,12 @@ def with_jerk(
     first
         Profile without a limit of jerk. Its stages are used; a few more are added next to rest.
     limits
-        Limits to keep; they include jerk.
+        Limits to respect, jerk included.
     seams
-        Indices of two points, of those that ``first.passed`` counts, with equal ṡ and s̈, so that
-        the profile between them can be repeated; or empty.
+        Empty, or two indices of points in ``first.passed`` that get equal ṡ and s̈, so that the
+        profile between them can be repeated.
     weight
-        Number of times that the profile between the seams is run.
+        Number of times that the profile between the seams is repeated.
 
     Raises
     ------
@@ -201,12 +202,12 @@ def _converged(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve linear programs in turn until they save no more time: x and x′ (K,) at the stages.
+    """Solve linear programs in turn until no more time is saved: x and x′ (K,) at the stages.
 
-    Each is linearised at the solution before it, first at ``x`` and ``slope``, with x = ṡ².
-    ``ties`` are the two stages with equal speed, or empty; ``weights`` (K - 1,) say how often the
-    time of an interval counts; limits are divided by ``tight`` (K - 1,). From each step, the
-    fraction is taken that saves most time.
+    Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with
+    x = ṡ². ``ties`` are the two stages with equal speed, or empty. ``weights`` (K - 1,) multiply
+    the times of the intervals; limits are divided by ``tight`` (K - 1,). The fraction of each step
+    that saves most time is used.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
@@ -229,8 +230,8 @@ def _converged(
 def _passed(knots: Array, s: Array, t: Array) -> Array:
     """Compute the times (T,) at which the points of a path, at s = ``knots`` (T,), are passed.
 
-    ``s`` and ``t`` (K,) are the stages and their times. The points are stages, or lie in the first
-    or last interval between stages, in which the motion has constant jerk.
+    ``s`` and ``t`` (K,) are the stages and their times. Points that are not stages lie in the first
+    or last interval between stages, where the jerk is constant.
     """
     passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
     early, late = knots < s[1], knots > s[-2]
@@ -240,12 +241,12 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
-    """Adapt the stages ``grid`` (K,) next to rest, where the jerk is constant up to the first.
+    """Adapt the stages ``grid`` (K,) next to rest; up to the first stage, jerk is constant.
 
-    Next to rest, x″ is not bounded, so the stages there must be denser or left out. The first stage
-    is half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches the
-    acceleration limit a. If that is more than an interval of the grid, up to ten stages are left
-    out; if it is less, stages are inserted.
+    Next to rest x″ is not bounded, so stages there must be denser or be left out. The first stage
+    is placed at half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches the
+    acceleration limit a. If that is farther than one interval of the grid, up to ten stages are
+    left out; if nearer, stages are inserted.
     """
     assert limits.jerk is not None
 
@@ -272,8 +273,8 @@ def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
 class _Path:
     """A joint path at the stages, with its speed limits; between two stages q‴ is constant.
 
-    It holds what all linear programs of one path have in common. The stages are grid points of s,
-    the length of the joint path; derivatives are by s, and x = ṡ² is the unknown.
+    These data are common to all linear programs of one path. The stages are grid points of s, the
+    length of the joint path; derivatives are with respect to s, and x = ṡ² is the unknown.
 
     Attributes
     ----------
@@ -282,8 +283,8 @@ class _Path:
     most, most_between : (K,), (K - 1,) arrays
         Largest x within the speed limits, at the stages and halfway between them.
     points : tuple
-        For the begin, middle and end of the intervals: fraction of the interval, q′ and q″
-        (K - 1, n), and the torque coefficients of :func:`torques_along` or None.
+        For the begin, middle and end of the intervals: fraction of the interval, q′ and q″ (K - 1,
+        n), and the torque coefficients of :func:`torques_along`, or None without torque limits.
     """
 
     s: Array
@@ -309,8 +310,8 @@ class _Path:
     def from_rest(self, limits: JointLimits) -> Array:
         """Evaluate x = ṡ² at the stages for constant jerk J/|q′| from rest at either end: (K,).
 
-        It bounds the first guess, which has no limit of jerk. It is ``(9/2 j)^⅔ s^4/3`` with j =
-        J/|q′|; the smaller value of both ends counts.
+        The result, ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|, bounds the first guess, which has no limit
+        of jerk. The smaller value from the two ends is used.
         """
         assert limits.jerk is not None
         both = []
@@ -351,10 +352,11 @@ def _solved(
 ) -> tuple[Array, Array]:
     """Solve one linear program, linearised at x̄ = ``near``, for x and x′ (K,) at the stages.
 
-    x = ṡ² is the squared speed along the joint path. It minimises the linearised time within all
-    limits. Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits.
-    ``ties`` are two stages with equal x and x′, or empty; the time of an interval counts
-    ``weights`` (K - 1,) times; limits of acceleration and jerk are divided by ``tight`` (K - 1,).
+    x = ṡ² is the squared speed along the joint path. The program minimises the linearised time
+    within all limits. Its unknowns are x/x̄ at the inner stages, and x′ in units of the
+    acceleration limits. ``ties`` are two stages with equal x and x′, or empty. ``weights`` (K - 1,)
+    multiply the times of the intervals; limits of acceleration and jerk are divided by ``tight`` (K
+    - 1,).
     """
     h, inner, m = np.diff(path.s), slice(1, -1), len(path.s) - 2
     x0 = near[inner]
@@ -380,7 +382,7 @@ def _cubic(
 ) -> tuple[Array, Array, Array, Array]:
     """Evaluate s, ṡ, s̈, s⃛ of an interval of length h and time T that begins or ends at rest.
 
-    ``since`` is the time since rest, or until it if ``sign`` is -1; s is ``rest`` there.
+    ``since`` is the time since rest, or until rest if ``sign`` is -1. At rest, s is ``rest``.
     """
     since = np.clip(since, 0.0, T)
     jerk = 6 * h / T**3
@@ -400,7 +402,7 @@ class _Rows(NamedTuple):
     bounds: Array
 
     def scaled(self, units: Array) -> _Rows:
-        """Convert the rows to unknowns z in other ``units``, one per unknown."""
+        """Convert the rows to unknowns z in new ``units``, one per unknown."""
         return self._replace(coefficients=self.coefficients * units[self.columns])
 
     def excess(self, z: Array) -> Array:
@@ -413,7 +415,7 @@ def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_
 
     The unknowns z are x = ṡ² at the m inner stages in units of x0 (m,), and x′ in units of ``unit``
     (m,). Between stages x is a parabola; next to rest it is ``c s^4/3``, hence ``x′ = 4/3 x / s``;
-    at both stages of ``ties``, the ends of a period, x and x′ are the same.
+    at the two stages of ``ties``, which are the ends of a period, x and x′ are equal.
     """
     h, m = np.diff(s), len(x0)
     i = np.arange(m - 1)
@@ -436,9 +438,9 @@ def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_
 def _optimum(cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: Array) -> Array:
     """Solve ``min cost·z`` with the rows ``A z ≤ b``, ``equal z = 0``, and z within its bounds.
 
-    ``between`` (N, 2) are the bounds. Few of the many rows hold with equality: those that nearly do
-    at ``guess`` (N,) are used first. As long as the solution violates others, these and the rows
-    beside them are added. InputError is raised if there is no solution.
+    ``between`` (N, 2) are the bounds on z. Few of the many rows are active. So the first solution
+    uses only rows that are nearly active at ``guess`` (N,). As long as the solution violates other
+    rows, these and their neighbours are added. InputError is raised if there is no solution.
     """
     from scipy.optimize import linprog  # slow to import
 
@@ -451,7 +453,7 @@ def _optimum(cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: 
         guess = linprog(cost, A, b, equal, zero, between, method="highs").x
         if guess is None:
             raise InputError(
-                "no speed along this joint path is within the limits together with those of jerk",
+                "no speed along this joint path is within the limits, those of jerk included",
                 remedy="use a smoother path, or higher jerk limits",
             )
         broken = rows.excess(guess) > _SLACK
@@ -494,7 +496,7 @@ def _rows(
 
 
 class _Stages:
-    """Intervals of length h (I, 1) between stages, at whose ends x = ṡ² and x′ are unknowns.
+    """I intervals between stages, of lengths h (I, 1); x = ṡ² and x′ at their ends are unknowns.
 
     ``ends`` (I, 4) are the indices of x and x′ at both ends of each interval, and ``columns`` the
     same, repeated for each joint.
@@ -515,7 +517,7 @@ class _Stages:
             yield sign * A + more, self.columns, bounds
 
     def rows(self, share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
-        """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4).
+        """Express a weighted sum of x, x′, x″ inside intervals by x and x′ at their ends: (R, 4).
 
         x = ṡ² is a parabola between stages. ``share`` is the place in the interval, from 0 to 1; x,
         slope and bend are the weights of x, x′ and x″, per interval and joint.
@@ -539,9 +541,10 @@ def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Ar
 def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:
     """Compute the largest x₁ = x one stage from rest within the limits, for ``x = c s^4/3``.
 
-    x = ṡ² grows so at constant jerk. ``end`` is 0 or -1, the end of the path that is at rest, and
-    ``step`` the signed way to the stage. ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ =
-    x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at the fraction σ of the interval, whose length is h.
+    This growth of x = ṡ² is that of constant jerk. ``end`` is 0 or -1, the end of the path that is
+    at rest; ``step`` is the signed distance to the stage.
+    ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at
+    the fraction σ of the interval, whose length is h.
     """
     assert limits.jerk is not None
     sigma = np.linspace(0, 1, 4 * _MERGED + 1)

@@ -1,7 +1,7 @@
-"""Timing by a motion's own times, from rest to rest, smoothed just enough for the limits.
+"""Timing by a motion's own times, from rest to rest, smoothed no more than the limits require.
 
-Own times are those of the waypoints, such as the column ``time`` of a file: a robot that works with
-another machine must keep them. They jump in speed, at least at both ends.
+Own times are the times of the waypoints, such as the column ``time`` of a file. A robot that works
+with another machine must keep them. The speed that they give jumps, at least at both ends.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _LONGER = 1.5
 """Ratio of successive smoothing times that are tried."""
 
 _HALVINGS = 6
-"""Number of bisections between the first smoothing time that keeps the limits and the last one that
+"""Number of bisections between the first smoothing time within the limits and the last one that
 was too short."""
 
 _SHORTEST = 1e-3
@@ -39,10 +39,10 @@ _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
 class _OwnTimes(Segment):
     """A smooth part of a joint path, from rest to rest, in the motion's own times.
 
-    Own times are those of the waypoints. ``s(t)``, the length of the joint path over time, is the
-    motion's own law, at rest before and after, convolved with a triangle of width r. That smooths
-    the beginning, the end and every jump of speed; it never exceeds the largest speed of the law,
-    and changes a law of constant speed only within r/2 of a jump.
+    Own times are the times of the waypoints. ``s(t)``, the length of the joint path over time, is
+    the motion's own law, extended by rest before and after, convolved with a triangle of width r.
+    The convolution smooths the beginning, the end and every jump of speed. It never exceeds the
+    largest speed of the law, and changes constant speed only within r/2 of a jump.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class _OwnTimes(Segment):
     def excess(self, limits: JointLimits) -> float:
         """Return 1: time is not stretched, because the smoothing makes the limits hold.
 
-        Other segments return the factor by which time must be stretched.
+        Segments of other classes return the factor by which time must be stretched.
         """
         return 1.0
 
@@ -77,10 +77,10 @@ def with_own_times(
     clock : (T,) array
         Time at which each point is passed, s.
     limits
-        Limits to keep.
+        Limits to respect.
     added
-        Number of ends, 0 to 2, at which time may be added; with 0 the path is run a little faster
-        instead.
+        Number of ends, 0 to 2, at which time may be added. With 0, the path is instead traversed a
+        little faster.
     most
         Longest smoothing time, s.
     joints
@@ -89,7 +89,7 @@ def with_own_times(
     Raises
     ------
     InputError
-        If the motion's own times do not keep the limits.
+        If the motion's own times exceed the limits.
     """
     s = _summed(np.linalg.norm(np.diff(Q, axis=0), axis=1))
     from scipy.interpolate import CubicSpline  # slow to import
@@ -129,7 +129,7 @@ def with_own_times(
 
 
 def _least_smoothing(rates: Array, limits: JointLimits) -> float:
-    """Bound from below the smoothing time, s, in which the arm reaches its rates at the ends."""
+    """Bound from below the smoothing time, s, needed for the joint speeds at the ends."""
     ends = np.abs(rates[[0, -1]])
     r = float((ends / limits.acceleration).max())
     if limits.jerk is not None:
@@ -138,7 +138,7 @@ def _least_smoothing(rates: Array, limits: JointLimits) -> float:
 
 
 def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
-    """Describe the limit that is exceeded most, and when, as the end of an error message.
+    """Describe, as the end of an error message, which limit is exceeded most, and when.
 
     ``moved`` are q, q̇, q̈ and q⃛, each (T, n), at the times t (T,), s; ``joints`` are names.
     """
@@ -161,10 +161,10 @@ def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequ
 def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTimes:
     """Convolve the law s(t), at rest before and after, with a triangle of width r, s.
 
-    The law passes s (T,) at the times ``own`` (T,), s; Smoothing takes r more time. At ``added`` (0
-    to 2) of both ends, r/2 is added to the duration; a higher speed makes up for the rest. ``s̈ =
-    (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear between the
-    shifted points of the law.
+    The law has the values s (T,) at the times ``own`` (T,), s. Smoothing makes the motion longer by
+    r, in s. At ``added`` ends (0 to 2), the duration grows by r/2; a higher speed makes up for the
+    rest. ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear
+    between the shifted points of the law.
     """
     h = r / 2
     T = own[-1] + added * h

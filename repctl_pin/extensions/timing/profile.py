@@ -59,7 +59,7 @@ class Segment:
     """A smooth part of a joint path between two stops, with its time-optimal profile.
 
     ``s`` is the length of the joint path, and the profile its rate ṡ. The stages are grid points of
-    s, at which the limits are kept; s̈ is constant between two of them.
+    s, at which the limits are imposed; s̈ is constant between neighbouring stages.
 
     Attributes
     ----------
@@ -97,11 +97,11 @@ class Segment:
         return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
 
     def excess(self, limits: JointLimits) -> float:
-        """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
+        """Compute the factor by which to stretch time so that the limits hold; 1 if they do.
 
-        A profile keeps them at its stages, the grid points of the path, only. They are checked at
-        both ends of every interval between stages and halfway through its time; that of jerk is not
-        checked.
+        A profile imposes the limits only at its stages, which are grid points of the path. They are
+        checked at both ends of every interval between stages, and halfway through its time. The
+        limit of jerk is not checked.
         """
         t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
         return most_used(limits, self.derivatives(t)[:3])
@@ -110,9 +110,9 @@ class Segment:
 def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tuple[str, int, Array]]:
     """Yield the used fractions (T, n) of the limits of speed, acceleration and jerk; 1 is all.
 
-    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each fraction
-    comes as (name, k, fraction): it grows with the k-th power of the speed along the path, so that
-    its k-th root is the factor by which time must be stretched.
+    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each item is
+    (name, k, fraction). The fraction grows with the k-th power of the speed along the path, so its
+    k-th root is the factor by which time must be stretched.
     """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     named = zip(("speed", "acceleration", "jerk"), bounds, moved[1:], strict=False)
@@ -122,11 +122,11 @@ def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tupl
 
 
 def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
-    """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
+    """Compute the factor by which to stretch a motion's time so that it meets its limits.
 
     ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). The limits of
-    torque and of the tool's speed are checked as well. Limits hold at a profile's stages only, and
-    are exceeded a little between them.
+    torque and of the tool's speed are also checked. The factor is 1 if all limits are met. A
+    profile meets them exactly only at its stages, and may slightly exceed them in between.
     """
     used = [float(x.max()) ** (1 / k) for _, k, x in used_fractions(limits, moved)]
     factor, (Q, qdot, qddot) = max(1.0, *used), moved[:3]
@@ -155,7 +155,7 @@ class Course:
     segments
         The segments.
     begins, durations : (R,) arrays
-        Time at which each of them begins, and the time that it takes, s.
+        Time at which each segment begins, and its duration, s.
     """
 
     segments: Sequence[Segment]
@@ -180,7 +180,7 @@ class Course:
         return found
 
     def positions(self, t: Array) -> Array:
-        """Evaluate q (T, n) at times (T,), s: the first of :meth:`derivatives`, sooner."""
+        """Evaluate q (T, n) at times (T,), s; faster than :meth:`derivatives`."""
         found = np.zeros((len(t), self._joints))
         for rows, segment, own, _ in self._parts(t):
             found[rows] = segment.positions(np.clip(own, 0.0, segment.t[-1]))
@@ -194,8 +194,8 @@ class Course:
     def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
         """Generate the segments at times (T,), s.
 
-        Each item is a segment, the indices of the times t in it, these times on the segment's clock
-        (they may lie beyond its ends), and the factor by which it is stretched.
+        Each item is a segment, the indices of the times within it, these times on the segment's
+        clock (possibly beyond its ends), and the factor by which the segment is stretched.
         """
         which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
         for k in np.unique(which):
@@ -207,10 +207,10 @@ class Course:
 def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
     """Raise InputError if limits alone make a motion through Q (T, n) too long.
 
-    That is too long for memory, or an hour by the limits of jerk.
+    Too long is too long for the memory or, by the limits of jerk, more than an hour.
 
-    A joint at rest is after T seconds at most ``v T``, ``a T²/2`` and ``J T³/6`` from its start. A
-    profile of a motion that takes millions of seconds would be computed for nothing.
+    After T seconds, a joint that starts at rest has moved by at most ``v T``, ``a T²/2`` and
+    ``J T³/6``. The check saves the computation of a profile that lasts millions of seconds.
     """
     away = np.abs(Q - Q[0]).max(axis=0)
     times = [away / limits.velocity, np.sqrt(2 * away) / np.sqrt(limits.acceleration)]
@@ -243,21 +243,22 @@ class Profile:
     """Timing of a few cycles: segments in order, with pauses between them.
 
     A cycle is one traversal of the closed path; a segment leads from one stop of the arm to the
-    next. The constructor takes the segments ``runs``, the pause ``stays`` before each, s, and the
-    indices of the path's points at which the arm stops and cycles end.
+    next. Arguments of the constructor are the segments ``runs``, the pause ``stays``, s, before
+    each segment, and the indices of the points at which the arm stops and at which cycles end.
 
     Attributes
     ----------
     course : Course
         The segments as a function of time.
     marks : (cycles + 1,) array
-        Times at which the cycles begin and the last one ends, s; before a pause there, if any.
+        Times at which the cycles begin and the last cycle ends, s. A pause at such a point comes
+        after this time.
     stretch : float
-        Factor by which time must be stretched to keep the limits between the stages, too.
+        Factor by which time must be stretched so that the limits also hold between the stages.
     converged : bool
         True if the second cycle begins and ends at equal speed, so that it can be repeated.
     phase : tuple of (K,) arrays
-        Length of the joint path up to every stage, and its rate ṡ.
+        Length s of the joint path up to every stage, and its rate ṡ there.
     """
 
     def __init__(
@@ -290,7 +291,7 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A timed motion as a function of time: a course of few cycles, its second cycle repeated.
+    """A timed motion as a function of time: a course of up to three cycles, the second repeated.
 
     A motion of many equal cycles is timed for three: one speeds up, one is steady, one slows down.
 
@@ -315,7 +316,7 @@ class Trajectory:
     def derivatives(self, t: Array) -> Array:
         """Evaluate q and its first three derivatives (4, T, n) at times (T,), s, of the motion.
 
-        A time in a repeated cycle is that of the second cycle.
+        Times in a repeated cycle are mapped to the second cycle.
         """
         clock = t - self.lead
         if self.more:
@@ -327,9 +328,9 @@ class Trajectory:
 def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
     """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
 
-    The arm has to stop there. Cusps are found everywhere, other corners only among the indices
-    ``candidates``, the corners of the frame's path; a corner is a change of direction by ``bend``,
-    rad, or more.
+    The arm has to stop there. Cusps are found everywhere. Other corners, which are changes of
+    direction by at least ``bend``, rad, are found only among ``candidates``, the corners of the
+    frame's path.
     """
     steps = np.diff(Q, axis=0)
     sizes = np.linalg.norm(steps, axis=1)
@@ -349,7 +350,7 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
 def _tangent(points: Array) -> Array:
     """Compute the unit tangent (n,) of a curve at the first of a few points (k, n).
 
-    It is the tangent of the polynomial through the points; 0 if they coincide.
+    The result is the tangent of the polynomial through the points, or 0 if they coincide.
     """
     x = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if x[-1] == 0:
@@ -361,8 +362,8 @@ def _tangent(points: Array) -> Array:
 def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
     """Compute the time-optimal profile of a smooth joint path Q (T, n), from rest to rest.
 
-    It has at least ``stages`` stages, grid points at which the limits are kept; ``passed`` are the
-    times of the points Q.
+    The profile has at least ``stages`` stages, which are grid points at which the limits are
+    imposed. Its ``passed`` are the times of the points Q.
 
     Raises
     ------
@@ -382,12 +383,12 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
 def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
     """Compute the time-optimal profile of a curve q(s), from rest to rest, by a linear program.
 
-    The unknowns are ``x = ṡ²`` at the stages, and ``s̈ = x′/2`` is constant between two of them. The
-    limits of speed bound x; those of acceleration and torque are linear in x at both ends of an
-    interval. The profile has the largest sum of x.
+    The unknowns are ``x = ṡ²`` at the stages; ``s̈ = x′/2`` is constant between neighbouring
+    stages. The limits of speed bound x; those of acceleration and torque are linear in x at both
+    ends of an interval. The program maximises the sum of x.
 
-    The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages, the values of s
-    at which the limits are kept.
+    The curve is a scipy spline or piecewise polynomial. ``grid`` (K,) are its stages: the values of
+    s at which the limits are imposed.
 
     Raises
     ------
@@ -408,15 +409,15 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
 class _Program:
     """Linear program of a profile, with K stages and L limits.
 
-    Its unknowns are ``x / scale``, with x = ṡ². They are between 0 and ``top``, which is 0 at both
-    ends, and ``low ≤ A x / scale ≤ high`` are the limits of acceleration and torque.
+    Its unknowns are ``x / scale``, with x = ṡ², between 0 and ``top``. The limits of acceleration
+    and torque are ``low ≤ A x / scale ≤ high``. At both ends of the path, ``top`` is 0.
 
     Attributes
     ----------
     grid, scale, top : (K,) arrays
-        Stages, scale of x, and largest x / scale by the limits of speed.
+        Stages, scale of x, and largest x / scale within the limits of speed.
     A : (L, K) sparse array
-        Two entries in each row: a limit at one end of an interval.
+        Matrix with two entries per row; a row is a limit at one end of an interval.
     low, high : (L,) arrays
         Bounds of the rows.
     limits
@@ -496,8 +497,8 @@ def _rows(
 ) -> tuple[Any, Array, Array]:
     """Make the rows of the program: a strip at one end of an interval, ``s̈ = (x₁ − x₀) / 2h``.
 
-    Strips without a finite bound give none. Return the sparse matrix for x / scale, and the bounds
-    of its rows.
+    Strips without a finite bound give no row. Return the sparse matrix for x / scale, and the
+    bounds of its rows.
     """
     from scipy.sparse import csr_array  # slow to import
 
@@ -518,9 +519,9 @@ def _rows(
 
 
 def _without_rests(program: _Program, found: Array) -> Array:
-    """Improve x / scale (K,) by programs that weigh it by the time it saves, until no stage rests.
+    """Improve x / scale (K,) by programs with weights by saved time, until no stage is at rest.
 
-    InputError is raised if one still does.
+    InputError is raised if some stage remains at rest.
     """
     reach = np.gradient(program.grid)
     for _ in range(_MOST_PROGRAMS):
@@ -548,9 +549,10 @@ def _sides_that_bound(
 ) -> NDArray[np.bool_]:
     """Find the sides of strips ``low ≤ along u + across x ≤ high`` that touch their intersection.
 
-    The first four are (K, n). The strips of each of the K stages intersect for x from 0 to ``most``
-    (K,). Returns (K, n, 2), low and high: all other sides can be left out. No side of a stage
-    touches if its intersection is empty.
+    The four arrays are (K, n). At each of the K stages, the strips are intersected for x from 0 to
+    ``most`` (K,). Return a mask (K, n, 2) of the low and the high sides that bound the
+    intersection; all other sides can be left out. If the intersection is empty, the mask is False
+    for that stage.
     """
     zero, one, top = np.zeros((len(low), 1)), np.ones((len(low), 1)), most[:, None]
     a, b, low, high = map(np.hstack, ((along, zero), (across, one), (low, zero), (high, top)))
@@ -572,8 +574,8 @@ def _inside_strips(
 ) -> tuple[Array, Array]:
     """Find the interval of τ in which ``low ≤ foot + τ way ≤ high`` for all strips: (K,), (K,).
 
-    The arguments are (K, n); ``size`` is that of ``way`` if a line crosses a strip at a right
-    angle. The interval is empty if the first end is above the second.
+    The arguments are (K, n). ``size`` is the value of ``way`` for a line that crosses the strip at
+    a right angle. The interval is empty if its first end is above its second.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)
@@ -587,7 +589,7 @@ def _inside_strips(
 def torques_along(
     limits: JointLimits, Q: Array, slope: Array, bend: Array
 ) -> tuple[Array, Array, Array] | None:
-    """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited.
+    """Compute a, b and g (K, n) of ``τ = a s̈ + b x + g`` along a path; None without torque limits.
 
     With x = ṡ², torques are linear in the unknowns of the program. Q, slope and bend (K, n) are q,
     q′ and q″ at K points.

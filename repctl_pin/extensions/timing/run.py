@@ -1,7 +1,7 @@
 """Feed override of a timed motion: stop, resume and reverse along its path, within its limits.
 
 The override o is the speed on the motion's clock: 1 as timed, 0 at rest, -1 backwards. A change of
-it is a curve o(t) from one value to another.
+the override is a curve o(t) from one value to another.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LONGER = 1.3 ** np.arange(10)
 and jerk limits at its start."""
 
 _SHARES: Array = 0.5 ** np.arange(1.0, 6.0)
-"""Fractions of a change that are tried if the whole one does not keep the limits."""
+"""Fractions of a change that are tried if the whole change would exceed the limits."""
 
 _QUICKEST = 1e-3
 """Minimum duration of a change of the override, s."""
@@ -50,14 +50,14 @@ _NEAR = 1e-3
 class _Change:
     """K alternative changes of the override: polynomials o(t), constant after their duration.
 
-    The override o is the speed on the motion's clock, 1 as timed. The changes begin at one value
-    and rate, and end at their goals with the rate 0; each is a cubic. The one that keeps the limits
-    and takes least time is chosen.
+    The override o is the speed on the motion's clock, 1 as timed. All begin with the same value and
+    rate; each is a cubic and ends at its goal with the rate 0. The shortest change within the
+    limits is chosen.
 
     Attributes
     ----------
     begin : float
-        Time on the motion's clock where the changes begin, s.
+        Time on the motion's clock at which the changes begin, s.
     override, rate : float
         o and ȯ there.
     goal, time : (K,) arrays
@@ -73,7 +73,7 @@ class _Change:
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning.
 
-        ∫o is the way on the motion's clock, s.
+        ∫o is the elapsed time on the motion's clock, s.
         """
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
@@ -98,18 +98,18 @@ class Run:
 
     The override 1 runs the motion as timed, 0 stops, and -1 runs it backwards.
 
-    The joints stay on the motion's joint path, ``q(τ)`` with ``dτ/dt = o``. The override o
-    reaches the requested value by cubic polynomials in time, as quickly as the motion's limits of
-    speed, acceleration and jerk allow: ``q̈ = q″ o² + q′ ȯ``, ``q⃛ = q‴ o³ + 3 q″ o ȯ + q′ ö``. A
-    change is begun only if it keeps these limits to its end.
+    The joints stay on the motion's joint path, ``q(τ)`` with ``dτ/dt = o``. The override o reaches
+    the requested value by cubic polynomials in time, as quickly as the motion's limits of speed,
+    acceleration and jerk allow: ``q̈ = q″ o² + q′ ȯ``, ``q⃛ = q‴ o³ + 3 q″ o ȯ + q′ ö``. A change
+    is begun only if these limits hold to its end.
 
     Parameters
     ----------
     timed
         Result of :func:`timed`.
     q : (n,) array, optional
-        Configuration on the path's first cycle to begin at, such as the end of ``approach(...,
-        to="nearest")``; by default at the motion's beginning.
+        Configuration on the first cycle at which to begin, such as the end of
+        ``approach(..., to="nearest")``; by default the motion's first configuration.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ class Run:
         return q, slope * o
 
     def _hold(self, t: float, override: float) -> None:
-        """Set the override at a time of the motion's clock, and keep it until it is changed."""
+        """Set the override at a time on the motion's clock; it stays constant until changed."""
         self._t = t
         self._override = override
         self._rate = 0.0
@@ -210,8 +210,8 @@ class Run:
     def _aim(self, wish: float) -> None:
         """Begin a change to the requested override, if it is needed and the limits allow it.
 
-        If they do not allow the whole change, a part of it is begun; attempts are 5 ms apart. Where
-        the motion rests, the override is set at once.
+        If the limits do not allow the whole change, a part of it is begun; attempts are 5 ms apart.
+        Where the motion is at rest, the override is set at once.
         """
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (
@@ -235,8 +235,8 @@ class Run:
     def _quickest(self, goals: Array) -> _Change | None:
         """Find the shortest change to the first of several goals (G,) that the limits allow.
 
-        A goal is a value of the override. Longer durations are tried in turn, and the limits
-        checked along the whole change. Returns None if no goal can be reached.
+        A goal is a value of the override. For each goal, ever longer durations are tried, and the
+        limits checked along the whole change. Return None if no goal can be reached.
         """
         slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
         far = np.abs(goals - self._override)
@@ -258,9 +258,10 @@ class Run:
         return None
 
     def _kept(self, change: _Change, shares: Array) -> Array:
-        """Test whether each of K changes of the override keeps the limits of the joints: (K,).
+        """Test which of K changes of the override stay within the limits of the joints: (K,).
 
-        They are checked at ``shares`` (S,), fractions of the duration of each change.
+        The limits are checked at ``shares`` (S,), which are fractions of the duration of each
+        change.
         """
         way, o, rate, push = change.at(shares[:, None] * change.time)
         clock = np.clip(change.begin + way, 0.0, self._end)

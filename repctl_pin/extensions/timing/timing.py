@@ -1,7 +1,7 @@
-"""Time-optimal timing of a motion, and of the approach to it: rest to rest, within the limits.
+"""Time-optimal timing of a motion, and of the approach to it, from rest to rest within limits.
 
-The joint path is cut into segments at the stops, each is timed, and the result is sampled. A cycle
-is one traversal of the closed path.
+The joint path is cut at the stops into segments. Each segment is timed, and the result is sampled.
+A cycle is one traversal of the closed path.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def timed(
     """Time a motion's joint path from rest to rest, as quickly as the limits allow.
 
     ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|q⃛| ≤ jerk`` and
-    ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, with jerk by several. The first
-    cycle speeds up, the last slows down, and the cycles between them are identical, if the motion
-    closes. The arm stops at sharp corners; round them with ``blend=``.
+    ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, or by several with a limit of jerk. The first
+    cycle speeds up and the last slows down. If the motion closes, all cycles in between are
+    identical. The arm stops at sharp corners; use ``blend=`` of the path to round them.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def timed(
         Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
     keep_times
         Keep the motion's own times, such as those of a CSV file, and only add ramps at the ends, as
-        short as the limits allow. At a sharp corner the arm has to stand still, but passes it at
+        short as the limits allow. At a sharp corner, the arm must stop, but it passes the corner at
         its own time.
     rate
         Samples per second, Hz. A steady cycle takes a whole number of samples.
@@ -71,8 +71,8 @@ def timed(
     Raises
     ------
     InputError
-        If the limits do not fit the robot, no speed keeps them all, or the motion's own times do
-        not.
+        If the limits do not fit the robot, no speed is within all limits, or the motion's own times
+        exceed the limits.
 
     Examples
     --------
@@ -124,7 +124,7 @@ def _first_lap(motion: Motion, *, smooth: bool) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Laps:
-    """Joint path of a few cycles, without the points that repeat those before them.
+    """Joint path of a few cycles, without points that repeat the preceding point.
 
     A repeated point is a pause: it has a duration, but no length, so it is left out of the curve.
 
@@ -133,11 +133,11 @@ class _Laps:
     Q : (P, n) array
         The points.
     clock, stays : (P,) arrays
-        The motion's own time at each point, and how long it stays there, s.
+        The motion's own time at each point, and the duration of its pause there, s.
     ends : tuple of int
-        Indices at which the cycles begin and the last one ends.
+        Indices of points at which the cycles begin and the last cycle ends.
     marks : tuple of int
-        Indices at which the path may have a corner.
+        Indices of points at which the path may have a corner.
     """
 
     Q: Array
@@ -148,7 +148,7 @@ class _Laps:
 
     @classmethod
     def of(cls, motion: Motion, Q: Array, cycles: int) -> _Laps:
-        """Take the joint path Q (T, n) of some cycles of a motion, without repeated points.
+        """Make the joint path of some cycles of a motion, Q (T, n), without repeated points.
 
         InputError is raised if the joints do not move.
         """
@@ -175,7 +175,7 @@ class _Laps:
     def corners(self, bend: float = BEND) -> list[int]:
         """Find the points, by index, at which the direction changes by more than ``bend``, rad.
 
-        The arm has to stop there, or needs an unlimited acceleration.
+        Without a stop there, the arm would need unlimited acceleration.
         """
         return corners_of(self.Q, self.marks, bend)
 
@@ -200,11 +200,11 @@ class _Laps:
 def _as_fast_as_possible(
     laps: _Laps, limits: JointLimits, steady: int = -1
 ) -> tuple[Profile, list[int]]:
-    """Time a joint path segment by segment, between corners and pauses, as quickly as possible.
+    """Time a joint path as quickly as possible, in segments between corners and pauses.
 
-    Returns the profile, and the stops within the first cycle. Jerk is not limited if ``steady`` is
-    negative. If it is positive, the path has three cycles: the second begins and ends at equal ṡ
-    and s̈, so that it can be repeated, and its time counts ``steady`` times.
+    Return the profile, and the stops within the first cycle. If ``steady`` is negative, jerk is not
+    limited. If ``steady`` is positive, the path has three cycles. The second then begins and ends
+    with equal ṡ and s̈, so that it can be repeated, and its time counts ``steady`` times.
     """
     stops = laps.stops(laps.corners())
     steps = np.linalg.norm(np.diff(laps.Q, axis=0), axis=1)
@@ -227,10 +227,10 @@ def _as_fast_as_possible(
 
 
 def _in_own_times(laps: _Laps, limits: JointLimits, motion: Motion) -> tuple[Profile, list[int]]:
-    """Time a joint path in its own times, such as those of a file's waypoints, from stop to stop.
+    """Time a joint path by its own times, such as those of a file's waypoints, from stop to stop.
 
-    Returns the profile, and the stops within the first cycle. The arm stops at sharp corners, and
-    at gentler ones where the limits require it. InputError is raised if they cannot be kept.
+    Return the profile, and the stops within the first cycle. The arm stops at sharp corners, and at
+    other corners if the limits require it. InputError is raised if the limits cannot be met.
     """
     from .own_times import with_own_times  # only paths with a clock need it
 
@@ -274,8 +274,8 @@ def _sampled(
 ) -> TimedMotion:
     """Sample a profile at even time steps, with its second cycle repeated ``more`` times.
 
-    ``rate`` are the samples per second, ``stops`` the number of stops in a cycle. Times are
-    stretched a little, so that the limits hold between the stages and a cycle takes a whole number
+    ``rate`` is the number of samples per second, ``stops`` the number of stops per cycle. Times are
+    stretched slightly, so that the limits hold between the stages and a cycle takes a whole number
     of samples.
     """
     dt = 1.0 / rate
@@ -320,7 +320,7 @@ def _sampled(
 def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]:
     """Stretch a profile so that a steady cycle takes a whole number of samples.
 
-    Return this number, 0 without a steady cycle, and the factor of all times.
+    Return this number, which is 0 without a steady cycle, and the factor of all times.
     """
     if not len(profile.marks) > 3:
         return 0, profile.stretch
@@ -353,11 +353,11 @@ def approach(
     rate: float = 1000.0,
     bodies: bool = True,
 ) -> TimedMotion:
-    """Time a straight joint-space path, from rest to rest, from where the arm is to a motion.
+    """Time a straight joint-space path from the present configuration to a motion, rest to rest.
 
-    ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. If both ends are within
-    the joint limits, the straight path between them is, too. A measured joint may be outside its
-    limits by at most 0.1 rad (m): it moves straight back inside, never farther out.
+    ``q(s) = q_now + s (q_goal − q_now)`` is traversed as quickly as the limits allow. If both ends
+    are within the joint limits, so is the straight path between them. A measured joint may exceed
+    its limits by at most 0.1 rad or m; it then moves straight back inside, never farther out.
 
     Parameters
     ----------
@@ -368,13 +368,13 @@ def approach(
     limits
         As :func:`timed` takes them.
     to
-        The goal: ``start``, the motion's first configuration, or ``nearest``, the one of its first
-        cycle that is nearest to q_now; from there :class:`Run` goes on.
+        Goal: ``start`` is the motion's first configuration; ``nearest`` is the configuration of its
+        first cycle nearest to q_now, at which :class:`Run` can begin.
     rate
         Samples per second, Hz.
     bodies
-        Check for collisions of the robot with itself or its surroundings on the way. A warning
-        names links without a shape, whose collisions are not detected.
+        True to check for collisions of the robot with itself or its surroundings on the way. A
+        warning names links without a shape, whose collisions are not detected.
 
     Returns
     -------
@@ -384,8 +384,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now is outside the joint limits by more than 0.1 rad (m), the goal is outside them, the
-        arm is at the goal already or would collide, or the limits do not fit the robot.
+        If q_now exceeds the joint limits by more than 0.1 rad or m, the goal exceeds them, the arm
+        is already at the goal or would collide, or the limits do not fit the robot.
 
     Examples
     --------
@@ -438,16 +438,16 @@ def _check_bodies(task: Task, line: Array) -> None:
 
 
 def with_cycle_time(row: Row) -> Row:
-    """Add the minimum time of a motion's first cycle to its row of a study's table."""
+    """Add the minimum duration of a motion's first cycle to its row of a study's table."""
     if row.motion is None:
         return row
     return replace(row, cycle_time=_fastest_cycle(row.motion))
 
 
 def _fastest_cycle(motion: Motion) -> float | None:
-    """Compute the minimum time of the first cycle from rest to rest, s; None without a solution.
+    """Compute the minimum duration, s, of the first cycle from rest to rest; None if infeasible.
 
-    Its acceleration limits are published ones of the robot, or assumed.
+    The acceleration limits are those published for the robot, or assumed.
     """
     end = motion.steps + 1
     once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])

@@ -1,7 +1,8 @@
 r"""Chart of the configurations over a cell: their coordinates (u, s).
 
-The cell is a box of poses, u is the pose in it, and s the position along the self-motion of that
-pose. A function q = F(u) over the cell is s = 0, or s = s(u), in such coordinates.
+The cell is a box of poses, u are the coordinates of a pose in it, and s is the position along the
+self-motion at that pose. In these coordinates, a function q = F(u) over the cell is s = 0 or s =
+s(u).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _EXACT = 1e-11
 class _Goals(NamedTuple):
     """What the equations of a chart require at K poses, from :meth:`Chart.goals`.
 
-    The same poses are solved often; the goals are then computed once.
+    They are computed once for poses at which the equations are solved often.
 
     Attributes
     ----------
@@ -59,10 +60,10 @@ class _Goals(NamedTuple):
 class Chart:
     r"""Coordinates (u, s) of configurations: ``f(q) = x(u)``, ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
-    u are the coordinates of the pose in the cell. The label s (r,) selects one configuration on the
-    self-motion manifold of that pose. q_ref and n_ref are polynomials in u that approximate a
-    configuration of the pose, and the null space there. The approximation does not affect the
-    accuracy of q, because both equations are solved exactly by Newton's method.
+    u are the coordinates of a pose in the cell. The label s (r,) selects one configuration on the
+    self-motion manifold of that pose. The polynomials q_ref and n_ref in u approximate a
+    configuration at the pose, and the null space there. Their error does not affect the pose of q,
+    because Newton's method solves both equations exactly.
 
     Attributes
     ----------
@@ -91,7 +92,7 @@ class Chart:
     def between(self, low: Array, high: Array) -> Chart:
         """Return the chart of the same function over the part of the cell between two corners (k,).
 
-        q_ref and n_ref are the same polynomials, in coordinates of the part.
+        The polynomials q_ref and n_ref stay the same, rewritten in the coordinates of the part.
         """
         low, high = self.cell._kept_middles(low, high)
         if (low == -1).all() and (high == 1).all():
@@ -103,7 +104,7 @@ class Chart:
     def reference(self, U: Array) -> tuple[Array, Array]:
         """Evaluate the polynomials q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k).
 
-        They approximate a configuration of each pose, and the null space of J there.
+        They approximate a configuration at each pose, and the null space of J there.
         """
         both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
         return both[:, :, 0], both[:, :, 1:]
@@ -128,8 +129,8 @@ class Chart:
         .. math:: V^T = n_{ref}^T - \left[ n_{ref}^T \partial q_{ref}
                   - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
 
-        ∂ is the derivative with respect to u, the coordinates of the pose. With coordinates that
-        symmetries remove from u, :attr:`Cell.along` is added to ∂q_ref.
+        ∂ is the derivative with respect to u, the coordinates of the pose. If symmetries remove
+        coordinates from u, their columns of ∂q_ref are :attr:`Cell.along`.
 
         Parameters
         ----------
@@ -146,17 +147,17 @@ class Chart:
 
     @cached_property
     def _differentiated(self) -> tuple[Monomials, Array]:
-        """The derivatives of q_ref and n_ref with respect to u, as monomials and coefficients.
+        """Derivatives of q_ref and n_ref with respect to u, as monomials and coefficients.
 
-        The monomials are of one degree less, the coefficients are (N', n, 1 + r, k): of q_ref, then
-        of the r columns of n_ref.
+        The degree of the N' monomials is lower by one. The coefficients (N', n, 1 + r, k) are those
+        of q_ref, then those of the r columns of n_ref.
         """
         return self.monomials.differentiated(self.coefficients)
 
     def goals(self, U: Array) -> _Goals:
         """Evaluate what the equations of a chart require at the coordinates U (K, k) of poses.
 
-        These are the polynomials q_ref and n_ref there, and the placements.
+        These are q_ref, n_ref and the placements of the poses.
         """
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
@@ -171,7 +172,7 @@ class Chart:
     ) -> Points:
         """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.
 
-        The label s is the position along the self-motion of the pose x(u), measured from q_ref(u).
+        The label s is the position along the self-motion at the pose x(u), measured from q_ref(u).
 
         Parameters
         ----------
@@ -216,8 +217,8 @@ class Chart:
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method.
 
-        These are the equations of the chart: q is the configuration of a pose at the position s
-        along its self-motion. q_ref and n_ref approximate a configuration and the null space.
+        These are the equations of the chart: q has the given pose, and is at the position s along
+        its self-motion. q_ref and n_ref approximate a configuration and the null space.
 
         Parameters
         ----------
@@ -259,7 +260,7 @@ class Chart:
         Q: Array,
         iterations: int,
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """Do the same as :meth:`_newton` in C, which is faster.
+        """Do the same as :meth:`_newton`, but faster, in C.
 
         ``arm`` is the C struct of the task's joint chain.
         """
@@ -277,7 +278,7 @@ class Chart:
     ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
-        s is the position along the self-motion, and 0 if F is the function of the chart. The
+        s is the position along the self-motion; it is 0 if F is the function of the chart. The
         derivative ∂ with respect to the coordinates u follows from the two equations of the chart,
         f(q) = x(u) and n_refᵀ (q − q_ref) = s:
 
@@ -323,7 +324,7 @@ class Chart:
         """Evaluate the joint speeds of a function F and of G_d, per unit of task speed.
 
         G_d is the desired inverse, such as J⁺; the cost of a design is the mean squared difference
-        of both. E = ∂x/∂u, and C scales the coordinates u to unit task speed.
+        of the two. E is ∂x/∂u, and C scales the coordinates u to unit task speed.
 
         Parameters
         ----------
@@ -350,8 +351,8 @@ class Chart:
 class Points(NamedTuple):
     """Configurations that solve the equations of a chart at K poses, and the kinematics there.
 
-    They are the values of a function q = F(u): each is at the position s(u) along the self-motion
-    of its pose.
+    They are values of a function q = F(u): each is at the position s(u) along the self-motion of
+    its pose.
 
     Attributes
     ----------
@@ -379,7 +380,7 @@ class Points(NamedTuple):
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
         """Return a copy in which the points with the indices ``at`` are those of ``other``.
 
-        A search of many poses thus takes over those at which it succeeded.
+        A search over many poses so adopts the points at which it succeeded.
         """
         arrays = [values.copy() for values in self]
         for values, new in zip(arrays, other, strict=True):
@@ -388,7 +389,7 @@ class Points(NamedTuple):
 
 
 class CellPotentials:
-    r"""The r potentials of a chart, whose leaf {h(q) = c} is the function with s = c.
+    r"""The r potentials of a chart; their leaf {h(q) = c} is the function with s = c.
 
     A controller that holds the potentials h constant follows the function: s is the position along
     the self-motion of each pose. Their gradients are those of :meth:`Chart.gradients`.
@@ -406,7 +407,7 @@ class CellPotentials:
 
     @property
     def region(self) -> Cell:
-        """The cell, which is the region Ω, where an inverse with these potentials is valid."""
+        """The cell, which is the region Ω of an inverse with these potentials."""
         return self.chart.cell.whole
 
     def value(self, q: Array) -> Array:
@@ -416,7 +417,7 @@ class CellPotentials:
     def values(self, Q: Array) -> Array:
         """Evaluate the potentials h (K, r) at every row of Q (K, n).
 
-        A controller holds them constant, and so follows a function q = F(x).
+        A controller that holds them constant follows a function q = F(x).
         """
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
@@ -465,10 +466,10 @@ def native_chart(chart: Chart) -> Any:
 def _weights(chart: Chart) -> tuple[int, int, Array]:
     """Arrange the coefficients of q_ref and n_ref, the polynomials of a chart, for chart.c.
 
-    Return the number of monomials, a multiple of 4, as C adds four at a time; the number of those
-    in which n_ref has coefficients; and the coefficients. Each row belongs to a monomial: those of
-    q_ref, then, in the first rows, those of n_refᵀ. Both parts of a row have an even length, padded
-    with zeros.
+    Return the number of monomials, padded to a multiple of 4 because C adds four at a time; the
+    number of monomials that n_ref uses; and the coefficients. Each row has the coefficients of one
+    monomial in q_ref, then, in the first rows, those in n_refᵀ. Both parts of a row are padded with
+    zeros to an even length.
     """
     C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
     C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))
@@ -485,8 +486,8 @@ def _elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
     """Order rows and columns of J_V by complete pivoting in the middle of the cell.
 
     J_V is the task Jacobian stacked on n_refᵀ, the null-space directions of the chart; each Newton
-    step solves with it. Return the indices of the rows, and of the columns, in their new order, in
-    which the C code eliminates without exchanges.
+    step solves a system with it. Return the indices of the rows and of the columns in the new
+    order. The C code eliminates in this order, without exchanges.
     """
     q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
     A = np.concatenate([chart.cell.task.jacobian(q), V.T])

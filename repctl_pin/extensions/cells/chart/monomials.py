@@ -1,6 +1,6 @@
 """Monomials of k variables: values, derivatives, least-squares fit of polynomials.
 
-The polynomials over a cell, a box of poses with coordinates u from −1 to 1, consist of them.
+They make up the polynomials over a cell, which is a box of poses with coordinates u from −1 to 1.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Monomials:
 
     @property
     def size(self) -> int:
-        """N, the number of monomials."""
+        """Number N of monomials."""
         return len(self.exponents)
 
     def values(self, U: Array) -> Array:
@@ -76,7 +76,7 @@ class Monomials:
     def differentiated(self, C: Array) -> tuple[Monomials, Array]:
         """Compute the coefficients of the derivatives of polynomials with coefficients C (N, …).
 
-        Return the monomials of one degree less, and the coefficients (N', …, k) in them.
+        Return the monomials of the degree that is lower by one, and their coefficients (N', …, k).
         """
         lower = Monomials(self.k, max(self.degree - 1, 0))
         D = np.stack([self.derivative(C, j) for j in range(self.k)], axis=-1)

@@ -2,7 +2,7 @@
 
 The function q = F(x) gives one configuration for each pose of the cell, a box of poses with
 coordinates u. Formulas use ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so that ∂F C and G_d E C
-are in joint speed per unit of task speed; G_d is the desired inverse, such as J⁺.
+are joint speeds per unit of task speed. G_d is the desired inverse, such as J⁺.
 """
 
 from __future__ import annotations
@@ -76,25 +76,26 @@ class Evaluation:
         Maximum of ``‖∂F/∂x ẋ‖ / ‖G_d ẋ‖ − 1`` over poses and task velocities ẋ, by search; NaN in
         older files.
     limit_margin, limit_margin_worst : float
-        Minimum distance of a joint to its limit, rad or m: over the held-out poses, and over these
-        and all poses visited by a search for smaller margins.
+        Minimum distance of a joint from its limit, rad or m: over the held-out poses, and over
+        these together with all poses that a search for smaller margins visited.
     attainable_margin, attainable_margin_worst : float
         Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
-        ``limit_margin_worst``. If it equals that margin, no leaf with a larger one was found.
+        ``limit_margin_worst``. If both margins at a pose are equal, no leaf with a larger margin
+        was found.
     smallest_singular_value : float
         Minimum σ_min of J, by search.
     body_distance : float
         Minimum distance between bodies of the robot and its surroundings, m, see
-        :class:`rp.Bodies`. It is evaluated at the first 1024 held-out poses and the corners, and if
-        no bodies collide there, by a search from the smallest distances; infinite if no bodies move
-        relative to each other.
+        :class:`rp.Bodies`. It is evaluated at the first 1024 held-out poses and the corners. If no
+        bodies collide there, a search begins at the poses with the smallest distances. Infinite if
+        no bodies move relative to each other.
     nearest_bodies : (str, str)
         Links of the two bodies with this distance; ("", "") if there are no bodies.
     leaf_margin : float
         Minimum leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂``, by search; V are the gradients of the
-        potentials of which F is a leaf. Its inverse, less 1, is the extra joint speed over J⁺ in
-        the worst direction. Files of before hold ``σ_min(Nᵀ n̂_ref)``, which is larger, and are
-        read without it: NaN.
+        potentials of which F is a leaf. Its reciprocal minus 1 is the extra joint speed relative to
+        J⁺ in the worst direction. NaN in older files, whose figure ``σ_min(Nᵀ n̂_ref)`` is larger
+        and is not read.
     residual : float
         Maximum task error, m or rad.
     coverage : float
@@ -102,7 +103,7 @@ class Evaluation:
         to the middle of the cell without a fold. Collisions do not reduce it, but are listed in
         ``failures``.
     failures : tuple of FailureReason
-        Reasons why the function fails at some poses: held-out ones, corners, or poses found by
+        Reasons why the function fails at some poses: held-out poses, corners, or poses found by a
         search.
     turns : tuple of Turn
         Range of the function along the symmetric coordinates of a sector; empty in a box.
@@ -131,7 +132,7 @@ class Evaluation:
     def everywhere(self) -> bool:
         """True if the function has a configuration inside the limits at every evaluated pose.
 
-        Collisions do not count. If it is False, the function checks the limits at every call.
+        Collisions do not count. If False, the function checks the limits at every call.
         """
         stopped = any(stop.cause != "collision" for stop in self.failures)
         return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
@@ -140,7 +141,7 @@ class Evaluation:
     def covered(self) -> str:
         """Coverage as text: ``100 %`` only if no failure but collisions was found at any pose.
 
-        Collisions are reported on their own.
+        Collisions are reported separately.
         """
         if self.everywhere:
             return "100 %"
@@ -196,10 +197,10 @@ class Sample(NamedTuple):
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """True where the function exists inside the joint limits, and no fold lies between: (K,).
+        """True where the function exists inside the joint limits, on this side of any fold: (K,).
 
-        At a fold the function turns back along the self-motion; it must not lie between the pose
-        and the middle of the cell.
+        At a fold the leaf turns back along the self-motion. "This side" is that of the middle of
+        the cell.
         """
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
@@ -207,8 +208,8 @@ class Sample(NamedTuple):
 def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> Sample:
     """Evaluate a candidate function with s = 0 at poses U (K, k), in coordinates of the cell.
 
-    ``desired`` is G_d, with which joint speeds are compared. The sample says, too, at which poses a
-    fold separates the function from its value in the middle of the cell.
+    ``desired`` is G_d, with which joint speeds are compared. The sample also marks the poses that a
+    fold separates from the middle of the cell.
     """
     middle = candidate.at(np.zeros((1, U.shape[1])))
     parts = [U[start : start + _BLOCK] for start in range(0, len(U), _BLOCK)]
@@ -219,8 +220,8 @@ def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> Sample:
 def _sides(at: Points) -> Array:
     """Evaluate the sign (K,) of det [J; n_refᵀ], which changes where a function folds.
 
-    n_ref approximates the null space of J. At a fold, the function turns back along the
-    self-motion, and ceases to be a function of the pose.
+    n_ref approximates the null space of J. At a fold, the leaf turns back along the self-motion,
+    and is no longer a function of the pose.
     """
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     return np.asarray(np.sign(np.linalg.det(J_V)))
@@ -229,8 +230,8 @@ def _sides(at: Points) -> Array:
 def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array) -> Sample:
     """Evaluate a sample of a candidate function at some of the poses, U (K, k).
 
-    ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell. Where the sign is
-    another one, a fold lies between, and the pose does not count as covered.
+    ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell. A pose with the other
+    sign is beyond a fold and does not count as covered.
     """
     chart, at = candidate.chart, candidate.at(U)
     N, s = null_bases(at.J, at.n_ref)
@@ -253,8 +254,8 @@ def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
 def _largest_ratio(A: Array, B: Array) -> Array:
     """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` (K,) of pairs of matrices (K, n, k).
 
-    It is the squared joint speed of a function relative to the desired inverse, in the worst
-    direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of
+    With A of a function and B of the desired inverse, this is their squared ratio of joint speeds
+    in the worst direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of
     ``L⁻¹ AᵀA L⁻ᵀ``.
     """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
@@ -266,8 +267,8 @@ def _largest_ratio(A: Array, B: Array) -> Array:
 class _SpeedRatio(Quantity):
     """Joint speed of G_d divided by that of the function s = 0, squared; a search minimises it.
 
-    G_d is the desired inverse, such as J⁺. The smallest ratio belongs to the pose at which the
-    function costs the most extra joint speed.
+    G_d is the desired inverse, such as J⁺. The ratio is smallest at the pose at which the function
+    has the largest extra joint speed.
 
     Attributes
     ----------
@@ -276,7 +277,7 @@ class _SpeedRatio(Quantity):
     chart : Chart
         Chart of the function.
     direction : bool
-        True if the ratio is that for the worst direction of ẋ, instead of the rms over directions.
+        True for the ratio in the worst direction of ẋ, False for the rms over all directions.
     """
 
     desired: Inverse
@@ -286,7 +287,7 @@ class _SpeedRatio(Quantity):
     def least(self, at: Points) -> Array:
         """Evaluate the squared ratio (K,) at points; infinite where the function does not exist.
 
-        Points are the configurations of the function at K poses.
+        The points ``at`` are configurations of the function at K poses.
         """
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
@@ -308,10 +309,10 @@ def evaluate_cell(
 ) -> Evaluation:
     """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
 
-    ``desired`` is the inverse G_d to which F is to be near; ``chart`` is that of F, which is s = 0
-    in it. The poses are ``count`` Sobol points, the held-out poses, then the corners of the cell,
-    and poses found by search. A quick evaluation searches neither for the largest joint speeds nor
-    for the smallest distances between bodies.
+    ``desired`` is the inverse G_d with which F is compared; in ``chart``, F is s = 0. The held-out
+    poses are ``count`` Sobol points; corners of the cell and poses found by searches follow. A
+    quick evaluation searches neither for the largest joint speeds nor for the smallest body
+    distances.
     """
     cell, candidate = chart.cell, CandidateFunction.zero(chart)
     U = np.concatenate([cell.sample(count, seed), cell.corners()])
@@ -341,7 +342,7 @@ def evaluate_cell(
 
 
 def _nothing_covered(failures: tuple[FailureReason, ...]) -> Evaluation:
-    """Make the evaluation of a function that covers no held-out pose: it has no figures."""
+    """Make the evaluation of a function that covers no held-out pose, and so has no figures."""
     figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
     figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
     return Evaluation(**figures)
@@ -350,7 +351,8 @@ def _nothing_covered(failures: tuple[FailureReason, ...]) -> Evaluation:
 def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
     """Evaluate cost and extra joint speed: means over the poses ``inside``, maxima of ``tested``.
 
-    Both are covered poses: the held-out ones, and all that were sampled or found by search.
+    ``inside`` are the covered held-out poses, ``tested`` all covered poses, corners and those found
+    by searches included.
     """
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()
@@ -370,7 +372,7 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
 def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
     """Evaluate the smallest limit margins, at held-out poses and at those found by search (low).
 
-    With each comes the largest margin that any leaf attains at that pose.
+    Return with each the largest limit margin that any leaf attains at that pose.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
@@ -389,10 +391,9 @@ def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) 
 def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick: bool) -> Array:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
-    These are poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and larger
-    joint speeds than any sampled one. The searches start from the worst of the sampled poses
-    ``at``. Return all poses visited (L, k). A quick evaluation does not search for leaf margins and
-    joint speeds.
+    The margins are those of joint limits, σ_min(J) and the leaf. Searches start from the worst of
+    the sampled poses ``at``. Return all poses visited (L, k). A quick evaluation searches neither
+    for leaf margins nor for joint speeds.
     """
     chart, at = candidate.chart, rows_of(at, at.sheet)
     limits, singular = limits_of(chart.cell), singular_values_of(chart.cell.task)
@@ -420,7 +421,7 @@ def _worst(values: Array, U: Array, count: int) -> Array:
     """Select the rows of U (K, k) with the lowest values (K,), far apart, at most ``count``.
 
     Selected rows differ from each other by more than 0.3 in some coordinate, so that searches from
-    them do not all find the same pose.
+    these rows do not all find the same pose.
     """
     ordered = U[np.argsort(values)]
     return ordered[unlike_rows(ordered, _SPREAD, count)]
@@ -449,10 +450,10 @@ def _bodies(
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
-    Return the distance, m, the two links, and the failure by collision; None without collision. A
-    body distance takes long to compute, so only the first of the ``count`` held-out poses and the
-    corners are evaluated, then a search starts from the nearest ones unless the evaluation is a
-    quick one.
+    Return the distance, m, the two links, and the failure by collision, which is None if there is
+    no collision. Body distances are slow to compute, so only the corners and the first of the
+    ``count`` held-out poses are evaluated. If nothing collides there, a search starts from the
+    poses with the smallest distances; a quick evaluation omits it.
     """
     cell = candidate.chart.cell.whole
     bodies = bodies_of(cell.task)
@@ -478,10 +479,10 @@ def _all_round(
 ) -> tuple[Array, Array, CandidateFunction]:
     """Move poses by random amounts along the symmetric coordinates of a sector.
 
-    A single joint moves the frame along such a coordinate, so the function is designed without it.
-    Body distances, unlike other figures, depend on it. Return the coordinates in the sector with
-    all its coordinates, the configurations (K, n), and the candidate function over that sector. In
-    other cells nothing is changed.
+    A single joint moves the frame along such a coordinate, so the function is designed without the
+    coordinate. Body distances, unlike other figures, depend on it. Return all coordinates of the
+    poses in the sector, the configurations (K, n), and the candidate function over the whole
+    sector. Other cells are returned unchanged.
     """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
     U = cell._lifted(U)

@@ -1,6 +1,6 @@
 """Reasons why an inverse function fails at poses of a cell, each with its worst pose.
 
-These are: out of reach, singularity, joint limit, fold, collision.
+The causes are: out of reach, singularity, joint limit, fold, collision.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class FailureReason:
     Attributes
     ----------
     cause : str
-        ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
+        Kind of the reason: ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
     share : float
         Fraction of the sampled poses that fail for this reason.
     u : (k,) array
         Worst pose, in all coordinates u of the cell (those of :attr:`Cell.whole`).
     what : str
-        Message.
+        Message that describes the failure and its worst pose.
     """
 
     cause: str
@@ -50,7 +50,7 @@ class FailureReason:
 
 
 def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
-    """Make a reason at coordinates u (k,) of a cell, with 0 for those that symmetries remove.
+    """Make a reason at coordinates u (k,) of a cell, adding 0 for those that symmetries remove.
 
     ``cause``, ``share`` and ``what`` are attributes of :class:`FailureReason`.
     """
@@ -58,7 +58,7 @@ def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> Failur
 
 
 def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
-    """Make the failure that states the joint and the pose of the largest joint-limit violation.
+    """Describe the failure by a joint limit: the joint and the pose of the largest violation.
 
     Q (K, n) are the configurations at the poses U (K, k), in coordinates of the cell. ``share`` is
     the fraction of the sampled poses that violate a limit. Return None if no configuration violates
@@ -77,7 +77,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
 
 
 def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
-    """Make the failures of poses at which the function has no configuration.
+    """Describe the failures at poses at which the function has no configuration.
 
     If Newton's method reaches a pose from some configuration, a singularity lies between the middle
     of the cell and the pose. Otherwise the pose is out of reach. Up to 24 poses are tested.
@@ -125,13 +125,13 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
 
 
 def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
-    """Make the failure that the function folds at poses U (K, k); None if there are no poses.
+    """Describe the failure that the function folds before poses U (K, k); None if there are none.
 
-    At a fold, the configurations of neighbouring poses turn back along the self-motion: the leaf
-    margin, the distance from an algorithmic singularity, goes through 0. Around a singularity of J
-    the null space takes all directions, so every potential has such poses. Then the singularity is
-    named, which is searched for from the configurations Q (K, n). ``share`` is the fraction of the
-    sampled poses beyond a fold.
+    At a fold, the leaf turns back along the self-motion, and the leaf margin, the distance from an
+    algorithmic singularity, is 0. Around a singularity of J the null space takes all directions, so
+    every leaf folds near it. A search for such a singularity begins at the configurations Q (K, n);
+    if one is found, the message names it. ``share`` is the fraction of the sampled poses beyond a
+    fold.
     """
     if not len(U):
         return None
@@ -149,8 +149,8 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
 def _most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
     """Search a cell for a singularity of J near poses U (K, k), from configurations Q (K, n).
 
-    The coordinates are moved one by one, by steps that become smaller, such that σ_min / σ_max
-    falls. Return the pose (k,) and the ratio there.
+    The search moves one coordinate at a time, by ever smaller steps, such that σ_min / σ_max falls.
+    Return the pose (k,) and the ratio there.
     """
     ratios = inverse_condition_number(placed(cell.task, Q)[2])
     first = int(np.argmin(ratios))
@@ -173,7 +173,7 @@ def _most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
 def touching(
     cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float
 ) -> FailureReason | None:
-    """Make the failure that two links collide, from body distances (K,), m, at poses U (K, k).
+    """Describe the failure that two links collide, from body distances (K,), m, at poses U (K, k).
 
     ``links`` are the links with the smallest distance, ``share`` is the fraction of the sampled
     poses with a collision. Return None if no distance is below 0.
@@ -187,12 +187,12 @@ def touching(
 
 
 def round_the_base(cell: Cell) -> str:
-    """Write that the cell contains the axis of the arm's first joint, so that no function exists.
+    """Write that no function exists because the cell contains the axis of the arm's first joint.
 
-    On the way around that axis the first joint turns once, so the pose at the end is that at the
-    beginning, but the joints are not. The text is part of an error message. It is empty if the cell
+    On a closed path around that axis the first joint makes a full turn, so the arm does not end in
+    the configuration it began in. The text is part of an error message. It is empty if the cell
     does not contain the axis, if the first joint is prismatic, or if the cell is a sector, whose
-    coordinates are made to go around an axis.
+    coordinates go around an axis.
     """
     task = cell.task
     turning = np.flatnonzero(task.revolute)

@@ -1,8 +1,8 @@
-"""Margins of a candidate function, and a search of its cell for the poses where they are smallest.
+"""Margins of a candidate function, and a search for the poses of its cell where they are smallest.
 
-A margin is a distance from a limit: from joint limits, between bodies, σ_min of J, and the leaf
-margin, the distance from an algorithmic singularity. The candidate q = F(x) gives one configuration
-for each pose of the cell.
+Margins are distances from joint limits, between bodies, and from singularities (σ_min of J), and
+the leaf margin, the distance from an algorithmic singularity. The candidate q = F(x) gives one
+configuration for each pose of the cell.
 """
 
 from __future__ import annotations
@@ -57,22 +57,21 @@ minimum."""
 class Quantity(ABC):
     """A quantity at the points of a function, which :func:`searched` minimises over the cell.
 
-    Subclasses are the kinds of margins, and joint speeds relative to the desired inverse.
+    Subclasses are kinds of margins, and joint speeds relative to the desired inverse.
     """
 
     @abstractmethod
     def least(self, at: Points) -> Array:
         """Evaluate the quantity (K,) at points; infinite where the function does not exist.
 
-        Points are the configurations of the function at K poses.
+        The points ``at`` are configurations of the function at K poses.
         """
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
 
-        ``at`` are points of the function at K poses, u their coordinates in the cell. One-sided
-        differences are used, with steps into the cell. The gradient is 0 where the function does
-        not exist.
+        ``at`` are points of the function at K poses with the coordinates u. One-sided differences
+        are used, with steps into the cell. The gradient is 0 where the function does not exist.
         """
         K, k = at.U.shape
         step = np.where(at.U > 0, -_STEP, _STEP)
@@ -87,7 +86,7 @@ class Quantity(ABC):
 class Margin(Quantity):
     """A kind of margin, such as joint limits, with its required minimum.
 
-    A margin is a distance from a limit at a configuration. The fit penalises it where it is too
+    A margin is the distance of a configuration from a limit. The fit penalises margins that are too
     small.
 
     Attributes
@@ -106,8 +105,9 @@ class Margin(Quantity):
     starts : int
         Maximum number of poses from which smaller margins are searched for.
     violators : int
-        Maximum number of poses that one round of the penalty method adds. These numbers are smaller
-        for body distances, which take a hundred times as long to compute as joint limits.
+        Maximum number of poses that one round of the penalty method adds. The last three numbers
+        are smaller for body distances, which take a hundred times as long to compute as joint
+        limits.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Margin(Quantity):
     def least(self, at: Points) -> Array:
         """Return the smallest of the P margins at each point (K,); infinite where there is none.
 
-        Points are the configurations of a function at K poses, as far as it exists there.
+        The points ``at`` are configurations of a function at K poses, as far as it exists there.
         """
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
@@ -138,7 +138,7 @@ class Margin(Quantity):
         """Evaluate the derivatives (K, P, p) of the P margins along p directions in joint space.
 
         The directions at each configuration of Q (K, n) are the columns of D (K, n, p). Central
-        differences are used, so that any margin can be penalised.
+        differences are used, so that a margin needs no derivative of its own.
         """
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
@@ -153,22 +153,21 @@ class Margin(Quantity):
     ) -> Array:
         """Find the largest margin (K,) that self-motion attains at the poses of the given points.
 
-        A penalty asks for no more than that. The configurations of each
-        pose on nearby leaves are compared, along each component of the label s, the position along
-        the self-motion. The leaves lie within 0.7 rad of the points. With ``far`` they lie within
-        2.4 rad, which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and
-        smaller around the best leaf. At poses with a margin of at least ``enough``, no larger
-        margin is searched for.
+        A penalty requires no larger margin. At each pose, configurations on leaves within 0.7 rad
+        of the points are compared, along each component of the label s, the position along the
+        self-motion. With ``far`` the leaves lie within 2.4 rad, which for r = 1 covers the
+        self-motion inside the limits. The step is 0.06 rad, and smaller around the best leaf. Poses
+        with a margin of at least ``enough`` are not searched.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
         s, goals = here.copy(), chart.goals(at.U)
 
         def look(label: Array, Q: Array) -> None:
-            """Evaluate the margin at the labels (K, r), and keep the largest one per pose.
+            """Evaluate the margin at the labels (K, r), and keep the largest margin of each pose.
 
             A label is the position along the self-motion. Newton's method starts from the
-            configurations Q (K, n), which become those found there.
+            configurations Q (K, n), which are overwritten by the solutions.
             """
             on = np.flatnonzero(most < enough)
             there = rows_of(goals, on)
@@ -203,7 +202,8 @@ def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
 def distances_of(task: Task, required: float = 0.0) -> Margin:
     """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m.
 
-    Hulls are never farther apart than the bodies in them, and much faster to compute.
+    Hulls are never farther apart than the bodies in them, and their distance is much faster to
+    compute.
     """
     distances = bodies_of(task).hull_distances
     return Margin(
@@ -218,7 +218,7 @@ def distances_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def singular_values_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of singularities: σ_min of J, with the value to be kept."""
+    """Make the :class:`Margin` of singularities: σ_min of J, with its required minimum."""
 
     def measure(Q: Array) -> Array:
         return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
@@ -229,7 +229,8 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
 def potential_gradients(chart: Chart, at: Points) -> Array:
     """Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf.
 
-    A controller that follows the function holds its potentials constant; V decides the leaf margin.
+    A controller that follows the function holds these potentials constant; the leaf margin depends
+    on V.
     """
     _, dU = chart.cell.slopes(chart.cell.placements(at.U)[0], at.R)
     return chart.gradients(at.U, dU, at.J, at.n_ref, at.Q - at.q_ref)
@@ -238,10 +239,10 @@ def potential_gradients(chart: Chart, at: Points) -> Array:
 def leaf_margins(chart: Chart, at: Points) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) on the leaf of a chart.
 
-    It is the distance from an algorithmic singularity: N spans the null space of J, V̂ the
-    gradients of the potentials, and G is the inverse that holds these constant. Its inverse, less
-    1, is the extra joint speed of G over J⁺ in the worst direction of ẋ. The margin is 0 where the
-    chart has no configuration, or J loses rank.
+    The leaf margin is the distance from an algorithmic singularity. N spans the null space of J, V̂
+    the gradients of the potentials, and G is the inverse that holds these constant. The reciprocal
+    of the margin, minus 1, is the extra joint speed of G relative to J⁺ in the worst direction of
+    ẋ. The margin is 0 where the chart has no configuration, or J loses rank.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
@@ -255,7 +256,7 @@ def leaf_margins(chart: Chart, at: Points) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LeafMargin(Quantity):
-    """Leaf margin of the function s = 0 of a chart: its distance from an algorithmic singularity.
+    """Leaf margin of the function s = 0 of a chart: the distance from an algorithmic singularity.
 
     Attributes
     ----------
@@ -273,11 +274,10 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
     The smallest of the K distances equals that of :meth:`Bodies.distances`, but is found sooner.
-    Where the convex hulls of bodies overlap, a collision test of the bodies themselves takes forty
-    times as long as the distance of the hulls. So it is done only for the deepest overlaps, until
-    no untested one can be a deeper collision, and for a sample of the overlaps, which gives the
-    fraction. At untested overlaps the distance is set to 0. A quick evaluation only tests the
-    deepest overlaps.
+    Where the convex hulls of bodies overlap, a collision test of the bodies takes forty times as
+    long as the distance of the hulls. So only two sets of overlaps are tested: the deepest, until
+    no other can be a deeper collision; and a sample, which gives the fraction. At untested overlaps
+    the distance is set to 0. A quick evaluation tests only the deepest overlaps.
     """
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -302,11 +302,11 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
 @dataclass(frozen=True, eq=False)
 @read_only
 class CandidateFunction:
-    """A candidate for the function F: the configurations of a chart with ``s(u) = Σ_t a_t T_t(u)``.
+    """Candidate for the function F: the configurations of a chart with ``s(u) = Σ_t a_t T_t(u)``.
 
     The chart consists of polynomials that approximate a configuration and the null space for each
-    pose u of the cell; s is the position along the self-motion. The fit changes a until the cost is
-    smallest.
+    pose u of the cell; s is the position along the self-motion. The fit chooses the coefficients a
+    that minimise the cost.
 
     Attributes
     ----------
@@ -325,15 +325,14 @@ class CandidateFunction:
     def zero(cls, chart: Chart) -> CandidateFunction:
         """Make the candidate with s = 0, the function of the chart itself.
 
-        s is the position along the self-motion, from the chart's reference.
+        s is the position along the self-motion, measured from the chart's reference.
         """
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
         """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given.
 
-        U are coordinates in the cell. The points are its configurations there, and the kinematics
-        at these.
+        Return its configurations at these coordinates in the cell, with their kinematics.
         """
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
@@ -347,9 +346,9 @@ class CandidateFunction:
 def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
 
-    A candidate function is thus tested between the sampled poses. At the boundary of the cell,
-    gradient components that point outward are set to 0. Return all poses visited (L, k), among them
-    poses at which the function does not exist. The final poses of the descents are last.
+    So a candidate function is tested between the sampled poses, too. At the boundary of the cell,
+    steps outward are suppressed. Return all poses visited (L, k), also poses at which the function
+    does not exist. The final poses of the descents are last.
     """
     here = candidate.at(U)
     here = rows_of(here, here.found)

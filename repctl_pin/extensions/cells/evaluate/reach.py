@@ -1,4 +1,4 @@
-"""What an arm reaches of a cell: poses, straight rays from the middle, and growing boxes.
+"""Reach of an arm in a cell: single poses, straight rays from the middle, and growing boxes.
 
 Poses are solved by Newton's method. A ray is the motion along a straight line from the middle of
 the cell. Boxes grow around many middles at once.
@@ -65,7 +65,7 @@ def reached(
     Q : (K, n) array
         Final configurations.
     left : (K,) array
-        Norm of the remaining task error, m and rad.
+        Norm of the remaining task error, in m and rad.
     """
     task = cell.task
     inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
@@ -90,8 +90,8 @@ def reached(
 def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
     """Select rows (K, ·) that differ from each other by more than a distance; return their indices.
 
-    So only one of several similar results is used. Earlier rows are preferred, at most ``count``
-    are selected. ``norm`` is the order of the norm of a difference.
+    So only one of several similar results is used. Earlier rows are preferred, and at most
+    ``count`` are selected. ``norm`` is the order of the norm of differences.
     """
     kept: list[int] = []
     for k, row in enumerate(rows):
@@ -105,7 +105,7 @@ def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) 
 class Rays(NamedTuple):
     """Results of following K straight rays from the middle of a cell to poses in it.
 
-    A function over the cell is fitted to these configurations.
+    A chart of the cell is fitted to their last configurations.
 
     Attributes
     ----------
@@ -129,8 +129,8 @@ class Rays(NamedTuple):
 def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16) -> Rays:
     """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
 
-    A ray is the motion of the desired inverse G_d along a straight line in the cell's coordinates.
-    Its steps are ``Δq = G_d (x_next − f(q))``. It stops at a singularity, or where a joint jumps.
+    A ray is the motion of the desired inverse G_d along a straight line in the cell's coordinates,
+    by steps ``Δq = G_d (x_next − f(q))``. A ray stops at a singularity, or where a joint jumps.
 
     Parameters
     ----------
@@ -172,18 +172,18 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
 class Grown(NamedTuple):
     """K places where a box of poses was tried, and how far the box grows around each.
 
-    A box that the arm reaches as a whole grows to its own size.
+    A box that the arm reaches as a whole grows to its full size.
 
     Attributes
     ----------
     p, Q : (K, 3) and (K, n) arrays
         Positions of the middles, m, and configurations there.
     steps : (K,) array
-        Number of steps by which the box grew; :data:`STEPS` is its own size.
+        Number of steps by which the box grew; :data:`STEPS` is its full size.
     margin : (K,) array
-        Smallest limit margin on the ways to its corners and edges, rad or m.
+        Smallest limit margin on the ways to the points of ``ends``, rad or m.
     ends : (K, C, n) array
-        Configurations at the corners, edge middles and face centres of the box of that size.
+        Configurations at the corners, edge middles and face centres of the box that grew.
     """
 
     p: NDArray[Any]
@@ -196,8 +196,8 @@ class Grown(NamedTuple):
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Draw random configurations Q (K, n), at which a box of poses is then tried; return p and Q.
 
-    p (K, 3) are the positions of the frame, m. Their coordinates that the task does not command are
-    those of the box.
+    p (K, 3) are the frame's positions, m. Coordinates that the task does not command are replaced
+    by those of the box.
     """
     task = box.task
     Q = random_configurations(task, count, rng)
@@ -211,9 +211,9 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
     """Let a box grow around positions p (K, 3), m, to find how much of it the arm reaches there.
 
     The middles are solved for from configurations Q (K, n). Positions that are not reached inside
-    the joint limits are left out. J⁺ leads from each middle straight to all corners, edge middles
-    and face centres at once, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing where one
-    of them is not reached or is singular, or one joint leaves its limits.
+    the joint limits are left out. J⁺ moves the arm from each middle straight to all corners, edge
+    middles and face centres, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing when one
+    of these points is not reached or is singular, or a joint there leaves its limits.
     """
     task, n = box.task, box.task.n
     p, Q = _middles(box, p, Q)
@@ -248,8 +248,8 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
 def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
     """Evaluate configurations Q (K, n) that are to be at poses p (K, 3), m, and R (K, 3, 3).
 
-    Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and where J is regular and the
-    limits are kept (K,).
+    Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and a mask (K,) that is True where
+    J is regular and all joints are within their limits.
     """
     p_now, R_now, J = placed(box.task, Q)
     G, s = inverses(J)

@@ -1,7 +1,7 @@
 """Range of a function along the symmetric coordinates (angle, spin) of its sector.
 
-A single joint moves the frame along such a coordinate, so the function is designed without it. Its
-chart is then rewritten in all coordinates of the sector.
+A single joint moves the frame along such a coordinate, so the function is designed without the
+coordinate. The function's chart is then rewritten in all coordinates of the sector.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ _CONFIGURATIONS, _STEP = 6, 0.7
 class Turn:
     """Range of a function along one symmetric coordinate of a sector.
 
-    A single joint moves the frame along it, so the range ends where that joint meets its limits.
+    A single joint moves the frame along the coordinate, so the range ends at the limits of that
+    joint.
 
     Attributes
     ----------
@@ -45,22 +46,24 @@ class Turn:
         Difference between the joint's largest and smallest value over the covered poses at which
         the coordinate is 0, rad.
     reach : float
-        Range of the coordinate, rad, in which the joint stays inside its limits at all covered
-        poses. It is ``joint_range − spread``, at most a full turn; 0 or less if there is none.
+        Range of the coordinate, rad, in which the joint stays within its limits at all covered
+        poses. It is ``joint_range − spread``, at most a full turn; 0 or less if there is no such
+        range.
     nearly, most : float
-        Ranges around the same middle in which the joint stays inside its limits at 99.9 % and at
-        99 % of the covered poses, rad.
+        Ranges around the same middle in which the joint stays within its limits at 99.9 % and at 99
+        % of the covered poses, rad.
     price : float
         Extra joint speed of the function, minus that of a function designed for the range
-        ``"all"``; 0 if no such comparison was made.
+        ``"all"``; 0 without this comparison.
     unasked : float
-        ``reach`` of the function designed for the range ``"all"``, rad; NaN without comparison.
+        ``reach`` of the function designed for the range ``"all"``, rad; NaN without this
+        comparison.
     covered : float
-        Fraction of 4096 sampled poses that the function covers, the joint ranges of symmetric
-        coordinates aside; NaN in older files.
+        Fraction of 4096 sampled poses that the function covers, limits of joints that alone move
+        the frame along symmetric coordinates aside; NaN in older files.
     as_covered : float
-        Range like ``nearly`` and ``most``, at the fraction ``covered`` of the covered poses; NaN in
-        older files.
+        Range like ``nearly`` and ``most``, for the fraction ``covered`` of the covered poses; NaN
+        in older files.
     bodies : str
         Links that end the range before the joint does; empty if the joint ends it.
     """
@@ -118,10 +121,10 @@ _INSIDE = 1e-9
 def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
 
-    What remains of the joint's range is the range of the coordinate along which it moves the frame.
-    Return also the fraction of the poses that is covered, and the widths (3,) of the intervals,
-    around the mean of both values, that contain 99.9 %, 99 % and this fraction of the values. All
-    are NaN if no pose is covered.
+    The joint alone moves the frame along a symmetric coordinate; the rest of the joint's range is
+    the range of that coordinate. Return also the fraction of poses that are covered, and widths
+    (3,) of intervals around the mean of both values. The intervals contain 99.9 %, 99 % and the
+    covered fraction of the values. All results are NaN if no pose is covered.
     """
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
@@ -146,7 +149,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
 
 
 def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
-    """Test at which points the function of a chart exists, inside the joint limits: (K,)."""
+    """Test at which points the function of a chart exists inside the joint limits: (K,)."""
     margin = cell.limit_margin(points.Q).min(axis=1)
     return np.asarray(points.found & (margin >= 0))
 
@@ -159,9 +162,9 @@ def _limits(task: Task, joint: int) -> tuple[float, float]:
 def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     """Compute the range of a chart's function along the symmetric coordinates of its sector.
 
-    A single joint moves the frame along such a coordinate, and its limits end the range.
-    Coordinates with the range ``"all"`` get this range: the middle of the sector is moved, and
-    their half-widths are set. Return the chart over the changed sector, and the ranges. A chart
+    A single joint moves the frame along such a coordinate, and the limits of the joint end the
+    range. Coordinates with the range ``"all"`` get this range: the middle of the sector is moved,
+    and their half-widths are set. Return the chart over the changed sector, and the ranges. A chart
     without removed symmetries is returned unchanged, with no ranges.
     """
     sector = chart.cell
@@ -193,8 +196,8 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
 def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
     """Return the chart over a part of its sector, cut along symmetric coordinates.
 
-    ``ranges`` are the lowest and the highest offset from the middle, rad, by the index of the
-    coordinate. The function is the same; such a coordinate has no longer the range ``"all"``.
+    ``ranges`` has the lowest and the highest offset from the middle, rad, by index of the
+    coordinate. The function stays the same; cut coordinates no longer have the range ``"all"``.
     """
     sector = chart.cell
     assert isinstance(sector, Sector), "no other cell has symmetries"
@@ -210,10 +213,10 @@ def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
 
 
 def expanded(chart: Chart) -> Chart:
-    """Rewrite a sector's chart, designed without the coordinates of its symmetries, in all of them.
+    """Rewrite the chart of a sector, designed without symmetric coordinates, in all coordinates.
 
-    Body distances, which depend on these coordinates, are evaluated with it. The polynomial q_ref
-    of the chart is linear in these coordinates. Other charts are returned unchanged.
+    Body distances depend on the symmetric coordinates, so they are evaluated with the new chart.
+    Its polynomial q_ref is linear in these coordinates. Other charts are returned unchanged.
     """
     sector = chart.cell
     if not sector.removed:
@@ -236,8 +239,8 @@ def expanded(chart: Chart) -> Chart:
 def turn_at(chart: Chart, U: Array) -> Array | None:
     """Compute the range (K,) of a sector's angle, rad, at the radius and height of each row of U.
 
-    A figure shows it as a map. In this range, the joint that turns the arm stays inside its limits
-    at every tilt. Rows of U (K, k) are coordinates in the sector, of which tilts and spin are
+    A figure shows the range as a map. Within this range, the joint that turns the arm stays within
+    its limits at every tilt. Rows of U (K, k) are coordinates in the sector; tilts and spin are
     ignored. The range is NaN where no pose is covered. Return None if the symmetry of the angle is
     not used.
     """
@@ -264,9 +267,9 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
 def reduced(cell: Cell, desired: Inverse) -> Cell:
     """Remove from the coordinates of a cell those along which arm and G_d are symmetric.
 
-    A single joint moves the frame along such a coordinate, so a function is designed faster without
-    it. The desired inverse G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with
-    that joint.
+    A single joint moves the frame along such a coordinate; without the coordinate, a design is
+    faster. The desired inverse G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change
+    with that joint.
     """
     if not isinstance(cell, Sector):
         return cell
@@ -282,9 +285,9 @@ def reduced(cell: Cell, desired: Inverse) -> Cell:
 
 
 def _rates(cell: Cell, desired: Inverse, Q: Array) -> Array:
-    """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m).
+    """Evaluate the joint velocities of G_d per m or rad of each task coordinate: (K, n, m).
 
-    G_d is the desired inverse, so these are its joint velocities, at the configurations Q (K, n).
+    G_d is the desired inverse, evaluated at the configurations Q (K, n).
     """
     p, R, J = placed(cell.task, Q)
     return desired.batch(Q, J) @ cell._all_twists(cell._measured(p, R), R)

@@ -1,9 +1,9 @@
 """Fit of an inverse function over a cell: from the configuration in its middle to the function.
 
 The function q = F(x) gives one configuration for each pose of the cell, a box of poses.
-Configurations in the middle are compared; a chart is fitted to rays from there, polynomials that
-approximate configurations and null spaces; then the cost is minimised with rising degree, and with
-penalties on small margins.
+Configurations in the middle are compared. Rays are followed from there, and a chart is fitted to
+them: polynomials that approximate configurations and null spaces. Then the cost is minimised with
+rising degree, and with penalties on small margins.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class CellFit:
     """Arguments of a design of a function over a cell, and methods that compute the design.
 
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
-    ``incomplete="keep"``, so that a function may cover a part of the cell.
+    ``incomplete="keep"``: the function may cover only a part of the cell.
     """
 
     desired: Inverse
@@ -110,8 +110,9 @@ class CellFit:
         The design from the first configuration is returned if it is good. If its margins are too
         small or its joint speed is high, quick designs from all configurations are compared, and
         the best configuration is used. If collisions are its only fault, only configurations whose
-        rays are free of collisions are compared. If its coverage is below 90 %, no other is tried.
-        Where rays from the first configuration violate limits, its own quick design decides.
+        rays are free of collisions are compared. If its coverage is below 90 %, no other
+        configuration is tried. If rays from the first configuration violate limits, its quick
+        design takes the place of the full one in these decisions.
 
         A ray is the motion along a straight line from the middle of the cell. Return the
         configuration used (n,), and the design or the reasons for failure.
@@ -141,7 +142,7 @@ class CellFit:
         """Test whether a design covers the cell with good margins and low extra joint speed.
 
         If so, no other configuration in the middle is tried. Reasons for failure, in place of a
-        design, are not good. With ``bodies=False``, collisions are allowed.
+        design, give False. With ``bodies=False``, collisions are allowed.
         """
         coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
         kept = (coverage, everywhere, separate or not bodies, margin)
@@ -156,7 +157,7 @@ class CellFit:
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
         A quick design has a lower degree, fewer nodes, and a quick evaluation. ``guess`` is a quick
-        design from the same configuration, with which the fit with penalties begins.
+        design from the same configuration, at which the fit with penalties begins.
         """
         self.report("the reference", 0.1)
         count = self.samples or (
@@ -214,12 +215,12 @@ class CellFit:
         )
 
     def _first_chart(self, cell: Cell, q: Array, ends: Rays, quick: bool) -> Chart:
-        """Fit the first chart to the ends of rays, with a degree at which n_ref follows N.
+        """Fit the first chart to the ends of rays; its degree is such that n_ref follows N.
 
-        A null space N that turns by more than 90° within few poses is across a polynomial of low
-        degree. There the equations of the chart are singular, though the function is not. In two
-        coordinates more rays are followed then, from the configuration q (n,) in the middle, and
-        the degree is raised until n_ref is along N at all of them.
+        Where the null space N turns by more than 90° over a short distance, a polynomial n_ref of
+        low degree can be perpendicular to N. There the equations of the chart are singular, though
+        the function is not. In two coordinates, more rays are then followed from the configuration
+        q (n,) in the middle, and the degree is raised until n_ref follows N at all their ends.
         """
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
@@ -239,10 +240,10 @@ class CellFit:
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
         """Add to a design over a sector the extra joint speed that its requested angle costs.
 
-        The user thus sees what a smaller angle would save. The cost is the difference from a second
-        design, with the angle ``"all"``, whose range is set by the joint limits. ``q`` (n,) is the
-        configuration in the middle. The design is returned unchanged if its angle is not requested
-        in rad, or if the joint stays far from its limits at both ends of the angle.
+        So the user sees what a smaller angle would save. This extra joint speed is the difference
+        from a second design with the angle ``"all"``, whose range is set by the joint limits. ``q``
+        (n,) is the configuration in the middle. The design is returned unchanged if its angle is
+        not requested in rad, or if the joint stays far from its limits at both ends of the angle.
         """
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
@@ -268,7 +269,8 @@ class CellFit:
     def _highest(self, cell: Cell) -> int:
         """Return the highest degree to try for the polynomial s(u) of a function.
 
-        If the degree is "auto", it is at most 6, and such that there are at most 260 unknowns.
+        If the degree is "auto", the result is at most 6, and such that there are at most 260
+        unknowns.
         """
         if self.degree != "auto":
             return int(self.degree)
@@ -290,20 +292,20 @@ class CellFit:
         """Minimise the cost with rising degree, then with penalties on small margins.
 
         The unknowns are the coefficients of s(u), the position of the function along the
-        self-motion of each pose u. The degree rises until a higher one is not worthwhile.
+        self-motion at each pose u. The degree rises until a higher degree is not worthwhile.
 
         Parameters
         ----------
         cell, chart
             The cell, and the chart in which the function is written.
         U, edge : (K, k) and (L, k) arrays
-            Nodes of the cost, and corners at which margins are checked, too.
+            Nodes of the cost, and corners at which margins are also checked.
         quick
             Try only one degree, at most 2.
         rounds
             Maximum number of rounds with penalties.
         guess
-            Quick design, with whose function the rounds begin.
+            Quick design whose function is the start of the rounds.
 
         Returns
         -------
@@ -344,9 +346,9 @@ class CellFit:
         ]
 
     def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
-        """Make the margins that the fit keeps: joint limits, and others if they are requested.
+        """Make the margins that the fit must meet: joint limits, and others if requested.
 
-        These are the body distance and σ_min(J). A quick design checks fewer poses.
+        The others are the body distance and σ_min(J). A quick design checks fewer poses.
         """
         limits = limits_of(cell, self.limit_margin)
         found = [replace(limits, starts=24, violators=48) if quick else limits]
@@ -357,7 +359,8 @@ class CellFit:
 def _nodes(U: Array, terms: Monomials) -> Array:
     """Return the first poses of U (K, k), enough to fit the monomials to them.
 
-    These are at least 256, and at least three per monomial, if U has them.
+    The result has at least 256 poses and at least three per monomial, or all rows of U if these are
+    fewer.
     """
     return U[: max(256, _power_of_two(3 * terms.size))]
 
@@ -365,9 +368,9 @@ def _nodes(U: Array, terms: Monomials) -> Array:
 def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
     """Fit coefficients (N, r) of degree 2 to the labels of a design's function in another chart.
 
-    A chart approximates a configuration for each pose, and the label s is the position along the
-    self-motion from there. A fit begins at the result instead of at 0. ``U`` (K, k) are poses.
-    Return None if there is no design, or one over another cell.
+    A chart approximates a configuration at each pose; the label s is the position along the
+    self-motion from there. The next fit begins at these coefficients instead of at 0. ``U`` (K, k)
+    are poses. Return None if there is no design, or if it is over another cell.
     """
     if not isinstance(guess, CellDesign) or guess.function.chart.cell is not chart.cell:
         return None
@@ -380,25 +383,26 @@ def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
 def _fit(cost: Cost, a: Array) -> Descent:
     """Minimise the cost from coefficients a (N, r) of the label s.
 
-    The function is at the position s along the self-motion of each pose. If the function of these
-    coefficients does not exist at some node, start from zero, which is the reference function.
+    The function is at the position s along the self-motion at each pose. If the function with the
+    coefficients a does not exist at some node, the minimisation starts from zero, the reference
+    function.
     """
     found = descend(cost, a)
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
 def _follows(chart: Chart, U: Array, N: Array) -> bool:
-    """Test whether n_ref of a chart is along the null spaces N (K, n, r) at the poses U (K, k)."""
+    """Test whether n_ref of a chart follows the null spaces N (K, n, r) at the poses U (K, k)."""
     return bool(leaf_margin(N, chart.reference(U)[1]).min() > _UPRIGHT)
 
 
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool) -> Chart:
     """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
-    A chart has polynomials q_ref and n_ref; s is the position along the self-motion. Its q_ref
-    approximates the configurations of the function, its n_ref the null spaces there. The degree is
-    raised until q_ref is accurate enough for two Newton steps, unless the design is a quick one;
-    and until n_ref follows the null spaces.
+    s is the position along the self-motion. The polynomial q_ref of the chart approximates the
+    configurations of the function, n_ref the null spaces there. The degree is raised until n_ref
+    follows the null spaces and, except in a quick design, q_ref is accurate enough for two Newton
+    steps.
     """
     degree = max(terms.degree, chart.monomials.degree, 3)
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
@@ -427,9 +431,9 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
     """Reduce the degree of n_ref, the null-space directions of a chart, if it stays accurate.
 
-    ``N`` (K, n, r) are the null spaces at the poses U (K, k), which n_ref approximates. The
-    function s = 0 stays close to the chart's q_ref for any n_ref near the null space. A lower
-    degree of n_ref makes the C code faster.
+    ``N`` (K, n, r) are the null spaces at the poses U (K, k), which n_ref approximates. A lower
+    degree of n_ref makes the C code faster. For any n_ref near the null space, the function s = 0
+    stays close to the chart's q_ref.
     """
     for degree in range(1, chart.monomials.degree):
         low = Monomials(chart.cell.k, degree)
@@ -443,7 +447,7 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
 
 
 def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
-    """Return the reasons for failure of a cell, from rays that could not be followed to their ends.
+    """Return the reasons why a cell fails, from rays that could not be followed to their ends.
 
     A ray is the motion along a straight line from the middle of the cell to one of its poses.
     ``count`` is the number of poses to which the ``share`` of each reason refers.
@@ -457,20 +461,20 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 
 
 def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
-    """Make the failure that no value of a symmetric coordinate has all poses inside the limits.
+    """Describe the failure that no value of a symmetric coordinate has all poses inside the limits.
 
-    A single joint moves the frame along such a coordinate of a sector. Its values over the cell
-    differ by more than its range.
+    A single joint moves the frame along such a coordinate of a sector. Over the cell, the values of
+    this joint differ by more than the joint's range.
     """
     what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
 
 
 def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
-    """Sort key of designs, larger is better, of which the best is used.
+    """Return the sort key of a design; larger keys are better.
 
-    It consists of coverage of the held-out poses, coverage of all poses, absence of collisions,
-    limit margin up to 0.4 of the requested one, range of the symmetric coordinates, and negative
+    Its entries are: coverage of the held-out poses, coverage of all poses, absence of collisions,
+    limit margin up to 0.4 of the requested margin, range of the symmetric coordinates, and negative
     cost. Reasons for failure, in place of a design, have the lowest key.
     """
     if not isinstance(found, CellDesign) or found.coverage == 0:
@@ -487,11 +491,10 @@ def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float,
 
 
 def _share(found: CellDesign) -> float:
-    """Compute which share of a joint's range a design reaches in a sector's ``"all"`` coordinates.
+    """Compute the share of a joint's range that a design uses for a sector's ``"all"`` coordinates.
 
-    Such a coordinate, angle or spin, goes as far as the limits of its joint, less what the joint
-    moves over the cell. The share is rounded to 5 %. The result is the minimum of all such
-    coordinates; 1 if there is none.
+    Such a coordinate, angle or spin, gets the range of its joint minus the joint's motion over the
+    cell. The result is the minimum over these coordinates, rounded to 5 %; 1 if there are none.
     """
     cell = found.cell
     names = [cell.coordinate_names[i] for i in cell.free]
@@ -501,7 +504,7 @@ def _share(found: CellDesign) -> float:
 
 
 def _terms(cell: Cell, degree: int) -> int:
-    """Compute the number of monomials up to a degree in the k coordinates of a cell."""
+    """Compute the number of monomials up to a degree in the coordinates of a cell."""
     return comb(cell.k + degree, degree)
 
 
@@ -511,6 +514,6 @@ def _power_of_two(count: int) -> int:
 
 
 def _where_found(chart: Chart, U: Array, edge: Array) -> tuple[Array, Array]:
-    """Select the poses of U and ``edge``, (K, k) and (L, k), at which the chart has a solution."""
+    """Select the rows of U (K, k) and of ``edge`` (L, k) at which the chart has a solution."""
     found = chart.solve(np.concatenate([U, edge])).found
     return U[found[: len(U)]], edge[found[len(U) :]]

@@ -1,7 +1,7 @@
 r"""Cost of a candidate for the inverse function over a cell, and its minimisation.
 
 The function q = F(x) gives one configuration for each pose of the cell. The cost is the mean
-distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins.
+squared distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class _Value:
 class Penalty:
     """A kind of margin that the cost penalises, and the poses at which it does.
 
-    A function whose margins are too small at some poses is thus moved away from limits there.
+    The penalty moves a function whose margins are too small away from the limits.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Penalty:
     U : (L, k) array
         Poses at which the margin is penalised.
     asked : (L,) array
-        Value of the margin, at each of these poses, below which it is penalised.
+        Value at each of these poses below which the margin is penalised.
     """
 
     margin: Margin
@@ -96,10 +96,10 @@ class Cost:
 
     It is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with
     ``s = Σ_t a_t T_t(u)``. F gives one configuration for each pose of the cell; G_d is the desired
-    inverse. The unknowns are the coefficients a of s(u), the position of F along the self-motion of
+    inverse. The unknowns are the coefficients a of s(u), the position of F along the self-motion at
     each pose, in the monomials T_t of the cell's coordinates u. A cell may have fewer coordinates
-    than the task, so ∂F/∂x is replaced by ∂F/∂u C with ``C = (EᵀE)^(−1/2)`` and E = ∂x/∂u, in joint
-    speed per unit of task speed.
+    than the task, so ∂F/∂u C takes the place of ∂F/∂x, and G_d E C that of G_d. E is ∂x/∂u, and
+    ``C = (EᵀE)^(−1/2)`` scales u to unit task speed.
 
     Parameters
     ----------
@@ -165,11 +165,12 @@ class Cost:
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
-        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node, a pose
-        u at which the function F differs from the desired inverse, depends on a only through s and
-        ∂s/∂u at that node, where s is the position along the self-motion. It is linear in ∂s/∂u,
-        with the matrix B = ∂F/∂s. The derivative with respect to s is taken by central differences.
-        A margin depends on s only."""
+        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node is the
+        difference between ∂F and the desired inverse. It depends on a only through s, the position
+        along the self-motion, and ∂s/∂u at that node. It is linear in ∂s/∂u, with the matrix
+        B = ∂F/∂s. The derivative with respect to s is taken by central differences. A margin
+        depends on s only.
+        """
         r = self.r
         k = self.C.shape[2]  # the coordinates removed by a symmetry count, too
         p = r * (1 + k)
@@ -189,7 +190,7 @@ class Cost:
         return gradient.ravel(), 2 * _products(features, L, r)
 
     def _features(self) -> Array:
-        """Collect the monomials and their slopes (K, 1 + k, N), by which a gives s and ∂s/∂u C."""
+        """Stack the monomials and their slopes (K, 1 + k, N), which map a to s and ∂s/∂u C."""
         features = np.zeros((len(self.U), 1 + self.C.shape[2], self.T.shape[1]))
         features[:, 0] = self.T
         onto = self.C[:, : self.chart.cell.k]
@@ -199,8 +200,8 @@ class Cost:
     def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the nodes, each divided by K.
 
-        M are the derivatives of the residual with respect to the p = r (1 + k) numbers
-        (s_j, (∂s_j C)_c) of a node.
+        M is the derivative of the residual with respect to the p = r (1 + k) numbers s_j and (∂s_j
+        C)_c of a node.
         """
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         own, desired, B = self._joint_speeds(points, ds)
@@ -231,7 +232,7 @@ class Cost:
         return np.stack(slopes, axis=-1)
 
     def _penalty_terms(self, at: _Value, part: Penalty, where: slice) -> tuple[Array, Array]:
-        """Evaluate DᵀD (L, r, r) and Dᵀ hinge (L, r) of one penalty, by its share of the cost.
+        """Evaluate DᵀD (L, r, r) and Dᵀ hinge (L, r) of one penalty, weighted as in the cost.
 
         D are the derivatives of the hinges with respect to s.
         """
@@ -259,10 +260,10 @@ class Cost:
 def _products(features: Array, L: Array, r: int) -> Array:
     """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
 
-    It is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and their
-    slopes, the same for each of the r labels. The factors L (K, r (1 + k), r (1 + k)) are lower
-    triangular, so the rows of label j have entries in the first j + 1 of r blocks only; the
-    products leave out the others.
+    The result is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and
+    their slopes, the same for each of the r labels. The factors L (K, r (1 + k), r (1 + k)) are
+    lower triangular, so rows of label j have entries only in the first j + 1 of r blocks; the
+    products leave out the other blocks.
     """
     p, N = features.shape[1:]
     rows = []
@@ -280,9 +281,9 @@ def _products(features: Array, L: Array, r: int) -> Array:
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:
-    """Evaluate how far each of P margins falls short of what is asked at Q (L, n): (L, P).
+    """Evaluate how far each of P margins falls short of the value asked for at Q (L, n): (L, P).
 
-    It is ``max(0, asked − margin)``, of which the cost penalises the square.
+    The result is ``max(0, asked − margin)``; the cost contains its square.
     """
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
@@ -313,7 +314,7 @@ class Descent:
 def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     """Minimise the cost from coefficients a (N, r) by the Levenberg–Marquardt method.
 
-    They are those of s(u), the position along the self-motion, at which the function is.
+    They are the coefficients of s(u), the position of the function along the self-motion.
 
     Parameters
     ----------
@@ -322,7 +323,7 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     a
         Initial coefficients; the function must exist there at every node.
     enough
-        Relative change of the cost in a step below which the iteration ends.
+        Relative decrease of the cost in one step below which the iteration ends.
     """
     found = levenberg_marquardt(_Problem(cost), a, _RULES, steps=_MOST, tolerance=enough)
     return Descent(found.at.x, found.at.data, found.start, found.steps)
@@ -352,8 +353,8 @@ class _Problem:
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
         """Evaluate the gradient (N r,), Gauss–Newton Hessian (N r, N r) and scaling (N r,).
 
-        ``at`` is the result of :meth:`evaluate`. Labels of which the cost is nearly independent are
-        held, see :func:`_held`.
+        ``at`` is the result of :meth:`evaluate`. Labels that hardly change the cost are held, see
+        :func:`_held`.
         """
         gradient, H = self.cost.model(at.data)
         return gradient, _held(H, at.data), _scaling(H)
@@ -380,10 +381,11 @@ def _scaling(H: Array) -> Array:
 
 
 def _held(H: Array, at: _Value) -> Array:
-    """Add to the Hessian H (N r, N r) what holds labels that hardly change the cost.
+    """Add terms to the Hessian H (N r, N r) that hold labels which hardly change the cost.
 
-    A joint that turns the tool about the axis of the task moves the frame by rounding of the URDF
-    alone, for example 1.5708 in place of π/2. Newton's step along it is noise over noise.
+    A joint that turns the tool about the axis of an axis task moves the task only because the URDF
+    is rounded, for example 1.5708 in place of π/2. Newton's step along such a joint would be a
+    ratio of rounding errors.
     """
     return H + _IDLE * at.desired_square * np.eye(len(H))
 
@@ -391,8 +393,8 @@ def _held(H: Array, at: _Value) -> Array:
 def predicted_gain(cost: Cost, a: Array) -> float:
     """Predict by how much a Gauss–Newton step from coefficients a (N, r) would lower the cost.
 
-    It is the relative decrease, by which the fit decides whether a higher degree is worthwhile. It
-    is infinite if the function does not exist at some node.
+    The result is the relative decrease; it decides whether a higher degree is worthwhile. It is
+    infinite if the function does not exist at some node.
     """
     value = cost.value(a)
     if not np.isfinite(value.cost):

@@ -50,17 +50,16 @@ class NoFunctionError(InputError):
     """No single function covers the cell.
 
     A function q = F(x) would give one configuration for each pose of the cell. The message names a
-    pose, the obstruction there, and the largest similar cell that works.
+    pose, the obstruction there, and the largest scaled cell that works.
 
     Attributes
     ----------
     failures : tuple of FailureReason
         Reasons for failure.
     fits : float
-        Factor below 1 such that the cell, scaled by it about its middle, is covered; 0 if none was
-        found.
+        Factor below 1 at which the cell, scaled about its middle, is covered; 0 if none was found.
     partly : bool
-        True if a function covers some of the poses, so that ``incomplete="keep"`` works.
+        True if a function covers some of the poses; ``incomplete="keep"`` then works.
 
     Examples
     --------
@@ -103,40 +102,41 @@ def nearest_inverse_function(
 
     The criterion is ``min mean ‖∂F/∂x − G_d(F)‖_F²`` over the poses of the cell. Following G_d
     along straight rays from the middle of the cell gives reference configurations q_ref, with
-    null-space bases n_ref. The functions ``n_refᵀ (F − q_ref) = s(u)`` move along the self-motion
-    of each pose by s. With s a polynomial in the coordinates u of the cell, Gauss–Newton steps find
-    the best one. Small distances from joint limits, between bodies and from singularities are
-    penalised.
+    null-space bases n_ref. The functions ``n_refᵀ (F − q_ref) = s(u)`` differ from q_ref by s along
+    the self-motion at each pose. s is a polynomial in the coordinates u of the cell, and
+    Gauss–Newton steps find the best one. Small distances from joint limits, between bodies and from
+    singularities are penalised.
 
     Parameters
     ----------
     desired
-        Desired inverse G_d, any strategy with ``J G = I``.
+        Desired inverse G_d: any strategy with ``J G = I``.
     cell
         Set of poses: a :class:`Cell` or :class:`Sector`.
     posture : (n,) array, optional
         Configuration in the middle of the cell, rad (m for prismatic joints). By default, the best
         of the configurations that a search finds there.
     degree
-        Degree of s. ``"auto"`` raises it from 1 until no higher degree, as far as the number of
-        unknowns allows, is predicted to lower the cost by 5 %, or until the extra joint speed is
-        below 0.01 %.
+        Degree of s. ``"auto"`` raises the degree from 1, as far as the number of unknowns allows.
+        It stops when no higher degree is predicted to lower the cost by 5 %, or the extra joint
+        speed is below 0.01 %.
     limit_margin
         Joint-limit margin to keep where possible, rad or m.
     body_distance
         Body distance to keep where possible, m; with 0, bodies are not in the cost. Close to
-        obstacles it can require much extra joint speed. The summary states which of
+        obstacles, a body distance can require much extra joint speed. The summary states which of
         ``body_distance``, ``limit_margin`` and ``sigma_min`` are not met.
     sigma_min
-        σ_min of J to keep where possible, in m and rad; with 0 it is not in the cost.
+        σ_min of J to keep where possible, in m and rad; with 0, σ_min is not in the cost.
     incomplete
-        Action if no single function covers the cell, which is tested at held-out poses, corners,
+        Action if no single function covers the cell. Coverage is tested at held-out poses, corners,
         and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
-        works; ``"shrink"`` moves the sides inward beyond which the function fails, or scales the
-        cell about its middle if nothing else is left; ``"keep"`` returns the function on the poses
-        that it covers.
+        works; ``"shrink"`` moves sides inward so that poses at which the function fails lie
+        outside, or, if no such part is left, scales the cell about its middle. ``"keep"`` returns a
+        function that covers only some of the poses.
     options
-        Nodes and seed: ``samples``, ``held_out`` and ``seed`` of :class:`FitOptions`.
+        Numbers of nodes, and random seed: ``samples``, ``held_out`` and ``seed`` of
+        :class:`FitOptions`.
     progress
         True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
@@ -241,8 +241,8 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
 def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
     """Return the degree of the polynomial s(u), after a check that it makes few enough unknowns.
 
-    It is ``"auto"`` or from 1 to 12; else an InputError is raised. s is the position of the
-    function along the self-motion.
+    The degree is ``"auto"`` or from 1 to 12; other values raise an InputError. s is the position of
+    the function along the self-motion.
     """
     if isinstance(degree, str) and degree == "auto":
         return degree
@@ -258,14 +258,14 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
     """Return a cell without its symmetric coordinates, as far as the symmetry holds.
 
-    A single joint moves the frame of the arm along such a coordinate of a sector, so that the
-    function need not be designed along it. A requested body distance, or a desired inverse without
-    the symmetry, requires all coordinates.
+    A single joint moves the frame along such a coordinate of a sector, so the function need not be
+    designed along the coordinate. A requested body distance, or a desired inverse without the
+    symmetry, requires all coordinates.
 
     Raises
     ------
     InputError
-        If a coordinate with the range "all" would remain.
+        If a coordinate with the range ``"all"`` would remain.
     """
     found = cell if body_distance else reduced(cell, desired)
     for i in cell.free:
@@ -282,7 +282,7 @@ def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
 def _margin(value: float, name: str, unit: str = "") -> float:
     """Check a requested margin, which may be 0, and return it as float.
 
-    ``name`` and ``unit`` serve the error message.
+    ``name`` and ``unit`` are for the error message.
     """
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:
@@ -293,10 +293,10 @@ def _margin(value: float, name: str, unit: str = "") -> float:
 def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
     """Find the largest factor below 1 by which the cell can be scaled to be covered, within 20 %.
 
-    It is the remedy that an error names, and the result of ``incomplete="shrink"``. The cell is
-    scaled about its middle, with the configuration q (n,) there. Rays, straight lines to the
-    corners and other poses, give a first guess. Designs confirm or lower it. With ``quick``, these
-    are quick ones.
+    An error names the factor as remedy, and ``incomplete="shrink"`` applies it. The cell is scaled
+    about its middle, where the configuration is q (n,). Rays, which are motions along straight
+    lines to corners and other poses, give a first guess. Designs, quick ones with ``quick``,
+    confirm or lower it.
 
     Returns
     -------
@@ -329,9 +329,9 @@ def _refusal(
 ) -> NoFunctionError:
     """Make the error that no function covers a cell, with the reasons and the remedy.
 
-    The reasons for failure come with the most frequent first. ``fits`` is the factor of a smaller
-    cell that is covered, 0 if there is none. ``keep`` is True if a part of the cell is covered,
-    which could be kept. Collisions are left out, because they do not make a cell incomplete.
+    The message gives the most frequent reasons first, without collisions, which do not make a cell
+    incomplete. ``fits`` is the factor of a smaller cell that is covered; 0 if there is none.
+    ``keep`` is True if ``incomplete="keep"`` would return a function.
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))

@@ -1,7 +1,7 @@
 """Penalty method for margins: the weight of the penalties is raised until the margins are met.
 
 A margin is a distance from joint limits, between bodies, or σ_min of J, at the configurations of a
-candidate function. It is to be met at every pose of the cell at which the arm can meet it.
+candidate function. It must be met at every pose of the cell at which the arm can meet it.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ _GRID = 0.05
 def padded(a: Array, terms: Monomials) -> Array:
     """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree.
 
-    A fit thus begins at the result of a fit of lower degree.
+    So a fit can begin at the result of a fit of lower degree.
     """
     return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
 
 
 class ActiveConstraint:
-    """One kind of margin, with the poses at which it is checked, and those where it is penalised.
+    """One kind of margin, the poses at which it is checked, and those at which it is penalised.
 
-    The checked poses U (K, k) grow when a search finds worse ones.
+    Worse poses that a search finds are added to the checked poses U (K, k).
 
     Attributes
     ----------
     edge : (L, k) array
         Poses at which the margin is penalised.
     asked : (L,) array
-        Margin that the penalty asks for at each of these poses: the required margin, or slightly
-        less than the largest margin on the leaves nearby if that is smaller.
+        Margin that the penalty asks for at each of these poses: the required margin or, if smaller,
+        a value slightly below the largest margin on nearby leaves.
     """
 
     def __init__(self, margin: Margin, U: Array) -> None:
@@ -65,10 +65,10 @@ class ActiveConstraint:
     def short(self, candidate: CandidateFunction) -> bool:
         """Test whether the margin of a candidate function is too small at some pose.
 
-        A candidate gives one configuration for each pose of the cell. The poses with the smallest
-        margins are starting points of a search for smaller ones. Poses found by the search are
-        added to the checked poses. If the margin is too small somewhere, the worst poses are added
-        to the penalised ones.
+        A candidate gives one configuration for each pose of the cell. A search for smaller margins
+        starts at the poses with the smallest margins; poses that it finds are added to the checked
+        poses. If the margin is too small somewhere, the worst poses are added to the penalised
+        poses.
         """
         margin = self.margin
         near = margin.least(candidate.at(self.U))
@@ -108,8 +108,8 @@ class ActiveConstraint:
 class PenaltyMethod:
     """Minimisation of the cost with penalties on margins, at the worst poses found so far.
 
-    The cost is the distance of a function's slope from the desired inverse G_d, over poses of a
-    cell. A round multiplies the weight of the penalties by ten, up to a maximum.
+    The cost is the mean distance of a function's derivative from the desired inverse G_d, over
+    poses of a cell. Each round multiplies the weight of the penalties by ten, up to a maximum.
 
     Parameters
     ----------
@@ -147,25 +147,25 @@ class PenaltyMethod:
         enough: float = 1e-3,
         guess: Array | None = None,
     ) -> Descent:
-        """Minimise the cost with penalties, from the results of minimisations without them.
+        """Minimise the cost with penalties, from the results of minimisations without penalties.
 
         A penalty is on a margin, such as the distance from joint limits. If no margin is too small
         in the last result, it is returned. Otherwise the cost is minimised with the monomials
-        ``terms``; if their degree is above 2, after a first fit of degree 2. The penalised poses
-        are those where the functions without penalties come short: each penalty is a mean over its
-        poses, so a set without these would weigh the others more.
+        ``terms``; if their degree is above 2, after a first fit of degree 2. All poses where the
+        functions without penalties fall short are penalised, because each penalty is a mean over
+        its poses: without some of these poses, the others would weigh more.
 
         Parameters
         ----------
         descents
-            Results of rising degree, the last with ``terms``. That of degree 2 is used if it is
-            among them, and exists at all nodes.
+            Results of rising degree, the last with ``terms``. A result of degree 2 is used if it
+            exists at all nodes.
         terms
             The monomials.
         report
             Progress callback.
         enough
-            Relative change of the cost at which an iteration ends.
+            Relative decrease of the cost in one step below which an iteration ends.
         guess : (N, r) array, optional
             Coefficients at which the first fit of degree 2 begins.
         """
@@ -196,8 +196,8 @@ class PenaltyMethod:
         """Minimise the cost in rounds, each with a higher weight of the penalties or more poses.
 
         ``descent`` is the result from which the first round begins, ``terms`` are its monomials.
-        The rounds end when all margins are met, or nothing changes, or the function does not exist.
-        Return the last result, with the steps of all.
+        The rounds end when all margins are met, nothing changes, or the function does not exist.
+        Return the last result; its number of steps is the sum over all rounds.
         """
         size = 0
         for i in range(self.rounds):
@@ -221,7 +221,7 @@ class PenaltyMethod:
     def _short(self, terms: Monomials, a: Array) -> bool:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r).
 
-        All margins are tested, so that each adds its worst poses to those that are penalised.
+        No margin is skipped, so that each adds its worst poses to the penalised poses.
         """
         candidate = CandidateFunction(self.chart, terms, a)
         short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit

@@ -1,6 +1,7 @@
 """Trimming of a cell: sides are moved inward until one function covers what is left.
 
-A box or sector that one corner spoils thus loses one side, and not a share of all sides.
+So a box or sector in which the function fails at one corner becomes smaller on one side, not on
+all.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ _LEAST = 0.05
 
 
 class Required(NamedTuple):
-    """What a function must keep on the part of a cell that it covers.
+    """Limits that a function must meet on the part of a cell that it covers.
 
     Attributes
     ----------
@@ -80,10 +81,10 @@ def trimmed(
 ) -> CellDesign | None:
     """Design a function on a part of a cell, whose sides are moved inward until it is covered.
 
-    Quick designs find most of the part. ``q`` (n,) is the configuration in the middle, ``guess`` a
-    quick design from there. The function of full accuracy is not designed again where it fails:
-    sides are moved until the same function covers what is left. Return None if no part of 5 % is
-    covered.
+    Quick designs show how far to move most sides. ``q`` (n,) is the configuration in the middle,
+    ``guess`` a quick design from there. The function of full accuracy is designed only once; where
+    it fails, sides are moved until the same function covers the rest. Return None if less than 5 %
+    of the cell would be left.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -110,7 +111,8 @@ def _between(
 ) -> tuple[Cell, Array] | None:
     """Return the cell between two corners (k,), and the configuration (n,) in its middle.
 
-    That is the one of the function ``found``, or of a ray from q. Return None if it cannot be used.
+    The configuration is that of the design ``found``, or the end of a ray from q. Return None if it
+    cannot be used.
     """
     part = cell._part(low, high)
     with suppress(InputError):
@@ -121,7 +123,7 @@ def _between(
 def covered_share(
     fit: CellFit, cell: Cell, q: Array, limits: Required
 ) -> tuple[float, CellDesign | None]:
-    """Estimate by one quick design which share of a cell is left after a cut, and return it."""
+    """Estimate by a quick design the share of a cell left after a cut; return share and design."""
     found = fit.design(cell, q, quick=True)
     low, high = cut_sides(*_failing(fit, cell, q, found, limits))
     share = float(np.prod((high - low) / 2))
@@ -133,7 +135,8 @@ def _failing(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Evaluate where a function fails: coordinates U (K, k), and True where it does (K,).
 
-    Without a design, these are the poses that rays from the middle, q (n,), do not reach.
+    Without a design, the function counts as failing where rays from the middle, q (n,), do not
+    lead.
     """
     U = np.concatenate([cell.sample(_POSES, 17), cell.corners()])
     if not isinstance(found, CellDesign):
@@ -156,7 +159,7 @@ def _failing(
 def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
     """Test at which sampled poses a function needs too much joint speed: (K,).
 
-    With ``dear``, the dearest 3 % of the poses do.
+    With ``dear``, the 3 % of the poses with the highest joint speed count as too much, too.
     """
     ratio = np.nan_to_num(at.ratio, nan=np.inf)
     most = np.quantile(ratio[np.isfinite(ratio)], _DEAREST) if dear else np.inf
@@ -164,11 +167,12 @@ def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
 
 
 def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> NDArray[np.bool_]:
-    """Test at which configurations Q (K, n) bodies are nearer than a distance, m, all round.
+    """Test at which configurations Q (K, n) bodies are too near all around the arm's axis.
 
-    Surroundings, and the base of the arm, may be in the way at one angle alone; a sector is then
-    cut along its angle, not along its radius. So the configurations are tested at five values of
-    the ``joint`` that turns the arm, if there is one, as far as it goes.
+    Too near is below ``distance``, m. Surroundings may be in the way at one angle alone; a sector
+    is then cut along its angle, not along its radius. So each configuration is also tested at other
+    values of ``joint``, which turns the whole arm, within the limits of that joint; None if there
+    is no such joint.
     """
     bodies = bodies_of(task)
     near = bodies._nearer(Q, distance)
@@ -182,7 +186,7 @@ def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> 
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
     """Return the configuration (n,) of a design at u (k,), or that of a ray from the middle.
 
-    The design may have moved the sector along its symmetric coordinates, which is undone.
+    If the design moved the sector along symmetric coordinates, the result is moved back.
     """
     if not isinstance(found, CellDesign):
         return rays(fit.desired, cell, q, u[None]).Q[0]
@@ -194,9 +198,9 @@ def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) 
 def ended_at_bodies(fit: CellFit, found: CellDesign) -> CellDesign:
     """Cut the ranges ``"all"`` of a sector, such as the angle, where bodies collide.
 
-    The function is the same, over a smaller sector. It is cut until no sampled pose, and none that
-    a search finds, has a collision. The design is returned unchanged if no such part of 5 % is
-    found.
+    The function stays the same, over a smaller sector, which is cut until neither samples nor a
+    search find a collision. The design is returned unchanged if less than 5 % of the sector would
+    be left.
     """
     free = found.function.chart.cell.free
     if not found.body_distance < 0 or not free:
@@ -205,9 +209,9 @@ def ended_at_bodies(fit: CellFit, found: CellDesign) -> CellDesign:
 
 
 def kept_where_good(fit: CellFit, found: CellDesign, limits: Required) -> CellDesign | None:
-    """Cut all sides of a cell, and its ranges ``"all"``, until a function keeps the limits.
+    """Cut all sides of a cell, ranges ``"all"`` included, until a function meets the limits.
 
-    The function is the same, over a smaller cell. Return None if no such part of 5 % is found.
+    The function stays the same, over a smaller cell. Return None if less than 5 % would be left.
     """
     cell = found.function.chart.cell
     return _cut_until_good(fit, found, limits, [*cell.free, *cell.moved], bodies_only=False)
@@ -221,9 +225,9 @@ def _cut_until_good(
     *,
     bodies_only: bool,
 ) -> CellDesign | None:
-    """Cut a cell along some of its coordinates until a function keeps the limits on what is left.
+    """Cut a cell along some of its coordinates until a function meets the limits on the rest.
 
-    These are tested at sampled poses, and at poses that searches and the evaluation find. With
+    The limits are tested at sampled poses, and at poses that searches and the evaluation find. With
     ``bodies_only``, only the body distance is tested.
     """
     chart, left, design = found.function.chart, 1.0, found
@@ -267,9 +271,9 @@ def _stops(design: CellDesign, limits: Required, bodies_only: bool) -> Array:
 def _uncovered(
     fit: CellFit, chart: Chart, U: Array, limits: Required, *, dear: bool
 ) -> NDArray[np.bool_]:
-    """Test at which poses U (K, k), in all coordinates, a function fails or costs too much.
+    """Test at which poses U (K, k), in all coordinates, a function fails or is too fast.
 
-    With ``dear``, the dearest 3 % of the poses cost too much.
+    Too fast means too much extra joint speed; see :func:`_too_dear` for ``dear``.
     """
     at = sampled(fit.desired, CandidateFunction.zero(chart), chart.cell._split(U)[0])
     return np.asarray(~at.covered | _too_dear(at, limits, dear=dear))
@@ -278,9 +282,9 @@ def _uncovered(
 def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.bool_]]:
     """Find poses of a chart's function where bodies are nearer than a distance, m.
 
-    They depend also on the coordinates that symmetries remove, such as the angle. Return poses U
-    (K, k) in all coordinates of the cell, and where bodies are too near (K,). If they are at no
-    sampled pose, nearer ones are searched for by descent.
+    Body distances also depend on coordinates that symmetries remove, such as the angle. Return
+    poses U (K, k) in all coordinates of the cell, and where bodies are too near (K,). If bodies are
+    too near at no sampled pose, a descent searches for such poses.
     """
     whole = expanded(chart)
     candidate = CandidateFunction.zero(whole)
@@ -302,10 +306,10 @@ def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.b
 def _nearer(
     candidate: CandidateFunction, U: Array, distance: float
 ) -> tuple[NDArray[np.bool_], Array, NDArray[np.bool_]]:
-    """Test where bodies of a function are nearer than a distance, m, at U (K, k): (K,).
+    """Test at which poses U (K, k) of a function bodies are nearer than a distance, m: (K,).
 
-    Return also its configurations (K, n), and where these are inside the limits (K,). Bodies are
-    not tested elsewhere.
+    Return also the configurations (K, n), and which of them are inside the joint limits (K,).
+    Bodies are tested only for these.
     """
     points, task = candidate.at(U), candidate.chart.cell.task
     there = points.found & (task.limit_margin(points.Q).min(axis=1) > -1e-6)
@@ -318,8 +322,8 @@ def _nearer(
 def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> Chart:
     """Return the chart of the same function over a part of its cell.
 
-    ``ends`` are from −1 to 1, by the index of the coordinate. A range that ended at the limits of a
-    joint keeps the limit ``margin``, rad, at the end that is not cut.
+    ``ends`` has the new ends, from −1 to 1, by index of the coordinate. If a range ended at the
+    limits of a joint, its uncut end moves inward by the limit ``margin``, rad.
     """
     cell, ranges = chart.cell, {}
     for i, (low, high) in ends.items():
@@ -333,7 +337,7 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
 
 
 def _evaluated(fit: CellFit, found: CellDesign, chart: Chart) -> CellDesign:
-    """Return the design of a function over the part of its sector that bodies left."""
+    """Return the design of a function over the part of its sector that is left after the cuts."""
     evaluation = evaluate_cell(fit.desired, chart, found.held_out, fit.seed + 2, quick=False)
     links = " and ".join(found.evaluation.nearest_bodies)
     before, after = found.function.chart.cell, chart.cell
@@ -350,7 +354,7 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart) -> CellDesign:
 
 
 def _how(found: CellDesign) -> dict[str, object]:
-    """Return how a design was made: its attributes that do not depend on the cell."""
+    """Return those attributes of a design that do not depend on the cell, by name."""
     names = ["degrees", "samples", "held_out", "seed", "steps"]
     names += [f"requested_{name}" for name in ("limit_margin", "body_distance", "sigma_min")]
     return {name: getattr(found, name) for name in names}

@@ -56,12 +56,12 @@ C = TypeVar("C", bound="Cell")
 class Cell:
     r"""Box of poses: positions and rotations on either side of a middle.
 
-    It consists of all placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``,
-    every ``|u_i| ≤ 1``.
+    It consists of all placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``
+    and every ``|u_i| ≤ 1``.
 
-    p has only the components that the task commands. ω is a rotation vector, in base axes for a
-    pose task; for an axis task it lies along the tool's own x and y axes. Other tasks leave the
-    rotation free. A coordinate of half-width 0 is held constant and does not belong to u.
+    p has only the components that the task commands. ω is a rotation vector: in base axes for a
+    pose task, about the tool's own x and y axes for an axis task. Other tasks leave the rotation
+    free. A coordinate of half-width 0 is held constant and is not part of u.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ class Cell:
     half_width : float or (k,) array
         w, m: one number, or one per position that the task commands, in base axes.
     half_angle : float or (3,) array
-        θ, rad: one number, or one per axis; with 0 the cell has one orientation. Every rotation by
-        an angle up to θ is inside, and some larger ones, because each component of ω is bounded
-        separately.
+        θ, rad: one number, or one per axis; with 0 the cell has one orientation. With one number,
+        every rotation by an angle up to θ is inside, and some by larger angles, because each
+        component of ω is bounded separately.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ class Cell:
 
     @property
     def k(self) -> int:
-        """Number of coordinates u: those that vary in the cell and that no symmetry removes."""
+        """Number of coordinates u, which vary in the cell and are not removed by symmetries."""
         return int(np.count_nonzero(self._active))
 
     @property
@@ -192,7 +192,7 @@ class Cell:
 
     @property
     def rotation(self) -> Array:
-        """Half-angles θ, rad: one per axis; of size 0 if the task leaves the rotation free."""
+        """Half-angles θ, rad, one per axis; an empty array if the task leaves the rotation free."""
         return self.widths[min(3, self.task.m) :]
 
     def scaled(self, factor: float) -> Cell:
@@ -204,7 +204,7 @@ class Cell:
     def _part(self, low: Array, high: Array) -> Cell:
         """Return the cell between two corners, low and high (k,), in coordinates u from −1 to 1.
 
-        Rotations keep their middle, and become narrower on both sides.
+        The middle of the rotations stays, so their range becomes narrower on both sides.
         """
         middles, widths = self._middles_and_widths(low, high)
         p, _ = self._placed(middles[None])
@@ -212,11 +212,11 @@ class Cell:
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices, among the m task coordinates, of those whose middle a part may move."""
+        """Indices, among the m task coordinates, of those whose middle may differ in a part."""
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Return the corners (k,) of a part, see :meth:`_part`, as far as its middle may move."""
+        """Narrow the corners (k,) of a part, see :meth:`_part`, so that fixed middles stay."""
         half = np.minimum(-low, high)
         fixed = ~np.isin(self.moved, self._movable)
         return np.where(fixed, -half, low), np.where(fixed, half, high)
@@ -224,7 +224,7 @@ class Cell:
     def _middles_and_widths(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Compute the offset of the middle (m,) and half-widths (m,) of a part, see :meth:`_part`.
 
-        Only the coordinates :attr:`_movable` get another middle.
+        Only the middles of the coordinates :attr:`_movable` change.
         """
         low, high = self._kept_middles(low, high)
         middles, widths = np.zeros(len(self.widths)), self.widths.copy()
@@ -234,7 +234,7 @@ class Cell:
 
     @property
     def centre(self) -> Array:
-        """Values (m,) of all task coordinates at the middle, m and rad; the angles are 0."""
+        """Values (m,) of all task coordinates at the cell's middle, m and rad; angles are 0."""
         centre = np.zeros(len(self.widths))
         positions = len(self.half_width)
         centre[:positions] = self.placement.translation[self.task.rows[:positions]]
@@ -272,8 +272,8 @@ class Cell:
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Convert placements to coordinates u, and their deviation in the coordinates of width 0.
 
-        A coordinate u is 0 in the middle of the cell, and ±1 on its boundary; one of width 0 is
-        held constant.
+        A coordinate u is 0 in the middle of the cell, and ±1 on its boundary. Coordinates of width
+        0 are held constant.
 
         Parameters
         ----------
@@ -283,9 +283,9 @@ class Cell:
         Returns
         -------
         U : (K, k) array
-            Coordinates; beyond ±1 if a placement lies outside the cell.
+            Coordinates; outside [−1, 1] if a placement lies outside the cell.
         off : (K,) array
-            Largest deviation from the cell in a coordinate of width 0, m or rad; 0 inside.
+            Largest deviation from the cell along a coordinate of width 0, m or rad; 0 in the cell.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y = self._measured(p, R)
@@ -304,7 +304,7 @@ class Cell:
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
-        """Test whether placements lie in the cell, (K,), given their coordinates.
+        """Test which placements lie in the cell, (K,), given their coordinates.
 
         U (K, k) and off (K,) are the result of :meth:`coordinates`: u, which goes from −1 to 1
         inside, and the deviation along the coordinates of width 0.
@@ -346,11 +346,11 @@ class Cell:
         )
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the factor by which the cell must be scaled to have given poses on its boundary.
+        """Compute the factor by which to scale the cell so that given poses lie on its boundary.
 
         The poses are those of the configurations Q (K, n). The factors (K,) are above 1 for poses
-        outside, and infinite for those that deviate in a coordinate of width 0. Any region Ω, in
-        which a design is valid, has this method.
+        outside, and infinite for poses that deviate along a coordinate of width 0. Every region Ω,
+        in which a design is valid, has this method.
         """
         U, off = self.coordinates(
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
@@ -361,10 +361,10 @@ class Cell:
     # -------------------------------------------------------------------------------------------
 
     def _native_region(self) -> Any:
-        """Create the C struct :data:`REGION` of the cell, so that C can test whether q is in Ω.
+        """Create the C struct :data:`REGION` of the cell, with which C tests whether q is in Ω.
 
-        Ω, the region in which a design is valid, is then the set of configurations whose pose is in
-        the cell.
+        Ω, the region in which a design is valid, is the set of configurations whose pose is in the
+        cell.
         """
         ints, reals, scalars = self._tables()
         region, _ = filled_struct(REGION, {}, {}, {})
@@ -374,7 +374,7 @@ class Cell:
     def _tables(self) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
         """Return the members of the C struct :data:`CHART` that describe the cell, by their names.
 
-        They are arrays of integers, arrays of numbers, and single numbers, in three dictionaries.
+        The three dictionaries have arrays of integers, arrays of floats, and single numbers.
         """
         lower, upper = self._range_of_offsets()
         bounds = np.where(self.widths == 0, TURNED, self.widths * (1 + EDGE))
@@ -405,10 +405,10 @@ class Cell:
 
     @property
     def whole(self: C) -> C:
-        """The same cell, with the coordinates that symmetries remove included in u.
+        """The same cell, with u including the coordinates that symmetries remove.
 
-        If one joint turns the whole arm about an axis, a function is designed without the angle
-        about it.
+        For example, if one joint turns the whole arm about an axis, a function is designed without
+        the angle about that axis.
         """
         return self._changed(removed=()) if self.removed else self
 
@@ -423,10 +423,10 @@ class Cell:
 
     @property
     def along(self) -> Array:
-        """∂F/∂y (n, l) of a function F for the l coordinates y, rad, that symmetries remove from u.
+        """Derivative ∂F/∂y (n, l) of a function F; y are the l coordinates removed by symmetries.
 
-        A single joint j moves the frame along such a coordinate, so the column is 1 or −1 at j, and
-        else 0.
+        A single joint j moves the frame along such a coordinate, rad, so its column is 1 or −1 in
+        row j, and 0 in all others.
         """
         along = np.zeros((self.task.n, len(self.removed)))
         for column, one in enumerate(self.removed):
@@ -436,14 +436,14 @@ class Cell:
     def _split(self, U: Array) -> tuple[Array, Array]:
         """Convert coordinates U (K, ·) of :attr:`whole` to those of this cell (K, k).
 
-        Return also the term (K, n) of a function F there that the removed coordinates add: the
-        motion of the joints which move the frame along these.
+        Return also the term (K, n) that the removed coordinates add to a function F: the motion of
+        the joints that move the frame along these coordinates.
         """
         kept = np.isin(self.whole.moved, self.moved)
         return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T
 
     def _lifted(self, U: Array) -> Array:
-        """Convert coordinates U (K, k) to those of :attr:`whole`, at 0 in the removed ones.
+        """Convert coordinates U (K, k) to those of :attr:`whole`; removed coordinates are 0.
 
         Symmetries of the arm remove coordinates along which a single joint moves the frame.
         """
@@ -451,10 +451,11 @@ class Cell:
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths
 
     def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
-        """Evaluate Q − q_ref (K, n), the distance of configurations from the reference of a chart.
+        """Evaluate Q − q_ref (K, n), the difference of configurations from a chart's reference.
 
-        The motion of joints along coordinates that symmetries remove from u is subtracted; in these
-        joints, full turns are removed. p (K, 3) and R (K, 3, 3) are the placements of Q.
+        Joints that alone move the frame along coordinates removed by symmetries are treated
+        specially: this motion is subtracted, and full turns are removed. p (K, 3) and R (K, 3, 3)
+        are the placements of Q.
         """
         away = Q - q_ref
         if self.removed:
@@ -465,12 +466,12 @@ class Cell:
         return away
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance (…, n) of each joint to its nearer limit; negative outside.
+        """Compute the distance (…, n) of each joint from its nearer limit; negative beyond it.
 
-        ``q`` (…, n) are configurations at which the coordinates that symmetries remove from u are
-        0. A single joint moves the frame along such a coordinate; its distance is the minimum over
-        the range of the coordinate. It is infinite if the range is ``"all"``, because the joint
-        limits then determine the range. Distances are in rad or m.
+        Distances are in rad or m. ``q`` (…, n) are configurations at which the coordinates that
+        symmetries remove from u are 0. A single joint moves the frame along such a coordinate; the
+        distance of this joint is the minimum over the range of the coordinate. If the range is
+        ``"all"``, the joint limits determine the range, and the distance is infinite.
         """
         margin = self.task.limit_margin(q)
         for one in self.removed:
@@ -481,9 +482,10 @@ class Cell:
 
     @property
     def excepted(self) -> tuple[str, ...]:
-        """Joints that limit margins leave out: their limits end a range that is ``"all"``.
+        """Joints that are left out of limit margins, because their limits end a range ``"all"``.
 
-        Such a range of a sector's angle or spin goes as far as the joint does, so its margin is 0.
+        Such a range of a sector's angle or spin extends to the limits of the joint, where the
+        margin is 0.
         """
         lower, upper = self.task.lower, self.task.upper
         joints = [one.joint for one in self.removed if one.coordinate in self.free]
@@ -522,7 +524,7 @@ class Cell:
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements p (K, 3), m, and R (K, 3, 3).
 
-        The gradient of a potential that is a function of u needs them. The rows of ∂u/∂x are in the
+        They enter the gradient of a potential that is a function of u. The rows of ∂u/∂x are in the
         order of the columns of :meth:`twists`.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
@@ -576,7 +578,7 @@ class Cell:
     def corners(self) -> Array:
         """Return the coordinates (K, k) of the corners of the box, and its face centres.
 
-        They are tested together with sampled poses, which lie inside the boundary.
+        They complement sampled poses, which lie inside the boundary.
         """
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
@@ -624,7 +626,7 @@ class Cell:
     def size(self) -> str:
         """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``.
 
-        Messages, tables and figures describe the cell by it.
+        Messages, tables and figures use this text.
         """
         text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
         if not self.rotation.any():
@@ -640,7 +642,7 @@ class Cell:
     def where(self, u: ArrayLike) -> str:
         """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``.
 
-        Messages name a pose by it. u are the coordinates in the cell, from −1 to 1.
+        Messages use this text. u are the coordinates in the cell, from −1 to 1.
         """
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
@@ -681,7 +683,7 @@ class Cell:
     def _bounds(self) -> Array:
         """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate with the range ``"all"``.
 
-        The joint limits end such a range.
+        Such a range ends only at the joint limits.
         """
         most = np.ones(len(self.widths))
         for i in self.free:
@@ -690,14 +692,14 @@ class Cell:
 
     @property
     def _active_widths(self) -> Array:
-        """Half-widths (k,) of the coordinates that belong to u, m or rad: a change of u by 1."""
+        """Half-widths (k,) of the coordinates u, m or rad, each equal to a change of u by 1."""
         return self.widths[self._active]
 
     @property
     def _offset(self) -> Array:
         """Task coordinates (m,) of the middle relative to the placement, m and rad.
 
-        They are 0, except in some sectors, where the middle of the spin is moved.
+        They are 0, except in some sectors, in which the middle of the spin is moved.
         """
         return np.zeros(len(self.widths))
 
@@ -713,10 +715,10 @@ class Cell:
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from that of the cell in all m task coordinates.
+        """Convert placements to offsets (K, m) from the middle of the cell in all task coordinates.
 
-        p (K, 3), m, and R (K, 3, 3) are the placements. Offsets are in m and rad. Coordinates of
-        width 0 are included.
+        p (K, 3), m, and R (K, 3, 3) are the placements. Offsets are in m and rad, coordinates of
+        width 0 included.
         """
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
@@ -753,7 +755,8 @@ class Cell:
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        It is in base axes. Y (K, m) are the offsets from the middle of the cell, m and rad.
+        Velocities are in base axes. Y (K, m) are the offsets from the middle of the cell, m and
+        rad.
         """
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))

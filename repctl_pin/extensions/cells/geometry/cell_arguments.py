@@ -1,8 +1,8 @@
 """Validation and conversion of the arguments of cells and sectors.
 
 A cell is a box of poses, a sector a cell in cylindrical coordinates. Their arguments are the
-middle, half-widths, an axis, and placements. What cannot be used raises an InputError that names
-the argument.
+middle, half-widths, an axis, and placements. Invalid values raise an InputError that names the
+argument.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Angle = float | Literal["all"]
 def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
     """Convert placements to arrays of positions (K, 3) and rotation matrices (K, 3, 3).
 
-    The rotations are checked if the task commands a rotation. Error messages call a placement by
+    Rotations are checked if the task commands a rotation. Error messages refer to a placement by
     ``name`` and its number, such as "target 3".
     """
     p = np.array([x.translation for x in placements]).reshape(-1, 3)
@@ -44,7 +44,7 @@ def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array
 
 
 def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
-    """Convert the argument ``placement`` of a cell, its middle, to a rigid transform.
+    """Convert the argument ``placement`` of a cell, which is its middle, to a rigid transform.
 
     A rigid transform, a matrix (4, 4), or a position (3,), m, are accepted; a position gets the
     orientation of the task's reference. Other values raise an InputError.
@@ -92,7 +92,7 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
 def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
     """Convert lengths, m, to an array with one per position that the task commands, at most three.
 
-    One number is taken for all of them. ``name`` is that of the argument, for error messages.
+    A single number is used for all positions. ``name`` is the argument's name in error messages.
     """
     each = "one per position that the task commands"
     return sizes(value, min(3, task.m), name, "m", each)
@@ -101,9 +101,9 @@ def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` of a sector to a point, m, and a unit direction: (2, 3).
 
-    None is the vertical axis of the base, or the axis of the joint that turns the whole arm if the
-    two differ by little, so that the arm's symmetry can be used. The axis must be normal to the
-    plane of a planar task; else an InputError is raised.
+    None is the vertical axis of the base. If the axis of the joint that turns the whole arm nearly
+    coincides with it, that axis is used, so that the symmetry of the arm is exact. An InputError is
+    raised if the axis is not normal to the plane of a planar task.
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)
@@ -138,7 +138,8 @@ def as_half_width(value: Any, name: str, unit: str) -> float:
 def as_height(task: Task, height: float) -> float:
     """Check the half-width of a sector's height, m, and return it; 0 for a planar task.
 
-    Another value raises an InputError there, because the task does not command the height.
+    For a planar task, any other value raises an InputError, because the task does not command the
+    height.
     """
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
@@ -165,7 +166,7 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
     """Check the argument ``half_angle`` of a sector: half-widths of the tilts of the tool, rad.
 
     Return an array (2,) for the tilts about the tool's x and y axes, or (3,) if the rotation about
-    its z axis is given, too. One number is taken for both tilts.
+    the tool's z axis is also given. A single number is used for both tilts.
     """
     array = as_numbers(half_angle)
     if task.m <= 3:
@@ -189,7 +190,7 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
 def no_spin(task: Task) -> InputError:
     """Make the error for a ``spin``, a rotation about the tool's z axis, that is not possible.
 
-    Either the task leaves this rotation free, or half_angle has a third number for it.
+    Either the task leaves this rotation free, or half_angle already has a third number for it.
     """
     if task.kind == "pose":
         return InputError("spin and a third half_angle are mutually exclusive")
@@ -203,10 +204,10 @@ def no_spin(task: Task) -> InputError:
 def no_joint(task: Task, name: str, line: Array) -> InputError:
     """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
-    This range needs a joint that alone moves the frame along the coordinate. The message gives the
-    difference between the axis of the arm's joint and that of the coordinate, which is ``line`` (2,
-    3), a point and a direction, for the angle. If a joint turns the arm about another axis, the
-    remedy contains that axis.
+    This range requires a joint that alone moves the frame along the coordinate. The message states
+    how far the axis of the nearest such joint differs from that of the coordinate. For the angle,
+    the latter is ``line`` (2, 3): a point and a direction. If a joint turns the arm about another
+    axis, the remedy names that axis.
     """
     what = {
         "angle": "turns the whole arm about the axis",

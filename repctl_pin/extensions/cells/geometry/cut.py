@@ -1,4 +1,4 @@
-"""Cuts of a cell: the sides to move inward so that poses at which a function fails lie outside."""
+"""Cuts of a cell: sides are moved inward until the poses at which a function fails lie outside."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ....base.arguments import Array
 def cut_sides(U: Array, bad: NDArray[np.bool_], inside: float = 0.01) -> tuple[Array, Array]:
     """Find a large box of coordinates that has no bad pose: its low and high corner (k,).
 
-    One side at a time is moved inward, such that least volume is lost per bad pose that it leaves
-    out. U (K, k) are coordinates from −1 to 1, ``bad`` (K,) says at which of them a function fails.
-    A cut leaves out ``inside`` more than the worst pose.
+    One side at a time is moved inward: the side that loses the smallest volume per excluded bad
+    pose. U (K, k) are coordinates from −1 to 1; ``bad`` (K,) is True where a function fails. Each
+    cut lies further inward than the last excluded pose by ``inside``.
     """
     k = U.shape[1]
     low, high = np.full(k, -1.0), np.full(k, 1.0)

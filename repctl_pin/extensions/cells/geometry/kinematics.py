@@ -1,6 +1,7 @@
-"""Batches: kinematics, rotations, linear solves, null-space bases, and records of many rows.
+"""Batches: kinematics, rotations, linear systems, null-space bases, and records of many rows.
 
-A singular matrix does not affect the results of the other rows."""
+A singular matrix does not affect the results of the other rows.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +51,8 @@ def chain_for_c(task: Task) -> Any | None:
 def run(name: str, arm: Any, count: int, *given: Any) -> None:
     """Call a function of the native library for ``count`` configurations, with a kinematic chain.
 
-    ``name`` is that of the function; ``given`` are its further arguments, arrays or C numbers.
-    Arrays that it fills must be contiguous and of float.
+    ``name`` is the name of the function; ``given`` are its further arguments, arrays or C numbers.
+    Arrays that the function fills must be contiguous arrays of float.
     """
     kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]
     pointers = (ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept)
@@ -83,7 +84,8 @@ def joined(records: Sequence[Record]) -> Record:
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate the forward kinematics and the task Jacobian at every row of Q (K, n).
 
-    C does it if it can. Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
+    C evaluates them if possible. Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K,
+    m, n).
     """
     arm = chain_for_c(task)
     if arm is None:
@@ -97,7 +99,7 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
 def solved(A: Array, b: Array) -> Array:
     """Solve ``A x = b`` for A (K, n, n) and b (K, n) or (K, n, p); x is NaN where A is singular.
 
-    Unlike NumPy, it does not fail for all rows if one of them is singular.
+    Unlike NumPy, the function does not fail for all rows if one matrix is singular.
     """
     rhs = b[..., None] if b.ndim == 2 else b
     try:
@@ -113,8 +115,8 @@ def solved(A: Array, b: Array) -> Array:
 def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
     """Evaluate J⁺, null-space bases, and singular values, batched.
 
-    Unlike :func:`redundancy.pseudoinverse`, it raises no error where J loses rank; J⁺ is then
-    large.
+    Unlike :func:`redundancy.pseudoinverse`, the function raises no error where J loses rank; J⁺ is
+    then large.
 
     Parameters
     ----------
@@ -142,7 +144,7 @@ def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
 def inverses(J: Array) -> tuple[Array, Array]:
     """Evaluate J⁺ (K, n, m) and the singular values (K, m) as :func:`bases` does, but faster.
 
-    They are computed from the eigenvectors of J Jᵀ, so near a singularity they are less exact.
+    They are computed from the eigenvectors of J Jᵀ, which is less exact near a singularity.
     """
     squares, U = np.linalg.eigh(J @ np.swapaxes(J, 1, 2))
     s = np.sqrt(np.maximum(squares, 0.0))
@@ -181,7 +183,7 @@ def exp3(omega: Array) -> Array:
 def left_jacobian(omega: Array) -> Array:
     r"""Evaluate the left Jacobian of SO(3), from rates of a rotation vector to angular velocities.
 
-    It maps the time derivative of a rotation vector ω to the angular velocity of exp(ω̂) in fixed
+    J_l maps the time derivative of a rotation vector ω to the angular velocity of exp(ω̂) in fixed
     axes.
 
     .. math:: J_l(\omega) = I + \frac{1 - \cos\theta}{\theta^2} \hat\omega

@@ -1,7 +1,7 @@
 """Sector of the workspace: a cell of poses in cylindrical coordinates around an axis.
 
-The axis is by default the base's z axis. A sector suits an arm whose first joint turns all of it: a
-function need then not be designed along the angle.
+The axis is by default the base's z axis. A sector suits an arm whose first joint turns the whole
+arm: then a function need not be designed along the angle.
 """
 
 from __future__ import annotations
@@ -51,13 +51,14 @@ class Sector(Cell):
     ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
 
     ρ, φ and z are the radius, angle and height of p around an axis a through o; e is the direction
-    from that axis to the middle. t tilts about the tool's own x and y axes, ψ turns about its z
-    axis. The orientation turns with φ. A coordinate of half-width 0 is held constant.
+    from that axis to the middle. The vector t tilts about the tool's own x and y axes, and ψ turns
+    about the tool's z axis. The orientation turns with φ. A coordinate of half-width 0 is held
+    constant.
 
     An arm can have two symmetries, which are detected. If a joint j turns the whole arm about the
     axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact. If the axis of a joint j is the tool's z axis
     through the frame's origin, ``F(x R_z(ψ)) = F(x) ± ψ e_j`` is exact. A function is then designed
-    for φ = 0 or ψ = 0 alone. A sector can be used without the symmetries, too.
+    for φ = 0 or ψ = 0 only. A sector can also be used for an arm without symmetries.
 
     Parameters
     ----------
@@ -72,15 +73,15 @@ class Sector(Cell):
         limits allow, and its middle.
     half_angle : float or (2,) or (3,) array
         Half-widths of the tilts, rad: one number, or one per axis. A third number is a half-width
-        of ψ, like ``spin``, but the symmetry is not used; over a small range this can give a lower
+        of ψ, like ``spin``, but its symmetry is not used; over a small range, this can give a lower
         cost.
     spin : float or "all"
         Half-width of ψ, rad, for a pose task; ``"all"`` as for ``angle``.
     axis : (2, 3) array, optional
-        A point on the axis, m, and the direction of the axis, in base coordinates. By default the
-        base's z axis; or the axis of the joint that turns the whole arm, if the two differ by at
-        most 2e-3 rad and m, as in a URDF in which π is rounded. The summary then gives the
-        difference.
+        A point on the axis, m, and the direction of the axis, in base coordinates. The default is
+        the base's z axis. If the axis of the joint that turns the whole arm differs from it by at
+        most 2e-3 rad and m, as in a URDF in which π is rounded, that axis is the default. The
+        summary then states the difference.
 
     Raises
     ------
@@ -150,8 +151,9 @@ class Sector(Cell):
     def _require_apart(self) -> None:
         """Raise an InputError if the sector reaches its axis, where the angle is not defined.
 
-        It is also raised if all half-widths but those of symmetric coordinates are 0: a single
-        joint moves the frame along these, so that nothing is left to design.
+        The error is also raised if all half-widths but those of symmetric coordinates are 0. A
+        single joint moves the frame along symmetric coordinates, so nothing would be left to
+        design.
         """
         away, (radius, *_) = self.middle[0], self.widths
         if away < _NEAR:
@@ -174,7 +176,7 @@ class Sector(Cell):
     def _tables(self) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
         """Return the members of the C struct :data:`CHART` that describe the sector, by name.
 
-        They are arrays of integers, arrays of numbers, and single numbers, in three dictionaries.
+        The three dictionaries have arrays of integers, arrays of floats, and single numbers.
         """
         ints, reals, scalars = super()._tables()
         (radius, height), basis = self.middle, self.directions
@@ -195,7 +197,7 @@ class Sector(Cell):
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Radius and height of the middle, m: its distance from the sector's axis, and along it."""
+        """Radius and height of the middle, m: its distances from and along the sector's axis."""
         away = self.placement.translation - self.axis[0]
         z = float(away @ self.axis[1])
         return float(np.linalg.norm(away - z * self.axis[1])), z
@@ -238,10 +240,10 @@ class Sector(Cell):
         return self.axis[0] + p, R
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from that of the sector in all task coordinates.
+        """Convert placements to offsets (K, m) from the sector's middle in all task coordinates.
 
-        They are in m and rad, in the order radius, angle, height, two tilts, spin, which is at most
-        half a turn from its middle. p (K, 3), m, and R (K, 3, 3) are positions and rotation
+        Offsets are in m and rad, in the order radius, angle, height, two tilts, spin. The spin is
+        at most half a turn from its middle. p (K, 3), m, and R (K, 3, 3) are positions and rotation
         matrices. A coordinate u is an offset relative to its half-width.
         """
         rho, z = self.middle
@@ -262,8 +264,8 @@ class Sector(Cell):
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        It is in base axes. Y (K, m) are the offsets from the middle: radius, angle, height, tilts,
-        spin.
+        Velocities are in base axes. Y (K, m) are the offsets from the middle: radius, angle,
+        height, tilts, spin.
         """
         y = _all_six(Y)
         T = np.zeros((len(y), 6, 6))
@@ -281,7 +283,7 @@ class Sector(Cell):
 
     @property
     def _offset(self) -> Array:
-        """Offset (m,) of the middle from the placement; 0 except for a moved spin."""
+        """Offset (m,) of the middle from the placement; 0 unless the spin's middle is moved."""
         offset = np.zeros(self.task.m)
         if self.spin_middle and self._active[SPIN]:
             offset[SPIN] = self.spin_middle
@@ -291,7 +293,7 @@ class Sector(Cell):
     # --------------------------------------------------------------------------------
 
     def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
-        """Return the sector with the coordinates of the given symmetries removed from u, at 0.
+        """Return the sector with the coordinates of the given symmetries removed from u.
 
         A single joint moves the frame along such a coordinate, so a function is designed without
         it. ``free`` are the indices of coordinates with the range ``"all"``; by default those of
@@ -320,7 +322,7 @@ class Sector(Cell):
     def _part(self, low: Array, high: Array) -> Sector:
         """Return the sector between two corners, low and high (k,), in coordinates u from −1 to 1.
 
-        Tilts keep their middle, and become narrower on both sides.
+        The middle of the tilts stays, so their range becomes narrower on both sides.
         """
         middles, widths = self._middles_and_widths(low, high)
         p, R = self._placed(middles[None])
@@ -328,15 +330,16 @@ class Sector(Cell):
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices, among the m task coordinates, of those whose middle a part may move."""
+        """Indices, among the m task coordinates, of those whose middle may differ in a part."""
         return [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
         """Return a sector whose placement is moved along symmetric coordinates.
 
-        A design so centres a range in the limits of the joint that moves the frame along it.
-        ``middles`` and ``halves`` are the offsets of the middle and the new half-widths, rad, by
-        the index of the coordinate. If the tool tilts, :attr:`spin_middle` is moved instead.
+        So a design centres a range between the limits of the joint that moves the frame along the
+        coordinate. ``middles`` and ``halves`` are offsets of the middle and new half-widths, rad,
+        by index of the coordinate. If the tool tilts, the spin moves :attr:`spin_middle` instead of
+        the placement.
         """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():
@@ -400,7 +403,7 @@ class Sector(Cell):
     def symmetry(self) -> str:
         """Write which symmetries of the arm are used, and how many coordinates remain.
 
-        With a symmetry, a single joint turns the whole arm about the axis, or the tool about its z
+        A symmetry is a joint that alone turns the whole arm about the axis, or the tool about its z
         axis.
         """
         names = self.task.joint_names

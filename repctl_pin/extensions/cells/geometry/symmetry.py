@@ -1,7 +1,7 @@
 r"""Detection of symmetries of an arm: one joint turns the whole arm about an axis, or the tool.
 
-The tool turns about its own z axis. A function over a cell need not be designed along the
-coordinate that such a joint alone changes: the angle or the spin.
+The tool turns about its own z axis. Such a joint alone changes the angle or the spin of a pose, so
+a function over a sector need not be designed along that coordinate.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ in place of it. URDFs write π with as few as two decimals: 3.14 is 1.6e-3 off."
 class Symmetry:
     """A joint that changes only one coordinate of the frame in a sector, at every configuration.
 
-    A function F, one configuration for each pose, need not be designed along it. The pose
-    ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the
-    coordinate of a pose x is increased by y, its configuration is ``F(x) + sign · y e_j``.
+    The pose ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So a
+    function F, one configuration for each pose, need not be designed along the coordinate: if the
+    coordinate of a pose x increases by y, the configuration becomes ``F(x) + sign · y e_j``.
 
     Attributes
     ----------
@@ -67,8 +67,8 @@ def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
 def own_axis(task: Task) -> Array | None:
     """Find the axis (2, 3) of the joint that turns the whole arm: a point, m, and a direction.
 
-    A sector around this axis can use the symmetry. The point is the nearest to the base's origin,
-    and the direction is upward. Return None if no joint turns the whole arm.
+    A sector around this axis can use the symmetry. The point is the point of the axis nearest to
+    the base's origin; the direction is upward. Return None if no joint turns the whole arm.
     """
     q = np.array(task.reference)
     origins, axes = task.joint_origins(q), task.axes(q)
@@ -86,8 +86,8 @@ def own_axis(task: Task) -> Array | None:
 def last_axis(task: Task) -> tuple[str, Array]:
     """Compute the axis (2, 3) of the last joint in axes of the frame: a point, m, and a direction.
 
-    An error message compares it with the tool's z axis. Return also the name of the joint, which
-    must be revolute.
+    An error message compares this axis with the tool's z axis. Return also the name of the joint,
+    which must be revolute.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -98,7 +98,7 @@ def last_axis(task: Task) -> tuple[str, Array]:
 def difference(one: Array, other: Array) -> tuple[float, float]:
     """Compute the angle between two axes (2, 3), rad, at most π/2, and their distance, m.
 
-    The distance is that of the first axis from the point of the second one.
+    The distance is measured from the first axis to the point of the second axis.
     """
     (p, a), (o, b) = one, other
     tilt = np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))
@@ -106,7 +106,7 @@ def difference(one: Array, other: Array) -> tuple[float, float]:
 
 
 def difference_words(one: Array, other: Array) -> str:
-    """Write how far an axis (2, 3) is tilted and displaced from another one; empty if it is not.
+    """Write how far an axis (2, 3) is tilted and displaced from another; empty if they coincide.
 
     An axis is a point, m, and a direction.
     """
@@ -131,10 +131,10 @@ def tool_symmetry(task: Task) -> Symmetry | None:
 def _found(
     task: Task, coordinate: int, joints: range, turned: Callable[[pin.SE3, float], pin.SE3]
 ) -> Symmetry | None:
-    """Find the first of the joints that moves the frame as ``turned`` does; None if there is none.
+    """Find the first joint that moves the frame as ``turned`` does; None if there is none.
 
-    ``turned(x, angle)`` moves a placement x along the coordinate with the index ``coordinate``. The
-    poses after a joint step are compared at a few random configurations.
+    ``turned(x, angle)`` moves a placement x along the coordinate with the index ``coordinate``. It
+    is compared with the effect of a joint step at a few random configurations.
     """
     rng = np.random.default_rng(0)
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))
@@ -151,7 +151,7 @@ def _found(
 def _away(task: Task, x: pin.SE3, y: pin.SE3) -> float:
     """Compute the largest difference of two placements in the components that the task commands.
 
-    It is in m, or in entries of the rotation matrix.
+    The difference is in m, or in entries of the rotation matrix.
     """
     e = [(x.translation - y.translation)[task.rows[: min(3, task.m)]]]
     if task.kind == "pose":

@@ -1,7 +1,7 @@
 """Search for the best configuration in the middle of a cell, from which a function is designed.
 
-From the best one, straight lines to all corners of the cell (rays) can be followed with large
-margins.
+From the best configuration, the arm can follow straight lines (rays) to all corners of the cell
+with large margins.
 """
 
 from __future__ import annotations
@@ -49,20 +49,20 @@ def _in_the_middle(cell: Cell, Q: Array, *, inward: bool = False) -> tuple[Array
     """Move configurations Q (K, n) to the middle of a cell by inverse kinematics.
 
     Return the configurations (K, n), and the task errors that remain (K,), m and rad. With
-    ``inward``, joints also move away from their limits; see :func:`reached`.
+    ``inward``, joints also move away from their limits, see :func:`reached`.
     """
     return reached(cell, *cell.placements(np.zeros((len(Q), cell.k))), Q, inward=inward)
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
-    """Move a configuration that the user gives exactly to the middle of the cell; return it.
+    """Move a configuration given by the user exactly to the middle of the cell, and return it.
 
-    Both are (n,), rad or m. A design begins there.
+    Both configurations are (n,), rad or m. A design begins at the result.
 
     Raises
     ------
     InputError
-        If the middle is not reached from it, or the result is singular or violates a limit.
+        If the middle is not reached from q, or the result is singular or violates a limit.
     """
     task, where = cell.task, cell.where(np.zeros(cell.k))
     q = vector(posture, task.n, "the posture")
@@ -84,10 +84,10 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return the best four, the best first.
 
     A design tries them in this order. If some candidates are free of collisions, the others are
-    dropped. From each remaining one, the arm moves along straight rays to the corners of the cell.
-    The order is: most corners reached, no collision, largest joint-limit margin (up to 0.1 rad or
-    m), smallest joint speed. Among nearly equal ones, the first is the nearest to the task's
-    reference configuration.
+    dropped. From each remaining candidate, the arm moves along straight rays to the corners of the
+    cell. The criteria are, in this order: most corners reached, no collision, largest joint-limit
+    margin (up to 0.1 rad or m), smallest joint speed. Among nearly equal candidates, the one
+    nearest to the task's reference configuration is the first.
 
     Raises
     ------
@@ -113,12 +113,12 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
 def _configurations(cell: Cell, seed: int) -> Array:
     """Find configurations (K, n) in the middle of a cell: regular, and within the joint limits.
 
-    They are solved for from the task's reference and from random configurations.
+    Inverse kinematics starts from the task's reference and from random configurations.
 
     Raises
     ------
     InputError
-        If there are none; the message says why.
+        If there are none; the message gives the reason.
     """
     task, where = cell.task, f"the middle of the cell, {cell.where(np.zeros(cell.k))},"
     drawn = random_configurations(task, _STARTS, np.random.default_rng(seed))
@@ -148,7 +148,7 @@ def _configurations(cell: Cell, seed: int) -> Array:
 def _margins(cell: Cell, Q: Array) -> Array:
     """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m.
 
-    They are in the middle of the cell, whose symmetric coordinates narrow the limits.
+    The configurations are in the middle of the cell; its symmetric coordinates narrow the limits.
     """
     return np.asarray(cell.limit_margin(Q).min(axis=1))
 
@@ -223,8 +223,8 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     """Choose the candidate, a configuration in the middle of a cell, with which to design.
 
     The criteria are, in this order: most corners reached; no collision, or the largest body
-    distance if all collide; joint-limit margin up to 0.1; joint speed, within 20 % of the squared
-    minimum; distance from the configuration ``reference`` (n,).
+    distance if all collide; joint-limit margin up to 0.1; squared joint speed within 20 % of its
+    minimum; smallest distance from the configuration ``reference`` (n,).
     """
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
@@ -242,9 +242,9 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
 def _unwound(cell: Cell, Q: Array) -> Array:
     """Remove full turns from the revolute joints of configurations Q (K, n) in a cell's middle.
 
-    The search begins at random, and a full turn brings a joint nearer to its limit. Each joint gets
-    the value nearest to the task's reference, if that is inside its limits. A row whose pose would
-    change is returned unchanged.
+    The search begins at random configurations, and a full turn brings a joint nearer to its limit.
+    Each joint gets the equivalent angle nearest to the task's reference, if that angle is inside
+    its limits. Rows whose pose would change are returned unchanged.
     """
     task = cell.task
     turns = np.rint((Q - task.reference) / (2 * np.pi)) * task.revolute
@@ -258,7 +258,7 @@ def _unwound(cell: Cell, Q: Array) -> Array:
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
-    """Test which configurations Q (K, n) are far enough from a singularity to start rays: (K,).
+    """Test which configurations Q (K, n) are far enough from singularities to start rays: (K,).
 
     A ray is the motion along a straight line from the middle of a cell.
     """
@@ -266,10 +266,10 @@ def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
 
 
 def _spread(Q: Array, count: int) -> Array:
-    """Return at most ``count`` rows of Q (K, n), each as far as possible from those before it.
+    """Return at most ``count`` rows of Q (K, n), each as far as possible from the earlier ones.
 
-    These few represent all configurations, so that not every one need be evaluated. Rows closer
-    than 0.05 to a selected one are left out.
+    These few represent all configurations, which would take too long to evaluate. Rows closer than
+    0.05 to a selected row are left out.
     """
     kept = [0]
     distance = np.linalg.norm(Q - Q[0], axis=1)
@@ -285,19 +285,20 @@ def _spread(Q: Array, count: int) -> Array:
 def fitting_start(
     problem: Problem, cell_of: Callable[[Problem], Cell]
 ) -> tuple[Problem, Cell, bool]:
-    """Choose the first default start of a problem from which a cell fits.
+    """Choose the first default start of a problem with which a cell fits.
 
     The start is the configuration in which a motion begins. A cell fits if J⁺ reaches the middle of
-    the cell, and from there every corner along a straight ray, inside the joint limits and without
-    collision in the middle and at the corners. If it fits from no start, the one with the most
-    reached corners is chosen, and among equals the one with fewer of these faults.
+    the cell and, from there, every corner along a straight ray. The joints must stay within their
+    limits, without collision in the middle and at the corners. If the cell fits with no start, the
+    start with the most reached corners is chosen, and among equal ones, the one with the fewest
+    faults.
 
     Parameters
     ----------
     problem
         The problem; a start that was given is not changed.
     cell_of
-        Function that makes the cell of a problem: around the pose at its start, or its path.
+        Function that makes the cell of a problem, around the pose at its start or around its path.
 
     Returns
     -------
@@ -306,12 +307,12 @@ def fitting_start(
     cell : Cell
         The cell of that problem.
     fits : bool
-        True if it fits.
+        True if the cell fits.
 
     Raises
     ------
     InputError
-        If there is no such cell for any start; the message is that of the first.
+        If ``cell_of`` fails with every start; the error is that of the first start.
     """
     failure: InputError | None = None
     best: tuple[tuple[float, int], Problem, Cell] | None = None
@@ -336,8 +337,8 @@ def fitting_start(
 def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
     """Evaluate how well a cell is reached from the start of a problem: share and faults.
 
-    These are the fraction of the corners that J⁺ reaches, −1 if the middle is not reached, and the
-    number of faults, 0 to 2: limits violated, bodies that collide.
+    The share is the fraction of the corners that J⁺ reaches, or −1 if the middle is not reached.
+    The faults, 0 to 2, are: a limit is violated, bodies collide.
     """
     desired = Pseudoinverse(problem.task)
     try:

@@ -42,7 +42,7 @@ _ARC = 49
 def _box_of(cell: Cell) -> Array:
     """Trace the edges of a cell's range of positions: points (P, 3), m.
 
-    It is a rectangle or a line if some positions are fixed.
+    The result is a rectangle or a line if some positions are fixed.
     """
     if isinstance(cell, Sector):
         return _edges(cell)
@@ -56,7 +56,7 @@ def _box_of(cell: Cell) -> Array:
 def _edges(sector: Sector) -> Array:
     """Trace the arcs and edges of a sector's range of positions: points (P, 3), m.
 
-    A sector is a cell in cylindrical coordinates. The points are those of one line, to be drawn.
+    A sector is a cell in cylindrical coordinates. The points form a single line, which is drawn.
     """
     there = np.linspace(-1.0, 1.0, _ARC)
     arc, corners = ([*there, *there[::-1]], [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
@@ -85,8 +85,8 @@ def cell_page(
     slices
         PNG file of the figure of slices; None leaves the figure out.
     motions
-        Motions along a sample path through the cell, by controller: the desired one, if there is
-        one, and the function.
+        Motions along a sample path through the cell, by controller: the desired inverse, unless it
+        failed, and the function.
     notes
         Notes on these motions.
     command
@@ -147,7 +147,7 @@ def _tour_page(
 
 
 def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = None) -> Headline:
-    """Write what one function covers, and its cost; and as notes the limits and the bodies.
+    """Write a headline on coverage and extra joint speed, and notes on limits and bodies.
 
     The limit margin and the body distance are the smallest known in the cell.
 
@@ -171,7 +171,7 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
 
 
 def _covered(design: CellDesign) -> str:
-    """Write which poses the function covers and, if it is not all, what stops it elsewhere.
+    """Write which poses the function covers and, if not all, what prevents the others.
 
     This is the first sentence of the page.
     """
@@ -186,9 +186,9 @@ def _covered(design: CellDesign) -> str:
 
 
 def _cost(design: CellDesign) -> Span:
-    """Write the extra joint speed on average and at the worst pose, both over all directions.
+    """Write the extra joint speed on average and at the worst pose, each over all directions.
 
-    It is relative to the desired inverse, by default J⁺.
+    The speed is relative to the desired inverse, by default J⁺.
     """
     mean, worst = (
         ratio_in_percent(share, 2).replace("-", "−")
@@ -200,10 +200,10 @@ def _cost(design: CellDesign) -> Span:
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
-    """Write the smallest known distance from the joint limits, and which joints it leaves out.
+    """Write the smallest known distance from the joint limits, and which joints are left out.
 
-    ``path`` is empty, or has the motion along the sample path, which counts, too. A joint is left
-    out if it ends the range of a sector's angle or spin.
+    ``path`` is empty, or has the motion along the sample path, which is then included. A joint is
+    left out if it ends the range of a sector's angle or spin.
     """
     found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]
@@ -227,9 +227,9 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
 
 
 def _turned_to_the_end(design: CellDesign) -> list[str]:
-    """List the joints that a sector turns as far as they go, which no limit margin counts.
+    """List the joints that a sector turns up to their limits, and that no limit margin includes.
 
-    A coordinate of the sector with the range ``"all"`` ends at their limits.
+    Their limits end a coordinate of the sector with the range ``"all"``.
     """
     free = [design.cell.coordinate_names[i] for i in design.cell.free]
     return [
@@ -242,7 +242,7 @@ def _turned_to_the_end(design: CellDesign) -> list[str]:
 def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
     """Write the smallest known distance between bodies, or that there are none.
 
-    ``path`` is empty, or has the motion along the sample path, which counts, too.
+    ``path`` is empty, or has the motion along the sample path, which is then included.
     """
     unchecked = bodies_of(design.task).not_checked
     more = [Span(f"Collisions not checked: {unchecked}.", "near")] if unchecked else []

@@ -47,8 +47,8 @@ def _slice_of_cell(
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     """Draw the figure of slices, with a panel for each slice and quantity.
 
-    The quantities are the limit margin, the extra joint speed and, for a sector, how far it reaches
-    around its axis. Each quantity has one colour scale.
+    The quantities are the limit margin, the extra joint speed and, for a sector, the range of its
+    angle. All panels of a quantity have the same colour scale.
     """
     cell = design.function.chart.cell
     shapes = [cell.widths[cell.moved][list(cut.axes)] for cut in cuts]

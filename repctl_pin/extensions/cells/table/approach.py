@@ -1,7 +1,7 @@
-"""The approach axis of a tool: the axis of its frame that points at what the tool works on.
+"""Approach axis of a tool: the axis of the tool's frame that points at the work.
 
-Frames name it differently: mostly z, but x in others. It is found from the last joint and the
-fingers, and a task with another approach axis gets a frame that is turned so that z is along it.
+In most frames it is z, in others x. It is found from the last joint and the fingers. A task whose
+approach axis is not z gets a turned frame, in which it is z.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Approach(NamedTuple):
     axis : str
         The axis: ``x``, ``y``, ``z``, ``-x``, ``-y`` or ``-z`` of the frame.
     why : str
-        What it was found from.
+        Evidence for the axis, such as the axis of the last joint.
     """
 
     axis: str
@@ -57,10 +57,11 @@ class Approach(NamedTuple):
 
 
 def approach_axis(task: Task, given: Any = None) -> Approach:
-    """Find the approach axis of a task's frame, or check the one that is given.
+    """Find the approach axis of a task's frame, or check a given axis.
 
-    It is along the axis of the last joint, on the side of the fingers or of the frame. If these lie
-    across that axis, it points to them. If neither is along an axis of the frame, it is z.
+    The approach axis is along the axis of the last joint, toward the fingers or the frame. If these
+    lie beside that axis, the approach axis points from the joint to them. If neither direction is
+    nearly along an axis of the frame, it is z.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")
@@ -87,7 +88,7 @@ def with_approach(task: Task, approach: Approach) -> Task:
 
 
 def _named(direction: Array) -> str:
-    """Name the axis of a frame that is nearest to a direction (3,)."""
+    """Return the name of the frame's axis that is nearest to a direction (3,)."""
     i = int(np.argmax(np.abs(direction)))
     return f"{'-' if direction[i] < 0 else ''}{'xyz'[i]}"
 
@@ -95,7 +96,7 @@ def _named(direction: Array) -> str:
 def _fingers(task: Task) -> Array | None:
     """Compute the mean position (3,) of the joints on the frame's body, m, in axes of the frame.
 
-    The joints beyond an arm's end are those of fingers. Return None if there are none.
+    Joints beyond the end of the arm are taken as those of fingers. Return None if there are none.
     """
     model: pin.Model = task.robot.model
     frame = model.frames[frame_id(model, task.frame)]

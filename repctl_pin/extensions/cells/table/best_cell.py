@@ -1,7 +1,8 @@
-"""Where an arm can work: the best place for a box of poses of a given size and orientation.
+"""Search for the best place of a box of poses of given size and orientation.
 
-A cell is a box of poses. J⁺, the pseudoinverse of the task Jacobian, leads the arm from the middle
-of a box to its corners. A box fits in a place if this succeeds.
+A cell is a box of poses. J⁺, the pseudoinverse of the task Jacobian, moves the arm from the middle
+of a box to its corners. If the arm reaches all corners, the box is a candidate, and the design of a
+function shows whether it fits.
 """
 
 from __future__ import annotations
@@ -80,19 +81,19 @@ class BestCell:
     cell : Cell
         The box.
     posture : (n,) array
-        Configuration in its middle, from which J⁺ reaches all corners, rad or m.
+        Configuration in the middle of the box, from which J⁺ reaches all corners, rad or m.
     factor : float
-        Edges relative to those asked for, m per m: 1 if it fits.
+        Length of the edges relative to the requested size; 1 if the box fits at that size.
     margin : float
         Smallest limit margin on the straight ways to the corners, rad or m.
     reason : str
-        Obstruction to the size asked for, at the same middle; empty if it fits.
+        Obstruction to the requested size at the same middle; empty if the box fits at that size.
     table : WholeTable or None
-        Without a size: the function over the sector, ``table.design``; the best arm with locked
-        joints, ``table.locked``; and what the arm reaches.
+        Result without a size: the function over the sector (``table.design``), the best arm with
+        locked joints (``table.locked``), and what the arm reaches. None with a size.
     approach : Approach or None
-        Approach axis of the tool, which ``orientation`` refers to; None if it was not used. If it
-        is not z, the task of ``cell`` has a frame that is turned such that z is along it.
+        Approach axis of the tool, to which ``orientation`` refers; None if it was not used. If the
+        axis is not z, the task of ``cell`` has a turned frame, in which it is z.
 
     Examples
     --------
@@ -133,47 +134,48 @@ def best_cell(
 ) -> BestCell:
     """Find the best place for a box of poses; without a size, the largest sector around the arm.
 
-    Without a size, the arm's whole table is found: the largest range of radius and height, round
-    the arm and at every spin of the tool, that one function covers. Floods from random
-    configurations, and from arms with locked joints, show what is reached without a change of
+    Without a size, the whole table of the arm is found: the largest range of radius and height,
+    around the arm and at every spin of the tool, that one function covers. Floods from random
+    configurations, and from arms with locked joints, show what the arm reaches without a change of
     branch. Functions are designed for the largest rectangles of three unlike floods. Sides are cut
-    where a function fails, costs too much or bodies come nearer than 5 mm. The best one is
+    where a function fails, is too fast, or brings bodies nearer than 5 mm. The best function is
     returned.
 
-    A box fits if one function covers it, inside the joint limits, and no bodies collide: a design
-    confirms it. Before, J⁺, the pseudoinverse of the task Jacobian, leads from a configuration in
-    its middle along straight ways to all corners and edges. The middles that are tried are random
-    configurations, turned to the orientation, and others beside the best of them. The largest box
-    is taken. Among equal ones, those above z = 0 of the base come first, then those with the
-    largest limit margin, up to 0.3 rad or m, then those with the shortest ways; with ``at``, the
-    nearest ones. From among them, the one is taken whose function has the best margins, body
-    distance and joint speed. Boxes shrink by tenths of the size. The function over the box is
-    designed by :func:`nearest_inverse_function`.
+    A box fits if one function covers it, inside the joint limits and without collisions. First, J⁺,
+    the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
+    straight lines to all corners and edges. Then the design of a function confirms the box. The
+    middles that are tried are those of random configurations, turned to the orientation, and others
+    beside the best of these. The largest box wins; boxes shrink by tenths of the size. Among boxes
+    of equal size, the order is: nearest to ``at``, if given; above z = 0 of the base; limit margin,
+    up to 0.3 rad or m; smallest joint motion. Among the first of these, the box whose function has
+    the best margins, body distance and joint speed is returned. Design its function by
+    :func:`nearest_inverse_function`.
 
     Parameters
     ----------
     task
         The task.
     size : float or (k,) array, optional
-        Edges of the box, m: one number, or one per position that the task commands; by default the
-        largest sector.
+        Edges of the box, m: one number, or one per position that the task commands. By default, the
+        largest sector is found instead.
     orientation : str or (3, 3) array, optional
         Direction of the tool's approach axis, ``"down"``, ``"forward"`` (along x of the base) or
         ``"up"``; or the rotation matrix of the frame. By default, the orientation at the task's
         reference.
     approach : str, optional
         Approach axis of the frame: ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``. By
-        default, it is found from the axis of the last joint and the fingers if ``orientation`` is a
-        word, and is z otherwise. An axis task then commands this axis.
+        default, it is found from the last joint and the fingers if ``orientation`` is a word;
+        otherwise it is z. An axis task then commands this axis.
     yaw
-        Angle by which the tool is then turned about the base's z axis, rad.
+        Angle, rad, by which the tool is further turned about the base's z axis.
     at : (3,) array, optional
-        Middle of the box to be near to, m; by default any.
+        Position, m, that the middle of the box should be near; by default any.
     heights, most_extra : (float, float)
-        Without a size: lowest and highest position of the frame above the arm's axis point, m; and
-        the maximum extra joint speed relative to J⁺, on average and at the worst pose.
+        Limits without a size. ``heights``: lowest and highest position of the frame, m, above the
+        point of the arm's axis nearest to the base's origin. ``most_extra``: maximum extra joint
+        speed relative to J⁺, on average and at the worst pose.
     options
-        Options of the fits; their seed is that of the middles that are tried, too.
+        Options of the fits. The seed is also that of the middles that are tried.
     progress : bool or callback
         Show a bar, or call ``progress(step, fraction)``.
 
@@ -184,8 +186,8 @@ def best_cell(
     Raises
     ------
     InputError
-        If the task is not redundant or an argument is wrong; or no box of this orientation fits
-        anywhere, with the obstruction.
+        If the task is not redundant, an argument is invalid, or no box of this orientation fits
+        anywhere; the message then states the obstruction.
 
     Examples
     --------
@@ -278,7 +280,7 @@ def _whole(
 def _on_workpiece(task: Task) -> bool:
     """Test whether joints of the task move the link to which its poses are relative.
 
-    The floods of the largest sector did not end within minutes for such a task.
+    For such a task, the floods of the largest sector would take more than minutes.
     """
     Q = np.stack([task.reference, task.reference + 0.05])
     first, second = base_placements(task.robot, np.stack([task.to_robot(q) for q in Q]))
@@ -286,25 +288,25 @@ def _on_workpiece(task: Task) -> bool:
 
 
 def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
-    """Check two numbers, the smaller first; they may be infinite."""
+    """Check that a value is two increasing numbers, which may be infinite, and return them."""
     try:
         low, high = (float(each) for each in value)
     except (TypeError, ValueError):
         raise InputError(f"must be two numbers {unit}".rstrip(), argument=name) from None
     if not low < high:
-        raise InputError(f"must rise; got {low:g}, {high:g}", argument=name)
+        raise InputError(f"must be two increasing numbers; got {low:g}, {high:g}", argument=name)
     return low, high
 
 
 def _oriented(
     task: Task, orientation: Any, approach: Any, yaw: float
 ) -> tuple[Approach | None, Task, Array]:
-    """Make the rotation of the tool (3, 3), in base axes, and the task with z as approach axis.
+    """Return the approach axis, the task with z as that axis, and the tool's rotation (3, 3).
 
-    ``orientation`` is "down", "forward", "up", a rotation matrix, or None for that at the task's
-    reference. ``yaw`` is a further rotation about the base's z axis, rad. An InputError is raised
-    for anything else, or if the task leaves the rotation free. The approach axis is None where it
-    is neither given nor needed.
+    ``orientation`` is "down", "forward", "up", a rotation matrix, or None for the orientation at
+    the task's reference. ``yaw``, rad, is a further rotation about the base's z axis. The rotation
+    is in base axes. The approach axis is None if it is neither given nor needed. An InputError is
+    raised for other values, or if the task leaves the rotation free.
     """
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, finite(yaw, "yaw"))
     for name, value in (("orientation", orientation), ("approach", approach)):
@@ -334,9 +336,10 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
     Random configurations are turned to the orientation of the box without moving the frame's
-    origin. With ``at`` (3,), m, they also move towards that position, each by another share of the
-    way. Without it, middles of floods around the arm are tried, too. Then middles beside the best
-    ones are tried. An InputError is raised if none is reached.
+    origin. With ``at`` (3,), m, they also move toward that position, each by a different share of
+    the way. Without ``at``, middles from floods around the arm are also tried, except for tasks of
+    few coordinates. Middles beside the best ones follow. An InputError is raised if no middle is
+    reached.
     """
     p, Q = drawn(box, _DRAWN, rng)
     if at is not None:
@@ -366,8 +369,8 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
 def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
 
-    These are the size of the box that fits there, the distance from ``at`` (3,), m, if given, being
-    above the base, the limit margin, and the largest joint motion to a corner.
+    The criteria are: size of the box that fits there, distance from ``at`` (3,), m, if given,
+    whether the box is above the base, limit margin, and largest joint motion to a corner.
     """
     z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
@@ -380,8 +383,8 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
 def _free(box: Cell, found: Grown, count: int) -> Grown:
     """Select the first ``count`` middles of a box in which no bodies collide.
 
-    At most eight times as many are tested, because the test is slow. If all of them collide, only
-    the first one is returned.
+    At most eight times as many are tested, because the test is slow. If all tested middles have a
+    collision, only the first middle is returned.
     """
     bodies = bodies_of(box.task)
     free: list[int] = []
@@ -394,16 +397,16 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
 
 
 class _Fitting(NamedTuple):
-    """Box of which the design of one function says that it is covered.
+    """Box that one function covers, as its design showed.
 
     Attributes
     ----------
     cell : Cell
         The box.
     own : Candidate
-        Posture in its middle.
+        Configuration in the middle of the box.
     reason : str
-        Why no function covers a larger box; empty if none was tried.
+        Why no function covers a larger box; empty if no larger box was tried.
     """
 
     cell: Cell
@@ -412,9 +415,9 @@ class _Fitting(NamedTuple):
 
 
 def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
-    """Choose the middle around which the largest box fits, and a posture there; None if none fits.
+    """Choose the middle of the largest box that fits, and a posture there; None if none fits.
 
-    Few places are tried at a time, and the box is smaller only after all of them.
+    A few places are tried at a time. The box becomes smaller only after all places have failed.
     """
     desired = Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
@@ -438,11 +441,12 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
 def _best_of(
     fit: CellFit, box: Cell, places: Grown, size: int, *, search: bool
 ) -> tuple[tuple[Cell, Candidate] | None, str]:
-    """Choose the best of some places for a box of a size, in steps; None if it fits at none.
+    """Choose the best of some places for a box of ``size`` steps; None if it fits at none.
 
-    Quick designs of postures that differ show which has the best margins and the lowest joint
-    speed. With ``search``, other postures are searched for at the first place. A design of full
-    accuracy confirms that one function covers the box. Return also why one does not.
+    Quick designs show at which place and posture the function has the best margins and the lowest
+    joint speed. With ``search``, other postures are searched for at the first place. A design of
+    full accuracy confirms that one function covers the box. Return also why the first such design
+    failed; empty if none did.
     """
     desired, reason = fit.desired, ""
     cells = [_box_at(box, p, size / STEPS) for p in places.p]
@@ -465,7 +469,7 @@ def _best_of(
 
 
 def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
-    """Find the largest number of steps by which a box grows around a middle k, and still fits."""
+    """Find the largest number of steps to which a box grows around middle k and still fits."""
     low, high = 0, int(found.steps[k])
     middle = high
     while low < high:
@@ -479,9 +483,9 @@ def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
 
 
 def _worth(design: object) -> float:
-    """Evaluate a design by its margins, up to what is of use, and joint speed; 0 if it fails.
+    """Rate a design by its joint speed and its margins, up to useful values; 0 if it fails.
 
-    It fails if it does not cover the box, or if bodies collide.
+    A design fails if it does not cover the box, or if bodies collide.
     """
     if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
         return 0.0
@@ -491,7 +495,7 @@ def _worth(design: object) -> float:
 
 
 def _said(design: CellDesign | tuple[FailureReason, ...]) -> str:
-    """Write why no function covers a box, from a design that fails or its reasons."""
+    """Write why no function covers a box, given a failed design or reasons for failure."""
     failures = design.failures if isinstance(design, CellDesign) else design
     return max(failures, key=lambda stop: stop.share).what if failures else ""
 
@@ -503,15 +507,16 @@ def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
 
 
 def _fits(candidate: Candidate) -> bool:
-    """Test whether J⁺ reaches all corners of a box, inside the limits and free of collisions."""
+    """Test whether J⁺ reaches all corners of a box, inside the limits and without collisions."""
     return candidate.share == 1 and candidate.margin > 0 and candidate.body_distance >= 0
 
 
 def _obstruction(cell: Cell, q: Array) -> str:
-    """Write what keeps J⁺ from the corners of a cell, from a configuration q (n,) in its middle.
+    """Write why J⁺ does not lead from the configuration q (n,) in a cell's middle to all corners.
 
-    The text completes an error message: a corner out of reach or behind a singularity, a joint that
-    leaves its limits, or two bodies that collide. It is empty if nothing does.
+    The text completes an error message. The obstruction is a corner out of reach or behind a
+    singularity, a joint that leaves its limits, or two bodies that collide. The text is empty if
+    there is no obstruction.
     """
     task, corners = cell.task, cell.corners()
     ends = rays(Pseudoinverse(task), cell, q, corners, steps=16)

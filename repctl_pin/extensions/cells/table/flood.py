@@ -1,8 +1,8 @@
-"""Floods: what an arm reaches of a table from one configuration, without a change of branch.
+"""Floods: which nodes of a table an arm reaches from one configuration without changing branch.
 
 A table is a grid of radius and height around the axis of the joint that turns the whole arm. A
-flood begins at a node with one configuration and spreads from neighbour to neighbour, all floods at
-once. It stops at joint limits, singularities, and where a joint would jump.
+flood begins at one node with one configuration and spreads from neighbour to neighbour. It stops at
+joint limits, at singularities, and where a joint would jump. All floods are computed at once.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 class Table(NamedTuple):
-    """Grid of poses: radius and height around an axis, at the angle 0 and one orientation.
+    """Grid of poses over radius and height around an axis, at the angle 0 and one orientation.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Table(NamedTuple):
     radii, heights : (I,) and (J,) arrays
         Coordinates of the nodes, m.
     counted : (n,) array of bool
-        Joints whose limits count; those that alone turn the arm or the tool are left out.
+        Joints whose limits are checked: all but those that alone turn the arm or the tool.
     joint : int
         Index of the joint that turns the arm about the axis.
     """
@@ -79,7 +79,7 @@ class Table(NamedTuple):
         return p, np.broadcast_to(self.rotation, (len(nodes), 3, 3))
 
     def margins(self, Q: Array) -> Array:
-        """Evaluate the smallest margin (K,) of the joints that count, relative to its minimum."""
+        """Evaluate the smallest limit margin (K,) of counted joints relative to its minimum."""
         least = _MARGIN * np.minimum(1.0, self.task.upper - self.task.lower)
         return np.asarray(
             (self.task.limit_margin(Q) / least)[:, self.counted].min(axis=1, initial=np.inf)
@@ -90,7 +90,8 @@ class Table(NamedTuple):
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Solve for the poses of nodes (K, 2) from Q (K, n), with joints ``held`` (K, n) locked.
 
-        Return the configurations, and where they are exact, inside the limits and regular (K,).
+        Return the configurations, and a mask (K,) of those that are exact, inside the limits and
+        regular.
         """
         task, Q = self.task, Q.copy()
         p_goal, R_goal = self.goals(nodes)
@@ -128,10 +129,10 @@ class Table(NamedTuple):
 
 
 def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bool_]) -> Array:
-    """Flood a table from S seeds, all at once: configurations (S, I, J, n), NaN where not reached.
+    """Flood a table from S seeds: configurations (S, I, J, n), NaN where not reached.
 
-    ``nodes`` (S, 2) and Q (S, n) are the nodes and configurations of the seeds, ``held`` (S, n) the
-    joints that are locked.
+    ``nodes`` (S, 2) and Q (S, n) are the nodes and configurations of the seeds; ``held`` (S, n) is
+    True for joints that are locked.
     """
     S, (rows, columns) = len(Q), table.shape
     found = np.full((S, rows, columns, table.task.n), np.nan)
@@ -159,7 +160,7 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
 
 
 def connected(mask: NDArray[np.bool_], nodes: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return the parts of masks (S, I, J) that are connected to one node (S, 2) of each."""
+    """Return the part of each mask (S, I, J) that is connected to a node (S, 2) of that mask."""
     found = np.zeros_like(mask)
     seed = np.arange(len(mask))
     found[seed, nodes[:, 0], nodes[:, 1]] = mask[seed, nodes[:, 0], nodes[:, 1]]
@@ -183,7 +184,7 @@ class Rectangles(NamedTuple):
     area : (S,) array
         Area between the outer nodes, in units of the spacing squared.
     first, last : (S, 2) arrays of int
-        Indices of radius and height of two opposite nodes.
+        Indices of radius and height of two opposite corners.
     """
 
     area: NDArray[Any]

@@ -1,7 +1,7 @@
-"""The whole table: the largest sector around an arm that one function covers at one orientation.
+"""Whole table: the largest sector around an arm that one function covers at one orientation.
 
-Floods over radius and height show what the arm reaches without a change of branch. The largest
-rectangles in the best of them are the sectors for which functions are designed.
+Floods over radius and height show what the arm reaches without a change of branch. Functions are
+designed for sectors, which are the largest rectangles in the best floods.
 """
 
 from __future__ import annotations
@@ -71,20 +71,20 @@ _SETTLED = 40
 
 
 class LockedJoints(NamedTuple):
-    """What the best arm with locked joints, the trivial repeatable controller, covers of a sector.
+    """Best arm with r locked joints, a trivial repeatable controller, and its coverage of a sector.
 
     Attributes
     ----------
     joints : tuple of str
         Names of the r joints that are locked.
     values : tuple of float
-        Where they are locked, rad or m.
+        Values at which these joints are locked, rad or m.
     share : float
-        Share of the sector's radii and heights that it covers, on a grid of 3 cm.
+        Share of the sector's radii and heights that the arm covers, on a grid of 3 cm.
     extra, worst : float
         Extra joint speed relative to J⁺, on average and at the worst node.
     area : float
-        Area of radius and height of the largest sector that it covers without collision, m².
+        Area, radius times height, of the largest sector that the arm covers without collision, m².
     """
 
     joints: tuple[str, ...]
@@ -114,13 +114,14 @@ class WholeTable(NamedTuple):
     design : CellDesign
         The function over the sector.
     locked : LockedJoints or None
-        The arm with locked joints that covers most of the sector, within the limits of joint speed
-        if any is; of several, the cheapest.
+        Arm with locked joints that covers the largest share of the sector. Arms within the limits
+        of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
     larger : LockedJoints or None
         An arm with locked joints that covers a larger sector within the limits of joint speed; None
         if there is none.
     reach, rectangle : float
-        Area of radii and heights that any flood reaches, and of the largest rectangle in one, m².
+        Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
+        in a flood without collision, m².
     floods : list of (I, J) arrays of bool
         For each flood that was tested, the nodes that it reaches without collision.
     table : Table
@@ -142,7 +143,7 @@ class WholeTable(NamedTuple):
 
 
 def area_of(cell: Cell) -> float:
-    """Compute the area of radius and height of a sector, m²."""
+    """Compute the area of a sector's range of radius and height, m²."""
     return float(4 * cell.widths[RADIUS] * cell.widths[HEIGHT])
 
 
@@ -240,9 +241,9 @@ def whole_table(
 def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     """Find middles for a box in floods around the arm: positions (K, 3), m, and Q (K, n).
 
-    They are those with most nodes of a flood in a sector that contains the box, on four sides of
-    the arm. Most of the box's poses are then reached without a change of branch. There are none if
-    the arm has no joint that turns it about a vertical axis.
+    At these middles, on four sides of the arm, a flood reaches the largest share of a sector that
+    contains the box. So the arm reaches most poses of the box without a change of branch. The
+    result is empty if no joint turns the whole arm about a vertical axis.
     """
     task, heights = box.task, (-np.inf, np.inf)
     try:
@@ -269,9 +270,10 @@ def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array
 def _at_side(
     table: Table, symmetries: tuple[Symmetry, ...], nodes: NDArray[np.intp], Q: Array, angle: float
 ) -> tuple[Array, Array]:
-    """Turn nodes (K, 2) and their configurations Q (K, n) about the axis, and the tool back.
+    """Turn nodes (K, 2) and configurations Q (K, n) about the arm's axis, and the tool back.
 
-    Return positions (K, 3), m, and configurations (K, n). Joints may be beyond their limits.
+    The tool so keeps its orientation. Return positions (K, 3), m, and configurations (K, n), whose
+    joints may be beyond their limits.
     """
     task, Q = table.task, Q.copy()
     back = -angle * np.sign(table.rotation[2, 2])
@@ -283,9 +285,10 @@ def _at_side(
 
 
 def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float, z: float) -> Array:
-    """Evaluate which share of a box's window each of S floods reaches, by its middle: (S, I, J).
+    """Evaluate the share of a window that each of S floods reaches, per middle: (S, I, J).
 
-    The window has the radii and heights of a box of half-widths x, along the radius, y and z, m.
+    The window around a middle has the radii and heights of a box of half-widths x (along the
+    radius), y and z, m.
     """
     S, rows, columns = reached.shape
     total = np.zeros((S, rows + 1, columns + 1))
@@ -302,7 +305,7 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 
 
 class _Place(NamedTuple):
-    """Sector, the posture in its middle (n,), its best possible worth, and a quick design."""
+    """Sector, posture in its middle (n,), upper bound of its worth, and a quick design."""
 
     cell: Cell
     posture: Array
@@ -313,7 +316,7 @@ class _Place(NamedTuple):
 def _sectors(
     table: Table, floods: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
 ) -> list[_Place]:
-    """Choose the best sectors with unlike postures in their middles (n,), the best first."""
+    """Choose the best sectors with different postures in their middles, the best first."""
     postures = floods.middles(found)[1]
     worth = found.area * SPACING**2 * _turns(table, floods, found, symmetries)
     order = np.argsort(-worth)[: int((worth > 0).sum())]
@@ -329,11 +332,12 @@ def _sectors(
 
 
 def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
-    """Find the largest rectangle of each flood in which joint speed can be within the limits.
+    """Find the largest rectangle of each flood in which joint speed can meet the limits.
 
-    No function through the configurations of a flood needs less joint speed than ``G E``, with
-    E = ∂x/∂u and G = J⁺ but for the columns of symmetric coordinates, along which one joint moves
-    alone. The dearest nodes are left out until the mean over the rectangle is small enough.
+    No function through the configurations of a flood has a lower joint speed than ``G E``, with
+    E = ∂x/∂u. G is J⁺, except in the columns of symmetric coordinates, along which one joint moves
+    alone. Nodes with the highest joint speed are left out until the mean over the rectangle meets
+    its limit.
     """
     own, usual = np.full((2, *clear.reached.shape), np.nan)
     own[clear.reached], usual[clear.reached] = _least_speeds(cell, clear.Q[clear.reached])
@@ -362,7 +366,7 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
 def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
     """Rank places by a quick design of each, the best first.
 
-    A place that cannot be better than the best one by more than 5 % is not designed.
+    Places that cannot be more than 5 % better than the best so far get no design.
     """
     worths, ranked = [0.0], []
     for k, place in enumerate(places):
@@ -382,7 +386,7 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report
 def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
     """Design the first sector that one function covers without a collision.
 
-    InputError is raised if there is none.
+    InputError is raised if there is no such sector.
     """
     for k, place in enumerate(ranked):
         report("the function", 0.75 + 0.08 * k)
@@ -399,11 +403,11 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
 
 
 def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
-    """Evaluate a quick design by area, how far round it goes, body distance and joint speed.
+    """Rate a quick design by area, range around the arm, body distance and joint speed.
 
-    Bodies cost a share of the area later, some 10 % where they are near and 30 % where they collide
-    at φ = 0; a table of half a turn is worth three quarters of a whole one. A place without a quick
-    design comes last but is tried.
+    Cuts at bodies later cost some 10 % of the area where bodies are near, and 30 % where they
+    collide at φ = 0. A table of half a turn is worth three quarters of a whole one. A place without
+    a quick design has half the worth of its area, and so is still tried.
     """
     if design is None:
         return 0.5 * area_of(cell)
@@ -416,9 +420,10 @@ def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
 def _turns(
     table: Table, floods: _Floods, found: Rectangles, symmetries: tuple[Symmetry, ...]
 ) -> Array:
-    """Evaluate how far round the largest rectangle of each flood goes: (S,), from 0.5 to 1.
+    """Rate the range around the arm of each flood's largest rectangle: (S,), from 0.5 to 1.
 
-    The joint that turns the arm or the tool loses the range by which it differs over the rectangle.
+    A joint that turns the arm or the tool loses that part of its range over which its value varies
+    in the rectangle.
     """
     task, share = table.task, np.ones(len(floods.Q))
     for k, flood in enumerate(floods.Q):
@@ -437,15 +442,15 @@ def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
     Raises
     ------
     InputError
-        If there is none: the table around the arm is then no sector.
+        If there is no such axis; the table around the arm is then not a sector.
     """
     line = own_axis(task)
     name = task.robot.name
     if line is None:
         first = task.joint_names[0]
         raise InputError(
-            f"no joint of {name} turns the whole arm about an axis that stands still: there is no "
-            "sector around it",
+            f"no joint of {name} turns the whole arm about a fixed axis, so there is no sector "
+            "around the arm",
             remedy=f"hold {first!r} with --lock, or give --size",
         )
     if difference(line, VERTICAL)[0] > NEAR:
@@ -499,7 +504,7 @@ def _grid(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Make the nodes that cover radii and heights (K,), m, between two given heights."""
+    """Make the nodes that cover given radii and heights (K,), m, between two limits of height."""
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
     counted[[one.joint for one in symmetries]] = False
@@ -525,7 +530,7 @@ def _grid(
 def _locked_floods(
     table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
 ) -> _Floods:
-    """Flood a table with r random joints locked, at 0 or as in random configurations."""
+    """Flood a table with r random joints locked, at 0 or at values of random configurations."""
     task = table.task
     rows = rng.integers(len(Q), size=_LOCKED)
     joints = np.flatnonzero(table.counted)
@@ -541,7 +546,7 @@ def _locked_floods(
 
 
 def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Floods) -> _Floods:
-    """Flood a table from random configurations far apart, and from middles of locked floods."""
+    """Flood a table from dissimilar random configurations, and from middles of locked floods."""
     counted = table.counted
     kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
     while len(kept) < min(_SEEDS, len(Q)):
@@ -560,7 +565,7 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
 
 
 def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangles]:
-    """Choose the body distance to keep, m; return it with the floods and rectangles that do."""
+    """Choose the body distance to keep, m; return it with floods and rectangles that keep it."""
     wide = _clear(table, floods, _CLEAR)
     found = rectangles(wide.reached)
     if found.area.max() < _MUCH * rectangles(floods.reached).area.max():
@@ -572,9 +577,10 @@ def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangl
 
 
 def _clear(table: Table, floods: _Floods, distance: float) -> _Floods:
-    """Remove nodes where bodies are too near, and what is then no longer connected.
+    """Remove nodes where bodies are too near, and nodes that are then no longer connected.
 
-    Only the best floods with unlike postures are kept. ``distance`` is that of the bodies, m.
+    Only the best floods with different postures are kept. ``distance`` is the body distance to
+    keep, m.
     """
     found = rectangles(floods.reached)
     order, postures = np.argsort(-found.area), floods.middles(found)[1]
@@ -593,9 +599,9 @@ def _clear(table: Table, floods: _Floods, distance: float) -> _Floods:
 
 
 def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
-    """Test at which nodes (K, 2) bodies are too near, with the configurations Q (K, n).
+    """Test at which nodes (K, 2), with the configurations Q (K, n), bodies are too near.
 
-    Where they are, it is tested at one node of nine if they are so all round.
+    They must be too near all around the arm; among such nodes, this is tested at one in nine.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
@@ -612,7 +618,7 @@ def _sector(
     first: NDArray[np.intp],
     last: NDArray[np.intp],
 ) -> Cell:
-    """Make the sector between two nodes, with its symmetric coordinates as far as they go."""
+    """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``."""
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
     (rho, z), half = (low + high) / 2, (high - low) / 2
@@ -631,7 +637,7 @@ def _sector(
 
 
 def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
-    """Add floods with joints locked as in the middle of a design, and at 0 from there."""
+    """Add floods from a design's middle, with joints locked at their values there, or at 0."""
     cell, task = design.cell, table.task
     assert isinstance(cell, Sector), "a table is a sector"
     sets = list(combinations(np.flatnonzero(table.counted), task.r))[:_SETS]
@@ -653,9 +659,9 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
 def _best_locked(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find the locked flood that covers most of a design's sector, within the limits if any is.
+    """Find the locked flood that covers most of a design's sector, preferably within the limits.
 
-    The cheapest of those that cover as much is taken.
+    Among floods that cover the same share, the one with the lowest joint speed is chosen.
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
@@ -684,7 +690,7 @@ def _best_locked(
 def _larger(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find an arm with locked joints that covers a larger sector than a design, at its price."""
+    """Find an arm with locked joints that covers a larger sector than a design within limits."""
     cell = design.function.chart.cell
     found = rectangles(locked.reached)
     for k in np.argsort(-found.area)[:_COMPARED]:
@@ -706,7 +712,7 @@ def _locked_joints(
 ) -> LockedJoints | None:
     """Evaluate the locked flood k on the nodes ``inside`` (I, J) where bodies keep a distance.
 
-    The distance is in m.
+    The body distance is in m.
     """
     task, clear = table.task, locked.reached[k].copy()
     on = np.argwhere(clear)
@@ -735,7 +741,7 @@ def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float,
 def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
     """Evaluate the minimum squared joint speed of a function at Q (K, n), and that of J⁺: (K,).
 
-    Along the coordinates that symmetries remove, the function moves one joint alone.
+    Along each coordinate that symmetries remove, the function moves one joint only.
     """
     J, E, C = _unit_twists(cell, Q)
     usual = np.linalg.pinv(J) @ E
@@ -753,5 +759,5 @@ def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
 
 
 def _squares(own: Array, usual: Array) -> tuple[Array, Array]:
-    """Sum the squares of joint speeds (K, n, k), of a function and of J⁺: (K,) each."""
+    """Sum the squared joint speeds (K, n, k) of a function and of J⁺: (K,) each."""
     return (own**2).sum(axis=(1, 2)), (usual**2).sum(axis=(1, 2))

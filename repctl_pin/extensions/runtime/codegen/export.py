@@ -1,7 +1,7 @@
 """Export of a repeatable inverse or a cell function as C files for a robot's control loop.
 
-Test vectors, inputs with the results that Python has for them, are exported as well, so that a
-build on the robot's computer can be checked.
+Test vectors, which are inputs with Python's results for them, are also exported, to check a build
+on the robot's computer.
 """
 
 from __future__ import annotations
@@ -52,26 +52,26 @@ def export_c(
     example of a control loop at 1 kHz, and ``CMakeLists.txt`` builds all. The output is
     deterministic.
 
-    ``name_governor_step`` is :class:`Governor` in C, which keeps the limits at run time. Its state
-    is a struct that the caller owns.
+    ``name_governor_step`` is :class:`Governor` in C, which stays within the limits at run time. Its
+    state is a struct that the caller owns.
 
     Parameters
     ----------
     control
-        Inverse such as ``design.inverse``, with potentials that are polynomials, Fourier series, or
-        their sums; or a cell's inverse kinematic function, such as ``found.function``, which is
-        exported as ``name_F``, with its inverse.
+        Inverse, such as ``design.inverse``, with potentials that are polynomials, Fourier series,
+        or their sums. Or the function of a cell, such as ``found.function``, which is exported as
+        ``name_F``, together with its inverse.
     folder
         Folder for the files, created if it does not exist.
     name
         Prefix of the files and of every name in C.
     region
-        Region such as ``design.region``, which ``name_inside`` checks and from which the test
-        vectors are sampled; by default the inverse's own Ω. That of a cell's function and of its
-        inverse is their cell; their steps by default stay within the cell and the joint limits.
+        Region, such as ``design.region``, that ``name_inside`` checks and from which the test
+        vectors are sampled; by default the inverse's own Ω. For a cell's function and its inverse,
+        it is the cell; by default, their steps stay within the cell and the joint limits.
     closes
-        Closing radius of the design's certificate, ``design.proof.closes``. With it,
-        ``name_within_closing_radius`` tells whether a pose is within it.
+        Closing radius of the design's certificate, ``design.proof.closes``. With this argument,
+        ``name_within_closing_radius`` tests whether a pose is within the radius.
 
     Returns
     -------
@@ -81,9 +81,10 @@ def export_c(
     Raises
     ------
     InputError
-        If the name is not an identifier; the inverse or the region contains user-defined functions;
-        or the folder cannot be written, contains the export of another inverse, or contains a file
-        of one of these names that repctl_pin did not write or that was edited since.
+        If the name is not an identifier; if the inverse or the region contains user-defined
+        functions; or if the folder cannot be written to, contains the export of another inverse, or
+        contains a file of one of these names that repctl_pin did not write or that was edited
+        since.
 
     Examples
     --------
@@ -153,7 +154,7 @@ def _texts(
 def _signed(file: str, text: str) -> str:
     """Put a comment line before a file's text: origin, version and checksum of the text.
 
-    By it, a later export does not overwrite a file that was edited.
+    The checksum prevents that a later export overwrites an edited file.
     """
     said = f"{_SIGNED} {__version__}; checksum of the lines below: {_checksum(text.encode())}"
     return f"# {said}\n{text}" if file == "CMakeLists.txt" else f"/* {said} */\n{text}"
@@ -167,8 +168,8 @@ def _checksum(text: bytes) -> str:
 def _refuse_foreign(path: Path) -> None:
     """Raise InputError for a file that repctl_pin did not write, or that was edited since.
 
-    The export would overwrite it. The first line of each exported file has a checksum of its other
-    lines.
+    The export would overwrite such a file. The first line of each exported file has a checksum of
+    its other lines.
     """
     if not path.is_file():
         return
@@ -185,8 +186,8 @@ def _refuse_foreign(path: Path) -> None:
 def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
     """Choose the configuration (n,) at which the example and the test vectors begin.
 
-    It is that of the cell's middle, the centre of the region Ω of joint space, or else the task's
-    reference configuration.
+    It is the configuration in the cell's middle or the centre of the region Ω of joint space;
+    without both, the task's reference configuration.
     """
     if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
         return InverseFunction(inverse.potentials.chart)(region.placement)
@@ -196,10 +197,10 @@ def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
 def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
     """Write the closed path of the example ``loop.c``: C text of its two directions and radii.
 
-    ``p = p_0 + (r_1 (cos − 1), r_2 sin)`` keeps the orientation. It lies inside a cell, a box of
-    poses. In a sector, a cell around the base, the orientation turns with the angle, so there the
-    path is in the plane of radius and height, unless the task is in two coordinates, which leave
-    the orientation free.
+    ``p = p_0 + (r_1 (cos − 1), r_2 sin)`` keeps the orientation. If there is a cell, the path lies
+    inside. In a sector, which is a cell around the base, the orientation turns with the angle.
+    There the path is in the plane of radius and height, unless the task is in two coordinates, and
+    so leaves the orientation free.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)
@@ -220,7 +221,7 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
     """Write a test vector, and Python's results for it, as the C initialiser of a struct.
 
-    ``said`` has the results by name, as :func:`.vectors.answers` returns them, statuses included.
+    ``said`` has the results and statuses by name, as :func:`.vectors.answers` returns them.
     """
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
@@ -253,14 +254,14 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
 
 
 def _optional(given: Array | None, size: int) -> tuple[int, Array]:
-    """Return an optional vector as C has it: 1 and the vector, or 0 and zeros of this size."""
+    """Convert an optional vector for C: 1 and the vector, or 0 and zeros if it is None."""
     return int(given is not None), np.zeros(size) if given is None else given
 
 
 def _function_vectors(function: InverseFunction, name: str) -> str:
     """Write the C test vectors of a cell's function q = F(x; c), with Python's results.
 
-    Their targets are poses inside and outside the cell; outside, the status is OUTSIDE.
+    The targets are poses inside and outside the cell; outside, the status is OUTSIDE.
     """
     rows = []
     for target, leaf in targets(function):

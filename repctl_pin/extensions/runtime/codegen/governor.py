@@ -1,7 +1,7 @@
 """C code of the governor and of the torque law, for the exported files.
 
-It consists of files of the native library, which Python itself uses, and of their structs under the
-names of the exported header.
+The code consists of files of the native library, which Python also uses, and of their structs under
+the names of the exported header.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 
 
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
-    """Write the governor's parts of the C header, the C source and the C++ header: three texts.
+    """Write the parts for the governor of the C header, the C source and the C++ header.
 
-    The governor keeps the limits at run time; ``name`` is the prefix of the exported names.
+    The governor stays within the limits at run time; ``name`` is the prefix of the exported names.
     """
     structs, types = _structs("governor.h", name)
     acceleration, jerk = limits_of_file(task, "acceleration"), limits_of_file(task, "jerk")
@@ -37,7 +37,7 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
 
 
 def torque_code(task: Task, name: str) -> tuple[str, str]:
-    """Write the torque law's parts of the C header and the C source: two texts.
+    """Write the parts for the torque law of the C header and the C source.
 
     ``name`` is the prefix of the exported names.
     """
@@ -56,10 +56,10 @@ _ENDINGS = "h", "c", "hpp"
 
 
 def _structs(file: str, name: str) -> tuple[str, str]:
-    """Write the structs of a header of the library as an exported header names them.
+    """Write the structs of a library header under the names of an exported header.
 
-    ``State`` becomes ``name_state``, so that two exports can be linked together. Returns these
-    structs, and the C lines (typedefs and macros) by which the library's code finds them.
+    ``State`` becomes ``name_state``, so that two exports can be linked together. Return these
+    structs, and the C lines (typedefs and macros) that map the library's names to them.
     """
     text = pasted(file)
     inner = text[text.index("#ifndef EXPORTED\n") : text.index("#endif")]

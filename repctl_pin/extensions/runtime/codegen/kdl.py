@@ -15,7 +15,8 @@ def kdl_header(
     """Write the C++ header with a velocity solver and a position solver for Orocos KDL.
 
     The position solver evaluates F if ``control`` is a cell function; otherwise it iterates. For a
-    task of several frames, the header states that it has no solvers: a chain of KDL has one tip.
+    task of several frames, the header only states that it has no solvers, because a chain of KDL
+    has one tip.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ def kdl_header(
 def _rates(task: Task) -> str:
     """Write the C++ lines that compute ẋ of the task from the tip's twist in base axes.
 
-    KDL gives six numbers (v, ω); a task commands some of them, or ω along the tool's own x and y.
+    KDL gives six numbers (v, ω). A task commands some of them, or ω about the tool's own x and y
+    axes.
     """
     lines = [f"        xdot[{i}] = v_in({row});" for i, row in enumerate(task.rows) if row < 3]
     if task.kind == "pose":

@@ -40,8 +40,8 @@ _MEANING = {
 class Source(NamedTuple):
     """Texts of the C header and the C source file, and parts of the C++ header.
 
-    ``governor`` and ``closing`` are the C++ parts of the governor and the closing radius; empty if
-    they are left out.
+    ``governor`` and ``closing`` are the C++ parts of the governor and of the closing radius; empty
+    if left out.
     """
 
     header: str
@@ -67,7 +67,7 @@ def write_source(
     ----------
     control
         Inverse with potentials that are polynomials, Fourier series, or their sums; or a cell
-        function, whose inverse is written, too.
+        function, which is written together with its inverse.
     name
         Prefix, which must be valid (see :func:`.text.checked_name`).
     region
@@ -148,8 +148,8 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
     """Write a frame's sizes for C: task rows, joints, and the largest number of joints per frame.
 
-    They are numbers if the task has one frame, so that the compiler can unroll loops, and otherwise
-    members of each frame's struct ``arm``.
+    For one frame, the sizes are numbers, so that the compiler can unroll loops. For several frames,
+    they are members of each frame's struct ``arm``.
     """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}
@@ -158,7 +158,7 @@ def _frame_sizes(arm: Any) -> dict[str, str | int]:
 
 
 def _function_code(function: InverseFunction, name: str) -> str:
-    """Write the C code of a cell's function q = F(x; c), to stand after that of its inverse."""
+    """Write the C code of a cell's function q = F(x; c), which follows that of its inverse."""
     parts = {
         "library": pasted("function.h", "function_parts.c", "function.c"),
         "keep": int(function.keep_limits),
@@ -171,8 +171,8 @@ def _native_files(
 ) -> tuple[list[str], list[str]]:
     """Name the headers and sources of the library that a chart requires; none without a cell.
 
-    A chart is the polynomials of a cell's function. An inverse has one if it belongs to a function,
-    or its region Ω is a cell.
+    A chart consists of the polynomials of a cell's function. An inverse has a chart if it belongs
+    to such a function, or its region Ω is a cell.
     """
     if isinstance(inverse.potentials, CellPotentials) or isinstance(region, Cell):
         return ["chart.h"], ["chart.c"]
@@ -180,11 +180,11 @@ def _native_files(
 
 
 def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tuple[str, str, str]:
-    """Write the closing radius' parts of the C header, C source and C++ header: three texts.
+    """Write the parts for the closing radius of the C header, C source and C++ header.
 
     The closing radius is the distance from a start or a path within which closed paths are proved
-    to close. All three are empty without it. InputError is raised if it is not proved, or for
-    another kind of task.
+    to close in the joints. Without it, the three texts are empty. InputError is raised if it is not
+    proved, or belongs to another kind of task.
     """
     if closes is None:
         return "", "", ""
@@ -216,7 +216,8 @@ def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | N
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
     """Test whether an inverse belongs to the function over this cell of poses.
 
-    Only then can the cell be its region in C, because the chart of the function tests the poses.
+    Only then can the cell be the inverse's region in C, because the chart of the function tests the
+    poses.
     """
     if not isinstance(inverse.potentials, CellPotentials):
         return False

@@ -1,6 +1,7 @@
 """Formatting of C code: names, numbers, structs as constants, safe comments, and templates.
 
-Names of a robot or a file can contain anything, so they are escaped: they must not end a comment.
+Names of robots and files can contain any character, so they are escaped: they must not end a
+comment.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ def checked_name(name: Any) -> str:
     Raises
     ------
     InputError
-        If the name is not an identifier, has capitals only, or is reserved: ``taken.txt`` has the
-        keywords of C and C++, the names of C and POSIX headers and what these declare, macros that
-        some compilers predefine, and the names of the other exported files.
+        If the name is not an identifier, has capitals only, or is reserved. ``taken.txt`` lists the
+        reserved names: keywords of C and C++, names of C and POSIX headers and of their
+        declarations, macros that some compilers predefine, and names of the other exported files.
     """
     plain = isinstance(name, str) and re.fullmatch(
         r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name, re.ASCII
@@ -76,8 +77,8 @@ def comment(text: str) -> str:
 def initialiser(value: Any) -> str:
     """Format a value as C: a number, a name, or in braces an array, a tuple or a placement.
 
-    A text is taken for the name of a constant. Numbers may be infinite or nan. A placement is its
-    position, and its rotation row by row.
+    A text is treated as the name of a constant. Numbers may be infinite or nan. A placement becomes
+    its position, and its rotation row by row.
     """
     if isinstance(value, str):
         return value
@@ -105,18 +106,18 @@ def constants(made: Any, kind: str, name: str) -> str:
     Parameters
     ----------
     made
-        The struct; ``made.held`` has its arrays, and the structs it points to, by member.
+        The struct; ``made.held`` has its arrays, and the structs to which it points, by member.
     kind
-        Name of its type in C; a struct that the member ``x`` points to is an ``X``, a frame an
-        ``Arm``.
+        Name of its type in C. A struct to which the member ``x`` points has the type ``X``; a frame
+        has the type ``Arm``.
     name
-        Name of the constant; the names of its arrays begin with it.
+        Name of the constant; the names of its arrays begin with this name.
     """
     return "\n".join(_definitions(made, kind, name)) + "\n"
 
 
 def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
-    """Write the C definitions of a struct and of all that it points to, the struct last."""
+    """Write the C definitions of a struct and of all that it points to; the struct is last."""
     entries = []
     for member, of in made._fields_:
         held = made.held.get(member)
@@ -156,8 +157,8 @@ def _template(file: str) -> str:
 def pasted(*names: str) -> str:
     """Read files of the native library for pasting into an export, without their build directives.
 
-    The exported source is one file. Lines ``#include`` are dropped; a file without an include
-    guard, which belongs to one place, is pasted there.
+    The exported source is a single file, so ``#include`` lines are dropped; only a file without an
+    include guard, which belongs at one place, is pasted there.
     """
     return "\n".join(_pasted(name) for name in names)
 
@@ -187,7 +188,7 @@ def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
 def _escaped(character: str) -> str:
     """Escape a character by its UTF-16 code units, four hex digits each, lone surrogates included.
 
-    So it can neither end a C comment nor break a line of it.
+    The escaped character can neither end a C comment nor break its line.
     """
     units = character.encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{unit}" for unit in re.findall("....", units))

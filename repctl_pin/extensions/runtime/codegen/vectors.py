@@ -1,7 +1,7 @@
 """Test vectors for the C code: valid and invalid inputs, and Python's results for them.
 
-The exported program ``check.c`` compares its own results with these. A status is what a C function
-returns: OK, SINGULAR, BAD_NUMBER or OUTSIDE.
+The exported program ``check.c`` compares the results of the build with these. A status is the
+return value of a C function: OK, SINGULAR, BAD_NUMBER or OUTSIDE.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ _COUNT = 48
 class Vector:
     """Test vector: a configuration q, and the other inputs of the C functions.
 
-    xdot, target, twist, leaf, gain, limit and damping are those of ``RepeatableInverse.step``;
-    joint_speed q̇, M, bias, gains and observer, the state of the observer, those of the torque law.
-    None stands for an input that is left out.
+    xdot, target, twist, leaf, gain, limit and damping are arguments of ``RepeatableInverse.step``.
+    joint_speed (q̇), M, bias, gains and observer (its state) are arguments of the torque law. An
+    input that is left out is None.
     """
 
     q: Array
@@ -60,10 +60,10 @@ class Vector:
 
 
 def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) -> list[Vector]:
-    """Sample test vectors, inputs of the C functions, at configurations in and near the region.
+    """Sample test vectors, which are inputs of the C functions, in and near the region.
 
-    Without a region, they are near ``start`` (n,). Optional inputs are given in some vectors and
-    None in others, and a few vectors are invalid. They are the same at every call.
+    Without a region, configurations are near ``start`` (n,). Optional inputs are given in some
+    vectors and None in others, and a few vectors are invalid. Every call gives the same vectors.
     """
     task, rng = inverse.task, np.random.default_rng(0)
     near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
@@ -105,9 +105,9 @@ def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generato
 
 
 def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
-    """Choose the invalid inputs: by the number of the vector, the name of the input, and its value.
+    """Choose the invalid inputs: a dict from the number of a vector to an input's name and value.
 
-    That of a q or an ẋ is its last number.
+    In q and ẋ, the value replaces the last number.
     """
     bad: dict[int, tuple[str, Any]] = {
         7: ("q", np.nan),
@@ -128,9 +128,9 @@ def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
     """Compute Python's results for a test vector: statuses and outputs of all functions, by name.
 
-    The names of the statuses are usable, inside, velocity, step and torque; of the outputs
-    placement, J, c, qdot, q_next, tau and observer. The output of a velocity, a step or a torque is
-    0 where its status is not OK.
+    The statuses are usable, inside, velocity, step and torque. The outputs are placement, J, c,
+    qdot, q_next, tau and observer. The output of velocity, step or torque is 0 if its status is not
+    OK.
     """
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
@@ -193,7 +193,7 @@ def _turned(placement: pin.SE3, w: Array) -> pin.SE3:
 
 
 def _inertia(rng: np.random.Generator, n: int) -> Array:
-    """Sample a positive definite inertia matrix (n, n), of no real arm."""
+    """Sample a positive definite inertia matrix (n, n), which belongs to no real arm."""
     A = rng.normal(size=(n, n))
     return np.eye(n) + A @ A.T / n
 
@@ -208,7 +208,7 @@ def _gains(rng: np.random.Generator, task: Task) -> Gains:
 def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, Array]]:
     """Sample target poses inside and outside the cell of F, each with a level c (r,).
 
-    The level says where along the self-motion the elbow is; every second one is 0.
+    The level is the position of the elbow along the self-motion; every second level is 0.
     """
     rng = np.random.default_rng(0)
     U = (
@@ -224,8 +224,8 @@ def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, A
 def asked(question: Any, n: int) -> tuple[int, Array]:
     """Call a function without arguments: return the status, and its result (n,).
 
-    If it raises SingularityError the status is SINGULAR, if InputError BAD_NUMBER, and the result
-    is 0, as in C.
+    As in C, the status is SINGULAR for a SingularityError and BAD_NUMBER for an InputError, and the
+    result is then 0.
     """
     try:
         with np.errstate(all="ignore"):  # inputs may be infinite or nan
