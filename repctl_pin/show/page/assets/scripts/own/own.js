@@ -895,7 +895,8 @@ export class Own {
 }
 
 const LEAD_WORDS = {
-  verdict: "The arm comes near a singularity, where its joints would race. Go another way, or let go.",
+  verdict:
+    "The arm comes near a singularity, where its joints would race. Go another way, or let go.",
   notes:
     "The dotted line closes the loop. You are more than 1.1 cm from the start: there, closing is " +
     "not proved.",
