@@ -603,6 +603,7 @@ export class Own {
     this.points = points;
     const paths = this.paths();
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
+    yield;
     this.endGesture();
     const lead = paths.find(Boolean);
     const shape = {
