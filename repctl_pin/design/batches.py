@@ -38,8 +38,8 @@ def _silent(share: float) -> None:
 class Batches:
     """Nodes of a fit, stored in batches, over which functions are summed.
 
-    The first batches are stored, up to a bound of memory. The rest are built again for each sum,
-    one after the other: a million nodes of a cubic design would take 7 GB.
+    The first batches are stored, up to a bound of memory. The others are built anew for each sum,
+    because a million nodes of a cubic design would take 7 GB.
 
     Parameters
     ----------

@@ -93,9 +93,10 @@ class Continuation:
     def margin(self, A: Array) -> LeafMargin:
         """Make the function that measures the signed leaf margin of V = D A over Ω.
 
-        It takes configurations (K, n) and returns (K,) numbers: σ_min(Nᵀ V̂), the distance from an
-        algorithmic singularity, positive where det(Nᵀ V) has the sign that it has at the centre of
-        Ω. So a search for its minimum finds singularities. D are the gradients of the basis.
+        The function maps configurations (K, n) to ±σ_min(Nᵀ V̂) (K,), the distance from an
+        algorithmic singularity. The sign is positive where det(Nᵀ V) has the same sign as at the
+        centre of Ω. So a search for its minimum finds singularities. D are the gradients of the
+        basis.
         """
         potentials = self.problem.potentials.weighted(self.chosen.spread(A))
         return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
@@ -103,9 +104,9 @@ class Continuation:
     def regular(self) -> Iterator[Descent]:
         """Yield optima on the coarse nodes for which a search finds no singularity, the best first.
 
-        The first one uses all potentials, if a regular optimum is found. Next comes the given
-        design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
-        degree step by step follow, the highest degree first. An optimum is regular if no
+        The first one uses all potentials, if a regular optimum is found. The second one is the
+        given design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
+        degree step by step follow instead, the highest degree first. An optimum is regular if no
         algorithmic singularity, det(Nᵀ V) = 0, was found in Ω.
         """
         whole = len(self.chosen.kept)
@@ -130,9 +131,9 @@ class Continuation:
         """Minimise the cost with the first ``size`` potentials on the coarse nodes.
 
         The coarse nodes are the few configurations of the early descents. The starting points are
-        the solution of the linear problem and ``below``, an optimum with fewer potentials. The one
-        of lower cost is tried first. Return the best regular optimum from it, random restarts
-        included; None if no start leads to one.
+        the solution of the linear problem and ``below``, an optimum with fewer potentials. The
+        starting point of lower cost is tried first. Return the best regular optimum that descents
+        from it and random restarts reach; None if neither starting point leads to one.
         """
         begin = self._start(size)
         starts = (
@@ -178,8 +179,8 @@ class Continuation:
 
         V = D A are the gradients of the potentials, and Ω is the region of the design. The message
         names a configuration where the V of the linear problem is singular. If there is none, it
-        names that of the given error. Without an error, it states that the nodes Q (K, n) are too
-        few.
+        names the configuration of the given error. Without an error, it states that the nodes Q
+        (K, n) are too few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
@@ -204,7 +205,7 @@ class Continuation:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
         This is so if the V of the linear problem is regular, but every descent ends in a V that is
-        singular between the nodes. Its remedy is more nodes or fewer potentials.
+        singular between the nodes. The remedy in the message is more nodes or fewer potentials.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
@@ -255,10 +256,10 @@ class Continuation:
         return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
-        """Return the numbers of independent potentials of degree at most 1, 2, …, if at least r.
+        """Return the numbers of independent potentials of degree at most 1, 2, …, from r upwards.
 
-        For a basis without degrees, return the number of all independent potentials. They are the
-        steps of the continuation in the degree.
+        For a basis without degrees, return the number of all independent potentials. The numbers
+        are the steps of the continuation in the degree.
         """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):

@@ -69,8 +69,8 @@ class Batch:
     def F(self) -> Array:
         """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d.
 
-        D = [∇h_1 … ∇h_N], and G_d is the desired inverse. If F A = 0, G_d itself keeps h = Aᵀ (h_1
-        … h_N).
+        D = [∇h_1 … ∇h_N], and G_d is the desired inverse. If F A = 0, G_d itself keeps h = Aᵀ
+        (h_1 … h_N) constant.
         """
         return self.EF[:, self.r :]
 
@@ -165,9 +165,9 @@ def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array
 def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
     """Evaluate orthonormal null-space bases N (K, n, r) of J (K, m, n) with ``det [J; Nᵀ] > 0``.
 
-    A factorisation returns bases of random orientation. With this one ``det(Nᵀ V)`` has the sign of
-    ``det [J; Vᵀ]``, which is smooth in q. So its sign changes only across an algorithmic
-    singularity of the potentials with gradients V.
+    A factorisation returns bases of random orientation. With this orientation, ``det(Nᵀ V)`` has
+    the sign of ``det [J; Vᵀ]``, which is smooth in q. So its sign changes only across an
+    algorithmic singularity of the potentials with gradients V.
     """
     return _oriented(J, task, Q)[0]
 
@@ -215,8 +215,8 @@ class SignCount:
 def linear(b: Batch) -> tuple[Array, Array, Array]:
     """Evaluate this batch's terms of the linear problem from which a fit starts.
 
-    They are those of ``mean EᵀE`` and ``mean FᵀF``, (N, N) each, and of ``mean Eᵀ NᵀN(center)`` (N,
-    r), with N(center) the null-space basis at the centre of the region Ω. See
+    The terms belong to ``mean EᵀE`` and ``mean FᵀF``, (N, N) each, and ``mean Eᵀ NᵀN(center)``
+    (N, r), with N(center) the null-space basis at the centre of the region Ω. See
     :func:`descend.start`.
     """
     root = np.sqrt(b.weights)[:, None, None]
@@ -288,7 +288,7 @@ class Differential:
 
 
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
-    """Draw ``count`` nodes at random, such that the mean of their matrix is that of all nodes.
+    """Draw ``count`` nodes at random; their matrix estimates that of all nodes without bias.
 
     A node is drawn with a probability that is half constant, half in proportion to the trace of its
     term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The
@@ -310,8 +310,8 @@ def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differ
 def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], SignCount]:
     """Evaluate this batch's terms of the cost C(A), its gradient, and its first-order model.
 
-    E and F are those of the :class:`Batch`, with the arm and all potentials in them. With P = E A,
-    X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order ``dX = L dA P⁻¹``.
+    E and F are the matrices of the :class:`Batch`. With P = E A, X = F A P⁻¹ and L = F − X E,
+    ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order ``dX = L dA P⁻¹``.
 
     Returns
     -------
@@ -319,7 +319,7 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
     half_gradient : (N, r) array
         ½ ∂C/∂A.
     differentials : list of Differential
-        That of this batch; the sum over batches is the list of them.
+        First-order model of this batch alone; over several batches, the lists are joined.
     sides : SignCount
         Number of nodes with either sign of det P.
     """
@@ -340,8 +340,9 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
     """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
 
-    They are those of :func:`linearised`, with ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL)
-    dA[:, j']`` and ``S = P⁻¹ P⁻ᵀ`` as a matrix (r, N, r, N).
+    They are those of :func:`linearised`, but with the model
+    ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` and ``S = P⁻¹ P⁻ᵀ`` as a matrix
+    (r, N, r, N).
     """
     total, gradient, (differential,), sides = linearised(b, A)
     return total, gradient, differential.matrix(), sides

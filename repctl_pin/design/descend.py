@@ -81,7 +81,8 @@ class Descent:
 class Start:
     """Starting point of a descent, and the data of the penalty that keeps V near the null space.
 
-    V are the gradients of the potentials; farther from the null space of J, singularities are near.
+    V are the gradients of the potentials. The farther V is from the null space of J, the nearer are
+    singularities.
 
     Attributes
     ----------
@@ -104,10 +105,10 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     """Find initial coefficients by linear least squares: V should lie in the null space of J.
 
     V = D A are the gradients of the potentials, and N(center) is the null-space basis at the centre
-    of the region. ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V close
-    to N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q. The
-    first term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic
-    singularity; if none of them helps, the solution for ε = 1 is returned.
+    of the region. A minimises ``mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V
+    close to N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q.
+    The first term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic
+    singularity. If no ε helps, the solution for ε = 1 is returned.
 
     Parameters
     ----------
@@ -280,8 +281,9 @@ class _MatrixFree(_PenalisedCost):
     """Penalised cost whose steps are found by conjugate gradients, for many potentials and large r.
 
     The Gauss–Newton matrix of all nodes costs K m N² r (r + 1) operations, and a product with it 4
-    K m N r. So it is built from a random sample of the nodes only, as the preconditioner of the
-    products with that of all nodes. With 32 N / m nodes, a step needs some ten products.
+    K m N r. So the matrix is built from a random sample of the nodes, as a preconditioner only; the
+    iteration multiplies by that of all nodes. With a sample of 32 N / m nodes, a step needs about
+    ten products.
     """
 
     terms: Sum = staticmethod(criterion.linearised)
@@ -289,7 +291,7 @@ class _MatrixFree(_PenalisedCost):
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
         """Evaluate half the gradient, and three parts of the Gauss–Newton matrix H in x.
 
-        They are the differentials of all nodes, H of a sample of the nodes, and mean(diag H).
+        The parts are the differentials of all nodes, H of a sample of the nodes, and mean(diag H).
         """
         gradient, differentials, sides = at.data
         count = _SAMPLE * len(self.basis) // len(differentials[0].L)
@@ -299,10 +301,10 @@ class _MatrixFree(_PenalisedCost):
         return g, (differentials, H, level)
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` by conjugate gradients, with μ D that of the dense step.
+        """Solve ``(H + μ D) dx = −g`` by conjugate gradients, with the same μ D as the dense step.
 
-        The residual is at most 1e-4 of ``‖g‖``. The gradient is exact, so that the residual changes
-        the way to the optimum, but not the optimum.
+        The residual is at most 1e-4 of ``‖g‖``. The gradient is exact, so the residual changes the
+        steps towards the optimum, but not the optimum.
         """
         g, (differentials, approximate, level) = model
         r, flat = self.r, -g.T.ravel()
@@ -360,7 +362,7 @@ def _solve(matrix: Array, rhs: Array) -> Array:
     """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``, for a least-squares start.
 
     The matrix (N, N) is symmetric positive semidefinite; eigenvalues below 1e-13 of the largest one
-    count as 0, so that dependent potentials do no harm.
+    count as 0, so that potentials may be dependent.
     """
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-13 * values[-1]

@@ -1,8 +1,8 @@
-"""Maps of a design over two joints, the defect of its G_d there, and cost against the degree.
+"""Plots of a report as data: maps of a design over two joints, and the cost per degree.
 
-A report plots them. G_r is the repeatable inverse of the design, G_d the desired one, and Ω the
-region of joint space. The defect of G_d is its failure of the Lie bracket condition: where it is
-large, G_d drifts.
+G_r is the repeatable inverse of the design, G_d the desired one, and Ω the region of joint space.
+The maps also show the defect of G_d, by which it violates the Lie bracket condition: where the
+defect is large, G_d drifts.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _POINTS = 41
 class DesignMap:
     """Distance and leaf margin of a design over two joints; all other joints at the centre of Ω.
 
-    Ω is the region of joint space of the design. The distance is ‖G_r − G_d‖, from the desired
-    inverse; the leaf margin, from 0 to 1, is how far an algorithmic singularity is.
+    Ω is the region of joint space of the design. The distance from the desired inverse is ‖G_r −
+    G_d‖. The leaf margin, from 0 to 1, is the distance from an algorithmic singularity.
 
     Attributes
     ----------
@@ -107,13 +107,13 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
     """Return the cost for each degree of the polynomials, up to the degree of the design.
 
     If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
-    an inverse is designed for each lower degree. A report plots it, to show whether a higher degree
-    is worthwhile.
+    an inverse is designed for each lower degree. The curve shows whether a higher degree is
+    worthwhile.
 
     Returns
     -------
     tuple of (degree, cost, standard error)
-        Without degrees whose design has a singularity in Ω; empty if the potentials are no
+        Degrees whose design has a singularity in Ω are left out. Empty if the potentials are not
         polynomials.
     """
     if design.degrees:
@@ -172,7 +172,7 @@ class ReportMaps:
 
 
 def report_maps(design: Design) -> ReportMaps:
-    """Evaluate what a report plots: the design and the defect of G_d over two joints, and costs.
+    """Evaluate the plots of a report: the design and the defect of G_d over two joints, and costs.
 
     The grid has 41 × 41 configurations. Costs of lower degrees and of simpler inverses show whether
     the degree is worthwhile.
@@ -189,7 +189,7 @@ def _liveliest(design: Design) -> tuple[int, int]:
     """Choose the two joints along which ‖G_r − G_d‖ changes most, as (int, int) in rising order.
 
     Each joint is moved alone through its range in Ω, from the centre of Ω. G_r is the repeatable
-    inverse, and G_d the desired one: a map over these joints shows most.
+    inverse, and G_d the desired one. A map over these two joints shows most of the variation.
     """
     box = design.region.bounds
     center = design.region.center

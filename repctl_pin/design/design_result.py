@@ -71,7 +71,7 @@ class Design:
         Start, path and period of the motion that the design is for. It is saved with the design.
     proof : Proof, optional
         Certificate of the design, if one was added by ``dataclasses.replace(design,
-        proof=rp.prove(design))``. It is saved with the design. A certificate of something else is
+        proof=rp.prove(design))``. It is saved with the design. The certificate of another design is
         dropped with a warning.
 
     Raises
@@ -142,8 +142,8 @@ class Design:
     def subject(self) -> str:
         """Fingerprint of all that a certificate proves of the design; empty for user functions.
 
-        It covers the joint chain, its limits, potentials, coefficients and region. With it a saved
-        proof is recognised as that of this design, or dropped.
+        It covers the joint chain, its limits, potentials, coefficients and region. A saved proof
+        with another fingerprint is dropped.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
 
@@ -154,9 +154,9 @@ class Design:
         invertible A. So the same potentials give a repeatable inverse of the new tool, with the
         same leaf margin and the same joint paths: ``G_r' = G_r A⁻¹``. Cost and margins are
         evaluated again; ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees``
-        stay those of the fit, and ``cycle`` is None. The leaf and limit margins of a certificate
-        hold as they are. Its bound of σ_min(J) becomes smaller, and its closing radius is
-        converted, because the metres are measured at another point.
+        still describe the original fit, and ``cycle`` is None. The leaf and limit margins of a
+        certificate stay valid. Its bound on σ_min(J) becomes smaller, and its closing radius is
+        converted, because distances are measured at another point.
 
         Parameters
         ----------
@@ -171,8 +171,8 @@ class Design:
         Raises
         ------
         InputError
-            If the task is no pose task of one frame: the self-motion of other tasks changes with
-            the point that they control. Also if Ω is a workspace box.
+            If the task is not a pose task of one frame, because the self-motion of other tasks
+            depends on the controlled point. Also if Ω is a workspace box.
         """
         from ..model.tool import with_tool  # few designs change their tool
         from .with_tool import for_task
@@ -184,8 +184,8 @@ class Design:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.
 
         G_r is the repeatable inverse, G_d the desired one, and Ω the region. It equals :attr:`cost`
-        for r = 1 and is smaller for r > 1, where the Frobenius norm, which a design minimises, adds
-        up all singular values.
+        for r = 1 and is smaller for r > 1, where the Frobenius norm, which a design minimises,
+        includes all singular values.
         """
         return spectral_cost(
             self.inverse, self.desired, self.region, samples=self.held_out, seed=self.seed + 1
@@ -204,7 +204,7 @@ class Design:
         Returns
         -------
         tuple of Baseline
-            Argument of :meth:`summary`.
+            Argument ``baselines`` of :meth:`summary`.
         """
         with reporter(progress) as report:
             return baselines(

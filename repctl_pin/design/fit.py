@@ -1,4 +1,4 @@
-"""Fit of potentials in one region, from singularities of the arm to held-out nodes.
+"""Fit of potentials in one region, with the checks before it and the evaluation after it.
 
 The steps are: a search for singularities of the arm, the selection of independent potentials, the
 minimisation of the cost, and the evaluation on held-out nodes. Nodes are configurations of the

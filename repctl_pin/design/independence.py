@@ -32,8 +32,8 @@ _DEPENDENT = 1e-8
 class Independent:
     """The independent potentials of a basis, which a fit over a region Ω uses.
 
-    Dependent ones leave the coefficients undetermined, and functions of x = f(q) alone cannot tell
-    the configurations of one pose apart.
+    Dependent potentials would leave the coefficients undetermined. Functions of x = f(q) alone have
+    the same value at all configurations of one pose.
 
     Attributes
     ----------
@@ -114,8 +114,8 @@ def _gradients(
 ) -> tuple[Array, Array, Array]:
     """Measure the gradients of the potentials over nodes Q (K, n).
 
-    Return the triangle of the QR factorisation of all gradients, and the norm of each potential's
-    (N,), of the whole and of the part in the null space of J.
+    Return the triangular factor of the QR factorisation of all gradients, the norms of the
+    gradients (N,), and the norms of their parts in the null space of J (N,).
     """
     triangle = np.zeros((0, potentials.size))
     square = 0.0

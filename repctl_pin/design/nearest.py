@@ -118,8 +118,9 @@ def nearest_repeatable(
 def _auto(problem: FitProblem, shrink: bool) -> Design:
     """Design with rising degree until the cost on held-out nodes stops falling; return the best.
 
-    It ends at degree 6 (8 for up to three joints), at too many unknowns or too few nodes, at a
-    singularity, or at an improvement below 1 %. ``degrees`` of the design lists what was tried.
+    The search ends at degree 6 (8 for up to three joints), at too many unknowns or too few nodes,
+    at a singularity, or at an improvement below 1 %. ``degrees`` of the design lists what was
+    tried.
     """
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
@@ -157,8 +158,8 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 def _shrinking(problem: FitProblem, shrink: bool) -> Design:
     """Design in Ω; with ``shrink``, in the largest region that is found free of singularities.
 
-    Without ``shrink``, a singularity in Ω, the requested region, raises an error. After a shrunk
-    region fails too, each new one is at most 0.9 times as large. ``shrunk`` of the design is the
+    Without ``shrink``, a singularity in Ω, the requested region, raises an error. If a shrunk
+    region fails too, the next one is at most 0.9 times as large. ``shrunk`` of the design is the
     factor that was needed.
     """
     asked = problem.region.bounds.half_width
@@ -191,7 +192,7 @@ def _check_margin(design: Design) -> None:
     """Raise an error if the leaf margin of a design is below 0.1, the minimum after shrinking.
 
     Closer to an algorithmic singularity a design is not usable: joint speeds grow as 1 / leaf
-    margin. The error carries a smaller region that suffices, if there is one.
+    margin. The error proposes a smaller region with a sufficient margin, if there is one.
     """
     if design.leaf_margin < SHRUNK_MARGIN:
         task = design.inverse.task
@@ -212,7 +213,7 @@ def _check(
     """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not.
 
     The task must be redundant, the region must have its joints and overlap their limits, and either
-    potentials or a degree must be given. A long fit does not start with a mistake.
+    potentials or a degree must be given. So a mistake is found before a long fit starts.
     """
     task = desired.task
     if task.r < 1:

@@ -139,8 +139,8 @@ class LeafMargin:
     that at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where J has full
     rank, it is smooth, its zeros included, except at crossings of singular values.
 
-    It is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)`` with ``V = V̂ R`` and ``J_V X = [0; I]``,
-    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``, and set to 0 where J_V is exactly singular.
+    With ``V = V̂ R`` and ``J_V X = [0; I]``, it is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)``,
+    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``. It is 0 where J_V is exactly singular.
     """
 
     def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
@@ -179,11 +179,11 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     """Minimise a measure over Ω by local searches from several starting points at once.
 
     A measure is a function of q that is 0 at a singularity. The searches end when one of them
-    reaches a value of 0 or below, or when none can go lower. A step goes down the slope, at most to
-    where the measure would be 0 to first order. The bound on the step length is doubled after a
-    step that lowered the measure, and quartered after one that did not. If the measure is a
-    :class:`Dexterity` and no search has reached 0, up to 12 Newton steps follow, each at most half
-    the half-widths of Ω long.
+    reaches a value of 0 or below, or when no search can lower its value. A step goes down the
+    slope, at most to where the measure would be 0 to first order. The bound on the step length is
+    doubled after a step that lowered the measure, and quartered after one that did not. If the
+    measure is a :class:`Dexterity` and no search has reached 0, up to 12 Newton steps follow, each
+    at most half the half-widths of Ω long.
 
     Parameters
     ----------
@@ -272,10 +272,10 @@ def _corners(region: Region, Q: Array) -> Array:
 def largest_free(measure: _Measure, region: Region, bad: Array) -> Region | None:
     """Find the largest region similar to Ω in which a measure exceeds a threshold.
 
-    It is what an error proposes, and what ``shrink=True`` takes. It has the centre and the shape of
-    Ω. The threshold is 0 for singularities of the arm, and 0.1 for a leaf margin. On the lines from
-    the centre to known singularities, the points below the threshold give an upper bound of the
-    size. Then the size is bisected, with a new search of each region.
+    Errors propose this region, and ``shrink=True`` designs over it. It has the centre and the shape
+    of Ω. The threshold is 0 for singularities of the arm, and 0.1 for a leaf margin. On the lines
+    from the centre to known singularities, the points below the threshold give an upper bound of
+    the size. Then the size is bisected, with a new search of each region.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Fingerprint of what a certificate proves of a design, and the numbers of a task in it.
+"""Fingerprint of a proved design, and the data of its task that the fingerprint covers.
 
 A certificate (a proof of bounds over the region) holds for one design only. The fingerprint, a hash
-of all numbers on which the proof depends, tells when a design or a robot has changed since.
+of all numbers on which the proof depends, shows whether a design or a robot has changed since.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _DIGITS = 9
 
 
 def check_configurations(task: Task) -> Array:
-    """Choose configurations (4, n) at which a changed robot is detected: generic ones.
+    """Choose generic configurations (4, n), at which a changed robot is detected.
 
     A saved file holds the placements of the frame at these configurations. The first one is the
     task's reference configuration.
@@ -42,7 +42,7 @@ def check_configurations(task: Task) -> Array:
 def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
     """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m.
 
-    They tell in a fingerprint or a saved file where the frames are, whatever their names.
+    Fingerprints and saved files identify frames by these points, whatever their names.
     """
     ids = [frame_id(task.model, name) for name in frames]
     return frame_placements(task.model, ids, task._matrix(Q))[:, :, :3, 3]
@@ -52,8 +52,8 @@ def task_parts(task: Task) -> tuple[Any, ...]:
     """Return kind, joint chain and position limits of a task as plain data.
 
     The chain has all placements and axes from base to frame, with locked joints in place, and the
-    map from q to its joints: mimic ratios. For several frames, it is one such
-    tuple per frame. A fingerprint, which recognises the robot of a proof, is made of them.
+    map from q to its joints: mimic ratios. For several frames, the result is one such tuple per
+    frame. The fingerprint of a proof contains these data, to recognise its robot.
     """
     if isinstance(task, SeveralFrames):
         return tuple(task_parts(part) for part in task.parts)
@@ -69,7 +69,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 
 
 def rounded(values: ArrayLike) -> Array:
-    """Round numbers that are computed from a URDF to 9 decimals.
+    """Round numbers computed from a URDF to 9 decimals.
 
     Rounding errors differ between computers; without this the same robot would get two
     fingerprints.
@@ -137,11 +137,11 @@ def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
 def belong_together(
     inverse: RepeatableInverse, potentials: PotentialBasis, coefficients: Array, region: Region
 ) -> bool:
-    """Test whether an inverse is that of the potentials and coefficients, over the region.
+    """Test whether an inverse, the potentials, the coefficients and the region belong together.
 
-    The gradients of the potentials are compared at one configuration of the region. Where they are
-    not defined there, nothing can be compared. A result that was changed in part would have figures
-    of another design.
+    The gradients of the potentials are compared at one configuration of the region. If they are not
+    defined there, the test passes. A partly changed result would show the figures of another
+    design.
     """
     if inverse.region is not region:
         shapes = _region_parts(inverse.region), _region_parts(region)

@@ -1,7 +1,7 @@
-"""A design for another tool on the same body: the same potentials, the same leaves.
+"""Conversion of a design to another tool on the same body, with the same potentials and leaves.
 
 ``J' = A J`` with an invertible A, so the null space N, ``σ_min(Nᵀ V̂)`` and the joint paths of
-closed motions stay what they are, and ``G_r' = G_r A⁻¹``. See :mod:`repctl_pin.model.tool`.
+closed motions stay the same, and ``G_r' = G_r A⁻¹``. See :mod:`repctl_pin.model.tool`.
 """
 
 from __future__ import annotations

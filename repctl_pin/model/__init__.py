@@ -1,5 +1,4 @@
-"""Robot models: a URDF checked and read, its kinematics by Pinocchio, tasks and bodies.
+"""Robot models: checked URDF files, kinematics by Pinocchio, tasks and collision bodies.
 
-A task is a frame with the coordinates to control and the joints that move it; bodies are the
-collision shapes.
+A task is a frame, its controlled coordinates, and the joints that move it.
 """

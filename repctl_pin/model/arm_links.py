@@ -1,6 +1,7 @@
 """Links of the arm that a task moves, and the other end effectors that move with it.
 
-On a robot with two arms on one waist, the task of one arm also moves the other: studies report it.
+On a robot with two arms on one waist, the task of one arm also moves the other arm, which studies
+report.
 """
 
 from __future__ import annotations
@@ -17,10 +18,9 @@ from .task import Task
 
 
 def arm_links(task: Task) -> frozenset[str]:
-    """Collect the links of the arm: those on the way from the base to the frame, and beyond it.
+    """Collect the links of the arm: from the base to the frame, and beyond the frame.
 
-    The links of other branches, such as those of a second arm on the same waist, are not among
-    them.
+    Links of other branches, such as a second arm on the same waist, are left out.
     """
     if len(task.frames) > 1:
         return frozenset().union(*map(arm_links, task.single_tasks))
@@ -38,7 +38,7 @@ def arm_links(task: Task) -> frozenset[str]:
 def other_ends(task: Task) -> tuple[str, ...]:
     """List the end effectors of other branches that the task's joints move: one link per end.
 
-    Sensors do not count.
+    Sensors are left out.
     """
     model = task.robot.model
     own = arm_links(task)
@@ -54,16 +54,13 @@ def other_ends(task: Task) -> tuple[str, ...]:
 
 
 def _driven(task: Task) -> Array:
-    """Mark the joints of the robot's model (N,) that the task's joints drive, also mimics."""
+    """Mark the joints of the robot's model (N,) that the task drives, mimic joints included."""
     columns = [task.robot.joint_names.index(name) for name in task.joint_names]
     return (task.robot.coupling.S[:, columns] != 0).any(axis=1)
 
 
 def _joint(task: Task, link: str) -> int:
-    """Return the joint of the robot's model that moves a link.
-
-    Its number is that in the model; 0 is the fixed root.
-    """
+    """Return the number, in the robot's model, of the joint that moves a link; 0 if none does."""
     model = task.robot.model
     return int(model.frames[frame_id(model, link)].parentJoint)
 
@@ -71,7 +68,7 @@ def _joint(task: Task, link: str) -> int:
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
     """Compute the origins of links at configurations Q (T, n), relative to the root: (T, L, 3), m.
 
-    Displacements of the other end effectors are measured with them.
+    The displacements of other end effectors are computed from these points.
     """
     robot = task.robot
     ids = [frame_id(robot.model, link) for link in links]
@@ -80,10 +77,11 @@ def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
 
 
 def base_placements(robot: Mechanism, Q: Array) -> Array:
-    """Place the robot's base relative to its root, at whole configurations Q (T, N): (T, 4, 4), m.
+    """Compute the base's placements in the root frame, at whole configurations Q (T, N).
 
-    Joints may move the base: a workpiece on a turntable. Pictures show the root at rest, so a point
-    x on the workpiece is drawn at ``X_w(q) x``.
+    Returns rigid transforms X_w (T, 4, 4), m. The base moves if it is, for example, a workpiece on
+    a turntable. Pictures show the root at rest, so a point x of the workpiece is drawn at
+    ``X_w(q) x``.
     """
     if robot.base is None:
         return np.tile(np.eye(4), (len(Q), 1, 1))
@@ -91,9 +89,9 @@ def base_placements(robot: Mechanism, Q: Array) -> Array:
 
 
 def on_base(placements: Array, points: Array) -> Array:
-    """Move points (T, ..., 3), m, that are relative to the base to where the root's frame has them.
+    """Transform points (T, ..., 3), m, from the base frame to the root frame.
 
-    ``placements`` (T, 4, 4) are those of the base, see :func:`base_placements`.
+    ``placements`` (T, 4, 4) is the result of :func:`base_placements`.
     """
     R, p = placements[:, :3, :3], placements[:, :3, 3]
     flat = points.reshape(len(points), -1, 3)

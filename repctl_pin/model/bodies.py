@@ -33,7 +33,7 @@ _MADE_LOCK = Lock()
 
 @dataclass(frozen=True)
 class Nearest:
-    """The closest pair of bodies and its distance, as reports name them.
+    """The closest pair of bodies, and its distance.
 
     Attributes
     ----------
@@ -49,29 +49,30 @@ class Nearest:
 
 
 class Bodies:
-    """Collision bodies of a robot and its surroundings, and their pairs that a task moves.
+    """Collision bodies of a robot and its surroundings, and the pairs that a task moves.
 
     A mesh of the robot is replaced by its convex hull, so distances are never overestimated; where
     hulls overlap but the bodies do not collide, the distance is 0. A body inside a mesh collides
-    with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is used as it is, so
-    that an arm can move inside a room; a closed mesh is solid on the inner side of its faces.
+    with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is not replaced, so
+    that an arm can move inside a room. A closed mesh is solid on the inner side of its faces.
 
     Three kinds of pairs of the robot's own bodies are checked for collisions only, without a
-    distance: pairs that the SRDF disables, pairs with a single joint between them, and pairs whose
-    hulls overlap at every sampled configuration. Links that a joint connects are not checked. Also
-    not checked are pairs of the first two kinds that collide at the reference pose or at a quarter
-    of the sampled configurations, and any pair that collides at all of them. The decision is made
-    for each pair of links of the robot, with all of their shapes, and for each single shape of the
-    surroundings.
+    distance. They are pairs that the SRDF disables, pairs with a single joint between them, and
+    pairs whose hulls overlap at every sampled configuration. Links that a joint connects are not
+    checked. Also not checked are pairs of the first two kinds that collide at the reference pose or
+    at a quarter of the sampled configurations, and any pair that collides at all sampled
+    configurations. The decision is made for each pair of links of the robot, with all of their
+    shapes, and for each single shape of the surroundings.
 
-    Bodies of the same files and joints share their geometry. Several threads can use one object.
+    Objects made from the same files and joints share their geometry. Several threads can use one
+    object.
 
     Parameters
     ----------
     task
         The task whose joints move; the other joints stay at the reference pose.
     surroundings
-        URDF of the surroundings, in place of those of the robot, see :meth:`Robot.load`.
+        URDF of the surroundings, instead of the robot's own; see :meth:`Robot.load`.
 
     Attributes
     ----------
@@ -88,14 +89,15 @@ class Bodies:
         at a quarter of the sampled configurations.
     touching : tuple of (str, str)
         Pairs not checked because they overlap at every sampled configuration. If only some shapes
-        of a link of the surroundings do, the second name is ``shape of link``.
+        of a link of the surroundings always overlap, the second name is ``shape of link``.
     missing : tuple of str
         Unusable shapes of the robot: meshes that are missing or unreadable, named as in the URDF,
         and shapes without a size. Those links have no body.
     unchecked : tuple of str
         Links of the robot that are drawn, or have an unusable shape, but have no body, so that
-        their collisions are not detected; one link for each set of links that no joint moves
-        against each other. All such sets count if the URDF has no collision geometry.
+        their collisions are not detected. Links that no joint moves against each other are one
+        group, of which one link is listed. If the URDF has no collision geometry, every group is
+        listed.
     standing : frozenset of str
         Links of the surroundings, called ``surroundings/name`` if the robot has a link of the same
         name.
@@ -193,7 +195,8 @@ class Bodies:
     def distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum body distance at every row of Q (K, n): (K,), m.
 
-        A negative distance is a collision. Without a pair to measure they are inf, with a warning.
+        A negative distance is a collision. Without a pair to measure, the distances are inf, with a
+        warning.
         """
         self._warn_if_empty()
         return self._all(Q)[0]
@@ -201,8 +204,8 @@ class Bodies:
     def _warn_if_empty(self) -> None:
         """Warn that every distance is inf, because there is no pair to measure.
 
-        Only the bodies that a user makes warn: results that the package computes with its own say
-        themselves what is not checked.
+        Only objects that the user creates warn; the package's own results state what is not
+        checked.
         """
         if self.pairs or self.only_contact or self is _MADE.get(self.task):
             return
@@ -222,7 +225,7 @@ class Bodies:
         Q
             Samples (K, n) of the motion; between two samples, the joints move on a straight line.
         rows
-            Indices of the samples that are compared first, with 0 and K − 1.
+            Indices of the samples that are compared first, including 0 and K − 1.
         """
         if not (self.pairs or self.only_contact):
             free = np.full(len(rows), np.inf)
@@ -242,12 +245,12 @@ class Bodies:
     def hull_distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum distance between convex hulls at every row of Q (K, n): (K,), m.
 
-        Below 0 it is the penetration depth of the hulls, whether or not the bodies collide; its
-        gradient shows which motion separates them."""
+        A negative distance is minus the penetration depth of the hulls, whether or not the bodies
+        collide. Its gradient shows which motion separates them."""
         return self._all(Q, hulls=True)[0]
 
     def _nearer(self, Q: ArrayLike, distance: float) -> NDArray[np.bool_]:
-        """Test at every row of Q (K, n) if :meth:`distances` is below a distance, m: (K,)."""
+        """Test at every row of Q (K, n) whether a body distance is below ``distance``, m: (K,)."""
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return np.asarray(self._model.nearer(self._drive.joints(Q), distance))
 
@@ -277,7 +280,7 @@ def _beside(task: Task, surroundings: str | Path) -> Task:
 class _NoBodies:
     """Collision model of a robot without collision geometry and surroundings: it has no pairs.
 
-    It has the members of the real model, which needs coal and takes long to import.
+    It replaces the real model, whose library coal takes long to import.
     """
 
     links: tuple[str, ...] = ()
@@ -301,7 +304,8 @@ class _NoBodies:
 def _model_of(task: Task) -> Any:
     """Return the collision model of a task, which holds its bodies and their pairs.
 
-    The library coal is imported only if the robot has bodies; without any, the model is empty.
+    The library coal is imported only if the robot or its surroundings have bodies; otherwise the
+    model is empty.
     """
     robot = task.robot
     if not robot.description.collisions and robot.surroundings is None:
@@ -312,10 +316,10 @@ def _model_of(task: Task) -> Any:
 
 
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
-    """List the links that should have a body and have none, see :attr:`Bodies.unchecked`.
+    """List the links without a body that should have one, see :attr:`Bodies.unchecked`.
 
-    ``with_body`` are the links that have one. Links that no joint separates count as one body, and
-    the first of them is listed.
+    ``with_body`` are the links that have a body. If no joint separates several links, only the
+    first of them is listed.
     """
     description = task.robot.description
     frames = link_frames(task.robot.model)
@@ -348,7 +352,7 @@ def _listed(pairs: list[Pair]) -> str:
 def bodies_of(task: Task) -> Bodies:
     """Return the cached :class:`Bodies` of a task; the first call creates them.
 
-    That takes long, so that motions of one task share them.
+    Creating the bodies takes long, so all motions of a task share them.
     """
     with _MADE_LOCK:
         if task not in _MADE:

@@ -1,7 +1,7 @@
-"""Bounds on pairwise body distances: from below, and on how fast each joint changes them.
+"""Lower bounds on the distances of body pairs, and on how fast each joint changes them.
 
-Exact distances take long. The bounds tell which of the many pairs can be the closest one, so that
-few distances are computed; and they let a proof cover a whole box of configurations.
+Exact distances take long. The bounds show which of the many pairs can be the closest one, so that
+few distances are computed. They also let a proof cover a whole box of configurations.
 """
 
 from __future__ import annotations
@@ -102,9 +102,9 @@ class BodyBounds:
 
         |c_a − c_b| − h_a(u) − h_b(u),
 
-    where h_a(u) is the extent along u of the bounding sphere of body a, its radius, or of its
-    bounding box with half-widths w and rotation R, Σ w_i |(Rᵀ u)_i|. The smaller one is used. An
-    exact distance takes far longer, so that most pairs are ruled out by the bound.
+    where h_a(u) bounds how far body a extends from its centre along u. It is the radius of the
+    bounding sphere or, if smaller, Σ w_i |(Rᵀ u)_i| for the bounding box with half-widths w and
+    rotation R. The bound rules out most pairs, because an exact distance takes far longer.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class BodyBounds:
 
         Q has a value per joint of the model; P is the number of pairs. Bounding boxes, which are
         tighter and slower, are used only where the bound from the spheres is below half the
-        smallest distance between two centres. In C it is body_bounds.c.
+        smallest distance between two centres. The C version is body_bounds.c.
         """
         native = library()
         if native is not None:
@@ -197,8 +197,8 @@ class BodyBounds:
     def _extent(self, R: Array, k: _Index, body: _Index, u: Array) -> Array:
         """Bound how far M bodies extend from their centres along unit vectors u (M, 3): (M,), m.
 
-        R are the rotations of all joints at all configurations, ``k`` (M,) the number of each
-        body's configuration, and ``body`` (M,) that of the body.
+        R are the rotations of all joints at all configurations; ``k`` (M,) are the indices of the
+        configurations, and ``body`` (M,) those of the bodies.
         """
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
@@ -208,11 +208,11 @@ class BodyBounds:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
 
         A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because it is
-        1-Lipschitz in the points of its bodies. A revolute joint moves a point by at most its
-        distance from the joint's origin; this is bounded along the chain from the joint to the
-        body, so that it holds at every configuration within the limits of the prismatic joints.
-        ``joints`` are the joints of the robot, by name. With it one distance rules out collisions
-        in a whole box of configurations.
+        1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at
+        most the point's distance from the joint's origin. This distance is bounded along the chain
+        from the joint to the body. So the bound holds at every configuration within the limits of
+        the prismatic joints. ``joints`` are the joints of the robot, by name. With this bound, a
+        single distance rules out collisions in a whole box of configurations.
         """
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
@@ -233,10 +233,10 @@ class BodyBounds:
 
 
 class KnownApart:
-    r"""Configurations at which the surfaces of pairs were measured, and what follows around them.
+    r"""Measured surface distances of pairs, which rule out contact at nearby configurations.
 
     Surfaces at a distance d at x are apart at every q with ρ·\|q − x\| < d, where ρ are the rates
-    of :meth:`BodyBounds.reach`. They do not meet on the straight way from x to q either, so that no
+    of :meth:`BodyBounds.reach`. They do not meet on the straight line from x to q either, so no
     body gets inside another one.
 
     Parameters
@@ -269,10 +269,10 @@ class KnownApart:
         return known
 
     def pays(self, pair: int, q: Array) -> bool:
-        """Note that a pair is tested at q (N,), and tell whether its distance is measured, too.
+        """Record a test of a pair at q (N,), and return whether to measure its distance, too.
 
-        It pays if the last test was close to this one, so that more of them are likely to follow,
-        and if the distances measured before have spared about as many tests.
+        Measuring pays if the last test was close to this one, so that more nearby tests are likely,
+        and if earlier measurements have saved about as many tests.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY
@@ -282,7 +282,7 @@ class KnownApart:
         return near and credit > 0
 
     def note(self, pair: int, q: Array, distance: float) -> None:
-        """Keep the distance of the surfaces of a pair at q (N,), m, in place of the oldest one."""
+        """Store the surface distance, m, of a pair at q (N,), in place of the oldest one."""
         if (np.abs(q) > self._strokes).any():
             return
         if pair not in self._known:
@@ -292,7 +292,7 @@ class KnownApart:
         at[row], distances[row] = self._scaled(pair, q), distance
 
     def _scaled(self, pair: int, q: Array) -> Array:
-        """Return the joints at q that move a pair against each other, times their rates, m."""
+        """Return the positions at q of the joints that move a pair, times their rates, m."""
         moves = self._moves[pair]
         return np.asarray(q[moves] * self._reach[pair, moves])
 

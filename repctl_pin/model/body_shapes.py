@@ -95,7 +95,7 @@ class BodyShape:
     def witnesses(self) -> Array:
         """One point (K, 3) of every connected part, m.
 
-        Where surfaces do not intersect, a part is inside another body if its point is.
+        If no surfaces intersect, a part is inside another body exactly if the part's point is.
         """
         if self._parts is None:
             return np.asarray(self.hull.aabb_center, float)[None]
@@ -103,7 +103,7 @@ class BodyShape:
 
     @cached_property
     def interior(self) -> _MeshInterior | None:
-        """Interior of a mesh, to test whether it contains a body whose surface it does not meet.
+        """Interior of a mesh, to test whether a body lies inside without meeting the surface.
 
         None for a convex body, which coal treats as solid, and for a mesh of the surroundings
         without closed parts.
@@ -196,8 +196,8 @@ def contains(
 ) -> bool:
     """Test whether a mesh contains a part of another body; their surfaces must not intersect.
 
-    ``outer`` is placed at ``here``, ``inner`` at ``there``. False if ``outer`` has no interior.
-    Surfaces that do not meet would otherwise count as no collision.
+    ``outer`` is placed at ``here``, ``inner`` at ``there``. False if ``outer`` has no interior. A
+    body inside a mesh collides with it, although their surfaces do not meet.
     """
     if outer.interior is None:
         return False
@@ -206,10 +206,7 @@ def contains(
 
 
 def transform(place: pin.SE3) -> coal.Transform3s:
-    """Convert a placement to coal's Transform3s.
-
-    coal, the collision library, has a type of its own.
-    """
+    """Convert a placement to a Transform3s of coal, the collision library."""
     return coal.Transform3s(place.rotation, place.translation)
 
 
@@ -219,7 +216,7 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
 
     ``changed`` is the modification time of the file, so that a changed file is read again.
     ``scale`` has a factor per axis, and ``standing`` marks the surroundings. UnusableShape is
-    raised for a size of 0 or above 100 km.
+    raised if the mesh has size 0 or is larger than 100 km.
     """
     vertices, faces = _read_mesh(path, scale)
     size = float(np.ptp(vertices, axis=0).max())
@@ -244,7 +241,7 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
 def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.intp]]:
     """Read the vertices (V, 3), m, and the triangles (F, 3) of a mesh file, scaled.
 
-    ``scale`` has a factor for each axis. Vertices that no triangle has are dropped. UnusableShape
+    ``scale`` has a factor for each axis. Vertices outside all triangles are dropped. UnusableShape
     is raised for a file that is too large, cannot be read, or has no triangles.
     """
     import trimesh
@@ -275,7 +272,7 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
 
 
 def _unit_of(path: Path) -> float:
-    """Read the unit of length of a mesh file, m: only COLLADA files have another than 1 m."""
+    """Read the unit of length of a mesh file, m; it is 1 m in all formats except COLLADA."""
     if path.suffix.lower() != ".dae":
         return 1.0
     with path.open("rb") as file:
@@ -283,7 +280,7 @@ def _unit_of(path: Path) -> float:
 
 
 def _convex_hull(vertices: Array) -> Any:
-    """Compute the convex hull of vertices (V, 3), as a trimesh mesh; flat ones are thickened.
+    """Compute the convex hull of vertices (V, 3) as a trimesh mesh; flat vertices are thickened.
 
     UnusableShape is raised if there is none.
     """
@@ -298,7 +295,7 @@ def _convex_hull(vertices: Array) -> Any:
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
     """Compute the volume of a closed mesh, m³; negative if its normals point inwards.
 
-    Faces of such a mesh of the robot are turned over.
+    If such a mesh belongs to the robot, its faces are then turned over.
     """
     a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
@@ -307,7 +304,8 @@ def _volume(points: Array, faces: NDArray[np.intp]) -> float:
 def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
     """Test whether a mesh is the surface of its convex hull, with outward normals.
 
-    Its area and its volume are compared with those of ``hull``. The hull alone then represents it.
+    The mesh's area and volume are compared with those of ``hull``. If they agree, the hull alone
+    represents the mesh.
     """
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
@@ -318,9 +316,9 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
 def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
     """Create coal's convex shape from the vertices (V, 3) of a convex hull.
 
-    coal fails if a vertex has over 255 neighbours. The vertices are then rounded outwards to a
-    grid, coarser until it succeeds; the last resort is the bounding box. The second result is True
-    if the vertices were rounded or replaced. The first result is the shape.
+    coal fails if a vertex has over 255 neighbours. The vertices are then rounded outwards to
+    coarser and coarser grids until coal succeeds; the last resort is the bounding box. Returns the
+    shape, and True if the vertices were rounded or replaced.
     """
     size = float(np.ptp(points, axis=0).max())
     for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
@@ -391,8 +389,8 @@ class _MeshParts:
 def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
     """Split a mesh into connected parts, after merging coincident vertices.
 
-    STL files store each triangle with its own vertices, so that nothing is connected before. A part
-    is closed if each edge is passed as often in one direction as in the other.
+    STL files store each triangle with its own vertices, so nothing is connected before the merging.
+    A part is closed if each edge occurs equally often in both directions.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -476,7 +474,7 @@ class _Ray:
     def crossings(self, point: Array) -> int:
         """Sum ±1 over the faces that the ray from a point (3,) crosses.
 
-        It is −1 for a face whose normal points against the ray.
+        A face counts −1 if its normal points against the ray.
         """
         p = point @ self._turn
         if (p < self._bottom).any() or (p > self._top).any():
@@ -489,7 +487,7 @@ class _Ray:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Return whether a triangle above the origin faces up (1) or down (−1); 0 if not above it.
+    """Return 1 if a triangle above the origin faces up, −1 if it faces down, else 0.
 
     The three corners are given as x, y, z.
     """

@@ -55,7 +55,7 @@ def chain_hessians(twists: Array, R: Array | None) -> Array:
 def axis_turn(R: Array, goal: Array) -> Array:
     """Compute the rotation that aligns the tool's z axis with a goal's: (2,), rad.
 
-    The components, about the tool's x and y axes, of the shortest such rotation.
+    The result has the components of the shortest such rotation about the tool's x and y axes.
 
     Parameters
     ----------
@@ -163,9 +163,9 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
 
 
 class Placements(tuple[pin.SE3, ...]):
-    """Placements of several frames, as one target of all of them.
+    """Placements of several frames, as the target of one task.
 
-    It has the attributes of a single placement that messages and C code use.
+    Like a single placement, it has the attributes that messages and C code read.
     """
 
     @property

@@ -51,7 +51,7 @@ class Clearance:
         Minimum distance found, m: below 0 in a collision, 0 if only convex hulls overlap, inf
         without bodies.
     at : float
-        Sample of the minimum, from 0; a fraction lies between two samples.
+        Sample number of the minimum, counted from 0; a fraction lies between two samples.
     links : (str, str)
         Links of the two bodies.
     touch : (float, (str, str)) or None
@@ -64,10 +64,10 @@ class Clearance:
         Number of configurations at which distances were measured.
     between : bool
         True if the minimum holds between the samples too: no bodies collide, and the minimum lies
-        at most 10 % or 5 mm below ``distance``. False after a collision, and where distances at
-        ``points`` configurations did not decide it.
+        at most 10 % or 5 mm below ``distance``. False after a collision, and if the measured
+        distances did not decide it.
     undecided : (str, str) or None
-        Links of the first pair that they did not decide: two bodies that stay close for long.
+        Links of the first pair left undecided, because its two bodies stay close for long.
     """
 
     distance: float
@@ -92,7 +92,7 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
         Samples (K, N) of the motion, a value per joint of the model. Between two samples, the
         joints move on a straight line.
     rows
-        Indices of the samples at which all pairs are compared first; with 0 and K − 1.
+        Indices of the samples at which all pairs are compared first, including 0 and K − 1.
     """
     search = _Search(model, Q)
     undecided = search.look_at(rows)
@@ -144,9 +144,9 @@ class _Search:
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Measure the minimum distance at samples ``rows`` (R,), and list what is undecided.
 
-        A piece is the motion between two successive rows. Returned are two arrays of indices, of
-        pairs of bodies and of pieces: each entry is a pair whose lower bounds at the two ends of a
-        piece do not decide it.
+        A piece is the motion between two successive rows. Returns two index arrays, of pairs of
+        bodies and of pieces; each entry is a pair that the lower bounds at both ends of a piece do
+        not decide.
         """
         pairs, pieces = [], []
         last = None
@@ -180,7 +180,7 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Decide a pair on M pieces, which end at (M,) positions each, by further measurements."""
+        """Decide a pair by further measurements on M pieces from ``begin`` (M,) to ``end`` (M,)."""
         measured = bool(self._measured[pair])
         pieces = self._pieces(pair, begin, end)
         while True:
@@ -207,7 +207,7 @@ class _Search:
             pieces = pieces.after(distance, pieces.center[k])
 
     def _leave(self, pair: int) -> None:
-        """Note a pair that is left undecided; the first one is named."""
+        """Record that a pair is left undecided; only the first such pair is reported."""
         self._undecided = pair if self._undecided is None else self._undecided
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
@@ -232,10 +232,10 @@ class _Search:
         )
 
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
-        """Test which pairs need no further measurement, by lower bounds on their distances, m.
+        """Test, by lower bounds on distances, m, which pairs need no further measurement.
 
-        These are pairs that cannot collide. If their distance is ``measured``, it must not lie
-        clearly below the smallest one found, either.
+        Such a pair cannot collide. If its distance is ``measured``, it cannot be clearly below the
+        smallest distance found either.
         """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
@@ -260,7 +260,7 @@ class _Search:
         return float(found[0]), int(which[0])
 
     def _note(self, at: float, distance: float) -> None:
-        """Note a minimum distance that was measured at a position."""
+        """Record a minimum distance that was measured at a position."""
         if distance < self._best:
             self._best, self._at = distance, at
         if distance < 0:
@@ -275,13 +275,13 @@ class _Pieces(NamedTuple):
     begin, end, middle
         Positions of both ends, and of the middles (M,).
     size
-        Maximum way of the bodies of the pair from the middle to any point of a piece (M,).
+        Bounds on the motion of the pair's bodies from the middle to any point of the piece (M,).
     lower
         Lower bounds on the distance on the pieces (M,).
     upper
         Upper bounds on the distance at the middles (M,).
     center
-        Joints that move the pair at the middles, times their reach: (M, J), m.
+        Positions, at the middles, of the joints that move the pair, times their reach: (M, J), m.
     """
 
     begin: Array
@@ -293,7 +293,7 @@ class _Pieces(NamedTuple):
     center: Array
 
     def of(self, which: NDArray[np.bool_]) -> _Pieces:
-        """Return the pieces of a mask (M,)."""
+        """Select the pieces that a mask (M,) marks."""
         return self if which.all() else _Pieces(*(values[which] for values in self))
 
     def and_those(self, more: _Pieces) -> _Pieces:
@@ -301,7 +301,7 @@ class _Pieces(NamedTuple):
         return _Pieces(*map(np.concatenate, zip(self, more, strict=True)))
 
     def after(self, distance: float, at: Array) -> _Pieces:
-        """Return the pieces with the bounds that follow from a distance measured at ``at`` (J,)."""
+        """Tighten the bounds by a distance measured at ``at`` (J,), given as ``center`` is."""
         moved = np.abs(self.center - at).sum(axis=1)
         return self._replace(
             lower=np.maximum(self.lower, distance - moved - self.size),

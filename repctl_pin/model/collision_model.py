@@ -84,7 +84,7 @@ class _CollisionModel:
         Indices of the two bodies of each checked pair, measured or for collisions only; pairs of
         the robot's own bodies first.
     measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
-        Pairs of links, as in :class:`Bodies`, which calls the first one ``pairs``.
+        Pairs of links, as in :class:`Bodies`, where ``measured`` is called ``pairs``.
     """
 
     def __init__(self, task: Task) -> None:
@@ -123,7 +123,7 @@ class _CollisionModel:
             Configurations of the model's N joints.
         hulls
             Return the signed distance of convex hulls, minus their penetration depth where they
-            overlap. Otherwise it is 0 where hulls overlap but the bodies do not collide.
+            overlap. If False, the distance is 0 where hulls overlap but the bodies do not collide.
         """
         found = np.full(len(Q), np.inf)
         which = np.full(len(Q), -1)
@@ -138,10 +138,10 @@ class _CollisionModel:
         return found, which
 
     def nearer(self, Q: Array, distance: float) -> NDArray[np.bool_]:
-        """Test at every row of Q (K, N) if any two bodies are nearer than a distance, m: (K,).
+        """Test at every row of Q (K, N) whether any two bodies are nearer than a distance, m: (K,).
 
-        Only pairs whose bounds do not show that they are apart are measured, until one is nearer.
-        So it takes a fraction of the time of :meth:`least`.
+        Pairs that the bounds show to be apart are not measured, and the first nearer pair ends the
+        test. So it takes a fraction of the time of :meth:`least`.
         """
         found = np.zeros(len(Q), bool)
         for k, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
@@ -167,19 +167,19 @@ class _CollisionModel:
         return self._bounds.tables
 
     def kept(self, distance: float) -> Array:
-        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked.
+        """Return the distance required of each pair: (P,), m; 0 if only collisions are checked.
 
-        ``distance`` is the minimum body distance asked for. Neighbouring links cannot keep it.
+        ``distance`` is required of all other pairs; neighbouring links are always closer.
         """
         return np.where(self._only_contact, 0.0, distance)
 
     def some_distances(
         self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False, outside: bool = False
     ) -> Array:
-        """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
+        """Bound the distances of some pairs from below at q (N,): (K,), m; above 0 is no collision.
 
-        The distances are those of the hulls. Where the hulls of a pair that is checked for
-        collisions only overlap, it is that of the exact shapes, or a lower bound on it.
+        The distances are those of the hulls. Where the hulls of a collision-only pair overlap, the
+        distance of the exact shapes is used, or a lower bound on it.
 
         Parameters
         ----------
@@ -191,8 +191,8 @@ class _CollisionModel:
             Use the distance of the exact shapes where the hulls of any pair overlap; below 0 in a
             collision.
         outside
-            Take for granted that no body is inside a mesh without touching its surface. It is so on
-            a way from a known configuration on which all bounds are above 0, and far faster.
+            Assume that no body is inside a mesh without touching its surface, which is far faster.
+            This is true along a path on which all bounds are above 0, if it is true at the start.
         """
         with self._lock:
             self._move(q)
@@ -205,7 +205,7 @@ class _CollisionModel:
         return np.array(found)
 
     def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Evaluate rows of Q (K, N) in blocks of B: the first row, bounds, minimum distances.
+        """Yield, for blocks of B rows of Q (K, N), the first row's index, bounds and distances.
 
         The bounds (B, P) are lower bounds on the distances of all pairs, m; the minimum distances
         (B,) are those of :meth:`least`.
@@ -223,22 +223,19 @@ class _CollisionModel:
     def names(self, pair: int) -> Pair:
         """Return the names of the two links of a pair, given by its index.
 
-        An index counts the pairs that are checked.
+        The index is a row of ``pairs``.
         """
         a, b = self.pairs[pair].tolist()
         return self.links[a], self.links[b]
 
     def named(self, which: _Mask) -> tuple[Pair, ...]:
-        """Return the names of the links of the pairs in a mask (P,), without duplicates.
-
-        Notes and reports list them.
-        """
+        """Return the names of the links of the pairs that a mask (P,) marks, without duplicates."""
         return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
 
     # ---- distances -----------------------------------------------------------------------------
 
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield every row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
+        """Yield each row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
 
         N is the number of joints of the model, and P that of the pairs. The bound of a
         collision-only pair is infinite where it shows that the pair does not collide.
@@ -247,14 +244,14 @@ class _CollisionModel:
             yield from zip(block, self._telling(bounds), strict=True)
 
     def _bounded(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Yield the rows of Q (K, N) in blocks: the first row, the block, and its bounds (B, P)."""
+        """Yield blocks of rows of Q (K, N): the first row's index, the block, its bounds (B, P)."""
         size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size, 1)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
             yield start, block, self._bounds(block)
 
     def _telling(self, bounds: Array) -> Array:
-        """Return bounds (B, P) that are infinite where a pair that is not measured is apart."""
+        """Set the bounds (B, P) of collision-only pairs to inf where they exclude a collision."""
         if not self._some_only_contact:
             return bounds
         return np.where(self._only_contact & (bounds >= 0), np.inf, bounds)
@@ -295,9 +292,9 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of the hulls of pair k, m; a collision-only pair is exact.
+        """Compute the signed distance of pair k, m: of the hulls, or exact if collision-only.
 
-        Its slope shows how overlapping bodies separate.
+        The gradient shows which motion separates overlapping bodies.
         """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
@@ -305,8 +302,8 @@ class _CollisionModel:
         """Compute the signed distance of pair k at the current placements, m.
 
         The robot's bodies are represented by their hulls, the surroundings by their exact shapes.
-        Below 0 it is the penetration depth, or minus the distance from the surface of a body that
-        contains one.
+        A negative distance is minus the penetration depth or, for a body inside another one, minus
+        the distance of their surfaces.
         """
         if k < self._own_pairs:
             return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
@@ -328,7 +325,7 @@ class _CollisionModel:
     def _collide(self, k: int) -> bool:
         """Test whether the two bodies of pair k, whose hulls overlap, collide.
 
-        Two convex bodies do then; for meshes the exact surfaces are compared, unless a distance
+        Two convex bodies then do; for meshes, the exact surfaces are compared, unless a distance
         measured nearby shows that they are apart.
         """
         a, b = self._both[k]
@@ -370,8 +367,8 @@ class _CollisionModel:
     def _surfaces(self, k: int) -> float:
         """Bound the distance of the surfaces of pair k from below, m; below 0 if they intersect.
 
-        Whether they are farther apart than a margin is found far faster than their distance. It is
-        −inf for two convex bodies, whose hulls are exact.
+        To find whether they are farther apart than a margin is far faster than to compute their
+        distance. The bound is −inf for two convex bodies, whose hulls are exact.
         """
         (a, b), request = self._both[k], coal.CollisionRequest()
         one, other = self._bodies[a].exact, self._bodies[b].exact
@@ -387,7 +384,7 @@ class _CollisionModel:
     def _transform(self, k: int) -> coal.Transform3s:
         """Return the current placement of body k as coal's Transform3s.
 
-        Those of the surroundings are constant; those of the robot are cached until it moves.
+        Placements of the surroundings are constant; those of the robot are cached until it moves.
         """
         if k >= self._own:
             return self._standing_transforms[k - self._own]
@@ -400,7 +397,7 @@ class _CollisionModel:
     def _add_robot(self, task: Task) -> dict[str, Pair]:
         """Add the robot's bodies; return its unusable shapes: (link, cause), by file or shape name.
 
-        They are left out, and a note tells the user so.
+        The unusable shapes are left out, and a note reports them to the user.
         """
         description = task.robot.description
         links = link_frames(self._model)
@@ -448,12 +445,12 @@ class _CollisionModel:
     def _choose_pairs(self, task: Task) -> None:
         """Choose the pairs to check, and list the names of all pairs by how they are treated.
 
-        Each pair of the robot's own links is treated alike, whichever of their shapes overlap; a
-        link of the surroundings often has shapes far apart, which are treated one by one.
+        All shapes of two of the robot's own links are treated alike. A link of the surroundings
+        often has shapes far apart, so its shapes are treated one by one.
 
         Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
-        between them, are checked for collisions only, and not at all if they collide at the
-        reference pose or at a quarter of the sampled configurations. The same order is described at
+        between them, are checked for collisions only. They are not checked at all if they collide
+        at the reference pose or at a quarter of the sampled configurations. See also
         :class:`Bodies`.
         """
         self._measure(self._moving_pairs(task.robot.description.path))
@@ -481,9 +478,9 @@ class _CollisionModel:
         self._measure(self.pairs[~left_out], only_contact[~left_out])
 
     def _named_apart(self, always: _Mask) -> tuple[Pair, ...]:
-        """Return the names of the pairs in a mask (P,) that overlap always.
+        """Return the names of the pairs that a mask (P,) marks because they always overlap.
 
-        The shape is named if its link of the surroundings has others that do not overlap.
+        A shape of the surroundings is named if other shapes of its link do not overlap.
         """
         partly = set(self.named(~always))
         found: dict[Pair, None] = {}
@@ -553,8 +550,8 @@ class _CollisionModel:
     def _measure(self, pairs: NDArray[np.intp], only_contact: _Mask | None = None) -> None:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
-        ``only_contact`` (P,) marks those that are checked for collisions only; None for none. It is
-        called again each time that pairs have been ruled out.
+        ``only_contact`` (P,) marks the pairs that are checked for collisions only; None means no
+        pair. It is called again each time that pairs have been ruled out.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
@@ -577,13 +574,13 @@ class _CollisionModel:
             Task whose reference pose is the first configuration.
         near
             Mask (P,) of the pairs that are tested at every configuration; other pairs of links are
-            tested until their hulls are apart at one of them.
+            tested until their hulls are apart at one configuration.
 
         Returns
         -------
-        Collisions at the reference pose, share of configurations with a collision, and whether
-        hulls overlap at all configurations, of the pairs of links to which the pairs belong: (P,)
-        each."""
+        Three arrays (P,) with values for the pair of links to which a pair belongs. They are
+        whether it collides at the reference pose, the share of configurations with a collision, and
+        whether hulls overlap at all configurations."""
         Q = _sample_configurations(task)
         link_pair = self._link_pairs()
         count = np.zeros(len(self.pairs))

@@ -1,7 +1,7 @@
 """End effectors of a robot: the links at the ends of its arms, before the fingers.
 
-They are offered as task frames if the user names none. A URDF does not tell them, so that they are
-found by the shape of the tree, the ranges of its joints and the names of its links.
+They are offered as task frames if the user names none. A URDF does not mark them, so they are found
+by the shape of the tree, the ranges of its joints and the names of its links.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class _Body:
     narrow : bool
         True if every joint beyond the body has the range of a finger.
     loose : bool
-        True if all joints beyond the body are of ball joints, which no motor drives.
+        True if all joints beyond the body belong to ball joints, which no motor drives.
     named : bool
         True if the joint before the body, or its first link, is named as a finger.
     shells : set of str
@@ -114,11 +114,11 @@ def arm_ends(description: Description) -> list[_Body]:
     """Find the bodies at which arms, legs and heads end, without fingers, in the order of the file.
 
     An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger has a
-    small range (half a turn, 0.1 m, or it mimics another joint) and at most as many joints as the
-    arm. In addition, it has other branches beside it, is a mimic joint, is prismatic, is named a
-    finger, or follows a link named as a tool. If every joint is named a finger, the robot is a
-    finger, and ends at its tip. An arm also ends at a link named as a tool beyond which there are
-    only ball joints: a load that hangs from it.
+    small range (up to half a turn or 0.1 m, or it mimics another joint) and at most as many joints
+    as the arm. In addition, it has other branches beside it, is a mimic joint, is prismatic, is
+    named a finger, or follows a link named as a tool. If every joint is named a finger, the robot
+    is a finger, and ends at its tip. An arm also ends at a link named as a tool beyond which there
+    are only ball joints: a load that hangs from it.
     """
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
@@ -152,7 +152,7 @@ def arm_ends(description: Description) -> list[_Body]:
 def _ends(root: _Body, *, whole: bool) -> list[_Body]:
     """List the bodies without branches, the hands and the tools with a load, in the file's order.
 
-    ``whole`` tells that the robot is a finger itself, so that a hand is no end of it.
+    ``whole`` is True if the whole robot is a finger; a hand is then not an end.
     """
     ends, todo = [], [root]
     while todo:
@@ -168,8 +168,8 @@ def _ends(root: _Body, *, whole: bool) -> list[_Body]:
 def task_links(body: _Body) -> list[str]:
     """Sort a body's links, the best end effector first: by name, then the farthest first.
 
-    All links of a body move together; their names tell which one is meant as a tool's frame. Links
-    that only carry collision shapes are left out, unless the body has no others.
+    All links of a body move together; only their names show which of them is meant as the tool's
+    frame. Links that only carry collision shapes are left out, unless the body has no others.
     """
     meant = [link for link in body.links if not _only_collides(link, body)] or list(body.links)
     return sorted(meant, key=lambda link: (rank(link), -body.links[link]))
@@ -178,8 +178,9 @@ def task_links(body: _Body) -> list[str]:
 def _only_collides(link: str, body: _Body) -> bool:
     """Test whether a link only holds the collision shapes of another one, as its name says.
 
-    It is not drawn, and its name is that of the other link with an ending, such as ``link7_sc``, or
-    contains ``collision``. A link ``tool0`` with a collision shape is not such a link.
+    Such a link is not drawn, and its name is that of the other link with a suffix, such as
+    ``link7_sc``, or contains ``collision``. A link ``tool0`` with a collision shape is not such a
+    link.
     """
     extends = any(link != other and link.startswith(other) for other in body.links)
     return link in body.shells and (extends or "collision" in words(link))
@@ -188,7 +189,7 @@ def _only_collides(link: str, body: _Body) -> bool:
 def is_sensor(link: str) -> bool:
     """Test whether a link is named as a sensor, such as a camera.
 
-    Such a link is offered as a task frame only where there is no other.
+    Such a link is offered as a task frame only if there is no other.
     """
     return not set(_SENSORS.split()).isdisjoint(words(link))
 

@@ -1,7 +1,7 @@
 """Joints between base and frame of a task as arrays, for computations in C.
 
-A joint variable is θ, one per joint of the model; q are the n independent ones, ``θ = S q +
-offset``, because mimic joints follow others.
+``θ = S q + offset`` maps the positions q of the n independent joints to those of all joints, mimic
+joints included.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class JointChain:
     revolute : (P,) array of bool
         False for prismatic joints.
     S, offset : (P, n) and (P,) arrays
-        ``θ = S q + offset``: positions θ of these joints, from the q of the task.
+        Map ``θ = S q + offset`` from the q of the task to the positions θ of these joints.
     """
 
     R: Array
@@ -77,7 +77,7 @@ class _JointTree:
     Attributes
     ----------
     parents : (N,) array of int
-        Number of the joint before each, from 0; −1 if it is on the base.
+        Index of the joint before each joint; −1 for a joint on the base.
     R, p, axes, revolute, S, offset
         As of :class:`JointChain`, with N joints; R and p are relative to the joint before.
     chains : tuple of (P,) arrays of int
@@ -85,9 +85,9 @@ class _JointTree:
     R_frames, p_frames : (F, 3, 3) and (F, 3) arrays
         Placement of each frame on the last joint of its chain.
     first : (n,) array of int
-        First joint that each entry of q drives, on the way to the frame if there is one frame.
+        First joint that each entry of q drives; with a single frame, the first on the path to it.
     riding : dict of str to int
-        Number of the joint on which each link rides; −1 if it is fixed to the base.
+        Index of the joint that carries each link; −1 for a link fixed to the base.
     """
 
     parents: NDArray[np.intp]
@@ -107,8 +107,8 @@ class _JointTree:
 def joint_tree(task: Task) -> _JointTree:
     """Extract the tree of the joints that a task moves; the robot's base is its root.
 
-    Unlike a chain it has the branches beside the frames, whose links move too and are drawn. The
-    frames are relative to the base of the robot.
+    Unlike a chain, the tree includes branches beside the frames, whose links also move and are
+    drawn. The placements of frames are relative to the robot's base.
     """
     model, drive = task.bodies_model()
     frames = [model.frames[frame_id(model, name)] for name in task.frames]
@@ -138,9 +138,9 @@ def joint_tree(task: Task) -> _JointTree:
 def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     """Create the struct :data:`ARM` of a task without potentials, and the arrays it points to.
 
-    Its frames are turned so that each joint moves about or along its own z axis. None if the chain
-    has more than 64 joints, the most that arm.c has room for. Control loops, bounds and integration
-    in C all use it.
+    The joint frames are turned so that each joint moves about or along its own z axis. None if the
+    chain has more than 64 joints, the maximum of arm.c. Control loops, bounds and integration in C
+    all use it.
     """
     if isinstance(task, SeveralFrames):
         return _native_frames(task)
@@ -167,9 +167,9 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
 
 
 def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the struct :data:`ARM` of several frames: each has the struct of its own chain.
+    """Create the struct :data:`ARM` of several frames, with a struct for the chain of each.
 
-    The result is as of :func:`native_chain`; None if one of the chains does not fit into C.
+    Returns the same as :func:`native_chain`; None if one of the chains has too many joints for C.
     """
     made = [native_chain(part) for part in task.parts]
     frames = [each[0] for each in made if each is not None]
@@ -226,7 +226,7 @@ def _about_z(x: float, y: float) -> Array:
 
 
 def _bent(R: Array) -> NDArray[np.int_]:
-    """Classify rotations (P, 3, 3): 1 if about x alone, 2 if by a quarter turn, else 0.
+    """Classify rotations (P, 3, 3): 2 for a quarter turn about x, 1 for other ones about x, else 0.
 
     C multiplies by rotations of kinds 1 and 2 with fewer operations. Most arms have only these.
     """

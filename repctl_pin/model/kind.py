@@ -1,8 +1,8 @@
 """Kinds of task: which coordinates of its frame a task commands, and the task error in them.
 
-A frame moves with the twist (v, ω): v is that of its origin, and both are in base axes. A kind
-selects rows of it. A kind with rows of ω compares rotations, too: a pose task all of the rotation,
-an axis task the direction of the tool's z axis alone.
+A frame moves with the twist (v, ω), in base axes; v is the velocity of its origin. A kind selects
+rows of the twist. A kind with rows of ω also compares rotations: a pose task compares the whole
+rotation, an axis task only the direction of the tool's z axis.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ KindName = Literal["pose", "axis", "position", "xy", "xz", "yz"]
 
 
 class Kind(str):
-    """Kind of a task: its name, and all that depends on it, such as which coordinates it commands.
+    """Kind of a task: which coordinates of its frame it commands, under a name such as ``pose``.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Kind(str):
     m : int
         Number of task coordinates.
     words : str
-        The coordinates in words.
+        Text for the coordinates, used in messages.
     turns : bool
         True if rows of ω are commanded.
     tool_axes : bool
@@ -94,7 +94,8 @@ class Kind(str):
         """Evaluate the task error (m,) from a placement (R, p) to a target (R*, p*), m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
-        shortest rotation from the tool axis to the target's. Newton steps and feedback remove it.
+        shortest rotation from the tool axis to the target's. Newton steps and feedback reduce the
+        error.
         """
         p = target.translation - here.translation
         if not self.turns:
@@ -109,7 +110,7 @@ class Kind(str):
     def errors(self, p: Array, R: Array, p_goal: Array, R_goal: Array) -> Array:
         """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to p_goal, R_goal, m and rad.
 
-        It is :meth:`error` for many placements at once; targets must be rotations already.
+        Same as :meth:`error`, for many placements at once; R_goal must be exact rotations.
         """
         away = p_goal - p
         if not self.turns:

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from ..base.arguments import Array
-from ..redundancy import nullspace
 from .several_frames import of_singles
 from .task import Task
 
 _MIDDLE = (0.3, 0.7)
 """Range along the arm, as fractions of its length, in which a joint can be the elbow."""
 
+_RANK = 1e-9
+"""Share of the largest singular value of J below which a direction moves no frame."""
+
 
 def arm_length(task: Task, q: Array) -> float:
     """Compute the arm length, m: sum of the distances between successive revolute joints.
 
-    The distance from the last one to the frame is added. 0 without revolute joints. If there are
-    several frames, the largest counts.
+    The distance from the last of them to the frame is included. The length is 0 without revolute
+    joints; with several frames, it is the largest of their chains.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ def arm_length(task: Task, q: Array) -> float:
 def arm_reach(task: Task, q: Array) -> float:
     """Compute the arm length plus the strokes of the prismatic joints that have limits, m.
 
-    Default sizes of paths are shares of it.
+    Default path sizes are fractions of this reach.
     """
     strokes = (task.upper - task.lower)[~task.revolute]
     return arm_length(task, q) + float(strokes[np.isfinite(strokes)].sum())
@@ -47,7 +50,7 @@ def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
     In these units, motions of revolute and prismatic joints are comparable. For an arm of prismatic
-    joints only, the unit is 1 m. Norms and step lengths of a search are taken in them.
+    joints only, the unit is 1 m. Searches use them for norms and step lengths.
     """
     if task.revolute.all():
         return np.ones(task.n)
@@ -72,7 +75,9 @@ def elbow(task: Task, q: Array) -> int:
     step = 1e-4
     here = task.joint_origins(q)
     share = _along_arm(task, q)
-    moved = [task.joint_origins(q + step * n) for n in nullspace(task.jacobian(q)).T]
+    # at a singularity, all directions without motion of the frame
+    N = null_space(task.jacobian(q), rcond=_RANK)
+    moved = [task.joint_origins(q + step * n) for n in N.T]
     speed = np.sum([np.linalg.norm(p - here, axis=1) ** 2 for p in moved], axis=0)
     middle = in_the_middle(task, q)
     key = np.where(middle, speed, -1.0) if middle.any() else speed
@@ -92,7 +97,7 @@ def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
 def _along_arm(task: Task, q: Array) -> Array:
     """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame.
 
-    Distances between successive joints count, at q. The elbow is searched in the middle.
+    Lengths along the arm are sums of the distances between successive joints at q.
     """
     if len(task.frames) > 1:
         shares = np.zeros(task.n)

@@ -1,4 +1,4 @@
-"""Joints of a robot as tasks and drawings need them: limits, poses, and the mimic joints."""
+"""Joints of a robot, for tasks and drawings: limits, poses, and mimic joints."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ _LARGE_LOSS = 0.05
 @dataclass(frozen=True, eq=False)
 @read_only
 class Coupling:
-    """Map from n free joints to all N joints of a model, the mimic joints among them.
+    """Map from n free joints to all N joints of a model, mimic joints included.
 
-    A mimic joint follows a free one: ``θ = S q + offset``. A task computes with q alone.
+    A free joint is one that mimics no other. A mimic joint follows a free one:
+    ``θ = S q + offset``. A task computes with q alone.
 
     Attributes
     ----------
@@ -100,8 +101,8 @@ class Mechanism:
     joint_names : tuple of str
         Names of the n movable joints, in Pinocchio's order.
     lower, upper : (n,) arrays
-        Position limits, rad or m, which also keep mimic joints within theirs; −inf and inf without
-        a limit.
+        Position limits, rad or m, narrowed so that mimic joints stay within their own; −inf and inf
+        without a limit.
     velocity_limit, acceleration_limit, jerk_limit : (n,) arrays
         Limits of the rates, rad or m, per s, s² and s³; inf without a limit. The acceleration limit
         is the smaller one of ``acceleration`` and ``deceleration`` in the URDF.
@@ -110,8 +111,8 @@ class Mechanism:
     reference : (n,) array
         Reference pose: the SRDF's if the catalogue names one, else mid-range.
     poses : dict of (n,) arrays
-        ``reference``; ``ready``, a working pose, if the catalogue has one; ``middle`` of the joint
-        ranges.
+        Named poses: ``reference``, ``middle`` (of the joint ranges) and, if the catalogue has one,
+        ``ready``, a working pose.
     narrowed : dict of str
         Sentences on the limits that a mimic joint narrows, by the name of the narrowed joint.
     locked : tuple of str
@@ -157,8 +158,8 @@ _Robot = TypeVar("_Robot", bound=Mechanism)
 def based(robot: _Robot, base: str | None) -> _Robot:
     """Return the robot, or a copy that places frames relative to the link ``base``.
 
-    With it a hand can be controlled relative to the other hand, or to a workpiece that moves. None
-    returns the robot itself.
+    A hand can then be controlled relative to the other hand, or to a workpiece that moves. With
+    None, the robot itself is returned.
     """
     if base is None:
         return robot
@@ -188,7 +189,7 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
 
 @dataclass(frozen=True)
 class Range:
-    """Limits of a joint which also keep its mimic joints within theirs.
+    """Limits of a joint, narrowed so that its mimic joints also stay within their own.
 
     Attributes
     ----------
@@ -213,8 +214,8 @@ def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
     If no position of the joint, or a single one, satisfies the limits of a mimic joint
-    (``followers``), these are ignored, and a sentence about it is appended to ``notes``. Otherwise
-    a gripper, for instance, could exceed its range while its leader keeps its own.
+    (``followers``), these limits are ignored, and a note says so. Without the tightening, a gripper
+    finger could exceed its range while its leader is within its own.
     """
     lower, upper = joint.lower, joint.upper
     rates = np.array([joint.velocity, joint.acceleration, joint.jerk])
@@ -254,10 +255,10 @@ def _narrowed(
     by: Sequence[str],
     slowed_by: Sequence[str],
 ) -> str:
-    """Write which mimic joints narrow the range and the speed of a joint, and from what to what.
+    """Write which mimic joints narrow the range and the speed of a joint, with old and new limits.
 
-    ``left`` and ``velocity`` are the limits that remain, ``by`` and ``slowed_by`` the mimic joints.
-    A reader would otherwise trust the limits in the file.
+    ``left`` and ``velocity`` are the new limits; ``by`` and ``slowed_by`` name the mimic joints
+    that narrow the range and the speed.
     """
     said = []
     most = 0.0

@@ -1,8 +1,8 @@
 """MJCF files and MuJoCo models as URDF text, which is then read and checked like any URDF.
 
-MuJoCo itself compiles a file: defaults, includes, frames, several joints of a body, meshes.
-(Pinocchio's reader drops bodies in ``<frame>`` and without a name, and shifts ranges by ``ref``,
-and does not report it.) The tree of bodies is written again as links and joints. A joint of MuJoCo
+MuJoCo itself compiles a file, with its defaults, includes, frames and meshes, and with several
+joints per body. (Pinocchio's reader silently drops unnamed bodies and those in ``<frame>``, and
+shifts ranges by ``ref``.) The tree of bodies is then written as links and joints. A joint of MuJoCo
 turns about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(−p)``.
 """
 
@@ -35,9 +35,9 @@ class _Part:
     """A link, and the joint from its parent to it, as they will be written in the URDF.
 
     ``place`` is the placement in the parent link. ``kind`` is ``fixed``, ``revolute``,
-    ``continuous``, ``prismatic`` or ``ball``; ``mimic`` is the joint that it follows, with
-    multiplier and offset. ``inertia`` is the mass, kg, its placement, and the principal moments. A
-    shape is its tag, placement and geometry.
+    ``continuous``, ``prismatic`` or ``ball``; ``mimic`` is the joint that a mimic joint follows,
+    with multiplier and offset. ``inertia`` is the mass, kg, its placement, and the principal
+    moments. A shape is its tag, placement and geometry.
     """
 
     name: str
@@ -80,7 +80,7 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
 def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> bytes:
     """Convert a ``mujoco.MjModel`` to URDF text; see :func:`urdf_of_file`.
 
-    ``folder`` is that of the mesh files; without it, meshes are left out.
+    ``folder`` contains the mesh files; without a folder, meshes are left out.
     """
     names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
     parts = [_Part(names[0], "", pin.SE3.Identity())]
@@ -151,8 +151,8 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
     """Write the joints of a body as links, one below the other; the last one is the body.
 
     A URDF has one joint per link, MuJoCo several per body. ``above`` is the parent link, ``place``
-    the body in it, and ``joints`` are MuJoCo's numbers. A free joint is left out; a ball joint
-    stays one here, and is split into three joints when the URDF is read.
+    the body in it, and ``joints`` are their numbers in MuJoCo. A free joint is left out. A ball
+    joint is kept, and is split into three joints when the URDF is read.
     """
     parts: list[_Part] = []
     for j in joints:
@@ -187,10 +187,10 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
 
 
 def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, float]]:
-    """Read the equality constraints: linear ones between two joints are mimic joints.
+    """Read the equality constraints, of which linear ones between two joints become mimic joints.
 
-    Those that pull a body to a mocap body, a target set by the user, are left out. The result maps
-    the name of a mimic joint to (joint, multiplier, offset).
+    Constraints that pull a body to a mocap body, a target set by the user, are left out. The result
+    maps the name of a mimic joint to (joint, multiplier, offset).
 
     Raises
     ------
@@ -240,7 +240,7 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
     """Add the shapes of all bodies to their links; return the types that were left out, as text.
 
     ``links`` has the link of each body of the model. A shape becomes visual if MuJoCo's viewer
-    shows it, and collision if it can collide. ``folder`` is that of the mesh files; None leaves
+    shows it, and collision if it can collide. ``folder`` contains the mesh files; None leaves
     meshes out.
     """
     left_out = set()
@@ -280,10 +280,10 @@ def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str
 
 
 def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE3, dict[str, str]]]:
-    """Write a mesh file, with MuJoCo's shift to its own centre undone.
+    """Convert a MuJoCo mesh to a URDF shape, undoing MuJoCo's shift to the mesh's centre.
 
-    ``mesh`` is its number in the model. The result is as of :func:`_shapes`; empty if the mesh has
-    no file.
+    ``mesh`` is the mesh's number in the model. Returns a list as :func:`_shapes` does, empty if the
+    mesh has no file.
     """
     begin = int(model.mesh_pathadr[mesh])
     if begin < 0:

@@ -23,8 +23,8 @@ _TEMPORARY = "\N{NULL} link"
 def frame_id(model: pin.Model, name: str) -> int:
     """Return the id of a frame by name; a link takes precedence over a joint of the same name.
 
-    Raises InputError for an unknown name. Pinocchio's own lookup then returns an id that crashes
-    later, and it raises on a name that a joint and a link share.
+    Raises InputError for an unknown name, for which Pinocchio's own lookup returns an id that
+    crashes later. That lookup also raises on a name shared by a joint and a link.
     """
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
     ids |= link_ids(model)
@@ -50,8 +50,8 @@ def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
 def frame_placements(model: pin.Model, ids: Iterable[int], Q: Array, base: int = 0) -> Array:
     """Place frames at every row of Q (T, N), relative to the frame ``base``: (T, F, 4, 4), m.
 
-    ``ids`` are those of the F frames. A joint that moves several frames is read only once per row,
-    because reading a placement from Python takes longer than computing it.
+    ``ids`` has the ids of the F frames. A joint that moves several frames is read only once per
+    row, because reading a placement from Python takes longer than computing it.
     """
     data = model.createData()
     root = model.frames[base]

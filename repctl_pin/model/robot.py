@@ -50,8 +50,8 @@ class Robot(Mechanism):
     end_frames : tuple of str
         Frames at the ends of arms, the default first.
     warnings : tuple of str
-        Notes on the file: what was read otherwise than it is written, missing meshes, ignored
-        limits of mimic joints, and values of the reference pose that were moved within the limits.
+        Notes on the file: content read differently than written, missing meshes, ignored limits of
+        mimic joints, and values of the reference pose that were moved within the limits.
 
     Examples
     --------
@@ -143,7 +143,8 @@ class Robot(Mechanism):
     ) -> None:
         """Set limits, types and poses of the movable joints.
 
-        They are selected from those of ``free``, all joints that mimic no other, also locked ones.
+        They are selected from those of ``free``: all joints that mimic no other, locked ones
+        included.
         """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]
@@ -253,8 +254,9 @@ class Robot(Mechanism):
     ) -> Task:
         """Create the task of controlling a frame, or several, with the joints that move them.
 
-        On a workpiece that a turntable, a positioner or another arm carries, the task is the frame
-        relative to it, ``x = X_w(q)⁻¹ X_t(q)``. The joints of the workpiece are joints of the task.
+        If a turntable, a positioner or another arm carries the workpiece, the frame is controlled
+        relative to the workpiece, ``x = X_w(q)⁻¹ X_t(q)``. The joints of the workpiece are joints
+        of the task.
 
         Parameters
         ----------
@@ -293,8 +295,9 @@ class Robot(Mechanism):
     ) -> Task:
         """Create the task of frames; each is a name, (name, kind), or (name, kind, base).
 
-        ``kind`` is that of frames without their own; ``joints`` restricts the joints, None uses
-        all. InputError is raised for a frame given twice, and for a task that is not redundant.
+        ``kind`` is used for frames without a kind of their own. ``joints`` restricts the joints;
+        None means all. InputError is raised for a frame given twice, and for a task that is not
+        redundant.
         """
         from .several_frames import SeveralFrames  # few robots have two hands
 
@@ -326,9 +329,9 @@ class Robot(Mechanism):
         return task
 
     def _frame_spec(self, given: Any, kind: KindName | Kind) -> FrameSpec:
-        """Check one of several frames, and find the joints that move it, all of them.
+        """Check one of several frames, and find all joints that move it.
 
-        ``kind`` is its kind if it has none of its own.
+        ``kind`` is used if the frame is given without one.
         """
         from .several_frames import FrameSpec
 
@@ -398,8 +401,8 @@ class Robot(Mechanism):
     def _mesh_notes(self) -> list[str]:
         """Write a note on meshes found by the end of their names, and one on missing meshes.
 
-        Only drawings and distances need meshes, not the kinematics. The user can check the files
-        that were taken, and give the folders of others.
+        Only drawings and distances need meshes, not the kinematics. The notes let the user check
+        the files found, and give the folders of missing ones.
         """
         description = self.description
         collisions = (shape.filename for shape in description.collisions if shape.filename)
@@ -451,8 +454,8 @@ class Robot(Mechanism):
     def _beyond_base(self, frame: str) -> bool:
         """Test whether the path from the base to a frame only leads away from the root.
 
-        Only such frames are offered as task frames; but if the base is the end of its branch, as a
-        workpiece is, those of all other branches.
+        Only such frames are offered as task frames. If the base is the end of its own branch, such
+        as a workpiece, the frames of all other branches are offered.
         """
         base = int(self.model.frames[self.base_id].parentJoint)
         at_end = self.base is not None and len(self.model.subtrees[base]) == 1
@@ -472,7 +475,7 @@ class Robot(Mechanism):
     def offered_frames(self) -> tuple[str, ...]:
         """Frames to offer for a task: the catalogue's, else the end of the longest arm.
 
-        Among arms of the same length, the one is chosen whose end has the best name (:func:`rank`);
+        Among arms of the same length, the one whose end has the best name (:func:`rank`) is chosen;
         sensors come last.
         """
         known = tuple(
@@ -515,8 +518,8 @@ class Robot(Mechanism):
 def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
     """Convert a loaded model, of yourdfpy or MuJoCo, to URDF text.
 
-    Returns the text, a name in place of its file, and notes. Anything else is returned as it is,
-    with None for the text.
+    Returns the text, a name to use instead of a file's, and notes. Anything else is returned as it
+    is, with None for the text.
 
     Raises
     ------
@@ -538,9 +541,9 @@ def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
 
 
 def _is(given: Any, module: str, name: str) -> bool:
-    """Test whether an object is of a class of a module, without importing the module.
+    """Test whether an object's class is from a module, without importing the module.
 
-    If the module was not imported before, no object can be of its class.
+    If the module was never imported, no such object can exist.
     """
     kind = getattr(sys.modules.get(module), name, None)
     return isinstance(kind, type) and isinstance(given, kind)
@@ -579,7 +582,7 @@ def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
 def read_surroundings(
     path: str | Path, package_dirs: Sequence[str]
 ) -> tuple[Description, Sequence[str]]:
-    """Read the URDF of surroundings; return it, and the folders beside it that have its meshes."""
+    """Read the URDF of the surroundings; return it, and the folders near it to look up meshes."""
     beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
     near = default_package_dirs(beside)
     return check_surroundings(read_urdf(beside, [*package_dirs, *near])), near

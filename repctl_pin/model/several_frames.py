@@ -1,4 +1,4 @@
-"""Task of several frames at once: their Jacobians, Hessians and errors, one below the other."""
+"""Task of several frames at once, with stacked Jacobians, Hessians and errors."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .task import Task, _held
 
 
 class FrameSpec(NamedTuple):
-    """One of several frames: its link, its kind, the link it is relative to, its joints.
+    """One frame of several: its link, its kind, its base link, and the joints that move it.
 
-    The kind tells which coordinates are controlled. ``base`` None is the robot's own base.
+    The kind determines which coordinates are controlled. ``base`` None is the robot's own base.
     """
 
     frame: str
@@ -32,13 +32,14 @@ class FrameSpec(NamedTuple):
 class SeveralFrames(Task):
     """Task of controlling several frames of a robot, with all joints that move any of them.
 
-    ``x = (x₁, …, x_F)``: J, H and the error of the frames stand one below the other, and so do
-    their twists, (v, ω) of the first frame first. Placements of all frames are one tuple.
+    With ``x = (x₁, …, x_F)``, the J, H, errors and twists (v, ω) of the frames are stacked, the
+    first frame on top. The placements of all frames form one tuple.
 
     Attributes
     ----------
     parts : tuple of Task
-        Task of each frame alone, with all joints: its J has columns of zeros.
+        Task of each frame alone, but with all joints: its J has zero columns for those that do not
+        move the frame.
     """
 
     target_type = Placements
@@ -120,9 +121,9 @@ class SeveralFrames(Task):
     # ---- kinematics at one q ----
 
     def placement(self, q: ArrayLike) -> pin.SE3:
-        """Refuse: there are several frames, see :meth:`placements`.
+        """Raise InputError, because there are several frames; see :meth:`placements`.
 
-        Code for one frame must not take the first of several by accident.
+        Code for one frame must not use the first of several by accident.
         """
         raise InputError(
             f"placement(q) requires one frame, but the task has {len(self.parts)} "
@@ -131,7 +132,7 @@ class SeveralFrames(Task):
         )
 
     def placements(self, q: ArrayLike) -> Placements:
-        """Evaluate the placements of all frames at q, a target of this task."""
+        """Evaluate the placements of all frames at q; they can be a target of this task."""
         return Placements(part.placement(q) for part in self.parts)
 
     def jacobian(self, q: ArrayLike) -> Array:
@@ -154,7 +155,7 @@ class SeveralFrames(Task):
     # ---- batches ----
 
     def jacobians(self, Q: ArrayLike) -> Array:
-        """Evaluate J, of all frames one below the other, at every row of Q (K, n): (K, m, n)."""
+        """Evaluate the stacked J of all frames at every row of Q (K, n): (K, m, n)."""
         return np.concatenate([part.jacobians(Q) for part in self.parts], axis=1)
 
     def hessians(self, Q: ArrayLike) -> Array:
@@ -162,7 +163,7 @@ class SeveralFrames(Task):
         return np.concatenate([part.hessians(Q) for part in self.parts], axis=1)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
-        """Measure the task error at every row of Q (K, n) to its own targets: (K, m)."""
+        """Evaluate the task error at every row of Q (K, n) to the targets of that row: (K, m)."""
         listed = list_of(targets, "targets", "a list of placements, one per frame")
         goals = {id(target): self.as_target(target) for target in listed}
         columns = zip(*(goals[id(target)] for target in listed), strict=True)
@@ -189,10 +190,10 @@ class SeveralFrames(Task):
     # ---- inside ----
 
     def _of_joints(self, q: ArrayLike, name: str) -> Array:
-        """Evaluate a method of the tasks of one frame that has a row per joint: (n, 3).
+        """Collect rows (n, 3), one per joint, from a method of the tasks of one frame.
 
-        ``name`` is the method's, such as ``axes``. A joint that moves several frames gets the row
-        in the robot's own base, if a frame is placed there.
+        ``name`` is the method's, such as ``axes``. For a joint that moves several frames, a row in
+        the robot's own base is preferred.
         """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))
@@ -212,7 +213,8 @@ class SeveralFrames(Task):
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
     """Split a task into tasks of one frame, each with the q of the joints that move its frame.
 
-    Lengths and elbows are those of single arms. A task of one frame is returned with its q.
+    This is used where lengths and elbows of single arms are needed. A task of one frame is returned
+    unchanged, with q.
     """
     if not isinstance(task, SeveralFrames):
         return [(task, np.asarray(q, float))]
@@ -221,7 +223,7 @@ def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
 
 
 def one_frame(task: Task, what: str) -> Task:
-    """Return a task of one frame; raise InputError for several, which ``what`` does not take.
+    """Return a task of one frame; raise InputError for several, which ``what`` does not accept.
 
     Raises
     ------

@@ -17,9 +17,7 @@ Color = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Shape:
-    """A ``<visual>`` or ``<collision>``, or a shape that is drawn: its kind, size and link.
-
-    It is plain data, which neither Pinocchio nor a mesh library is needed to hold.
+    """A ``<visual>`` or ``<collision>`` shape, or another shape to draw, as plain data.
 
     Attributes
     ----------
@@ -63,7 +61,7 @@ class Shape:
 def shapes_of(robot: etree._Element, tag: str) -> list[Shape]:
     """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF.
 
-    Names are the link's, with a number.
+    A shape is named after its link, with a number.
     """
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):

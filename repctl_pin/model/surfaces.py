@@ -83,7 +83,7 @@ them."""
 
 
 def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
-    """Read a mesh file, or return its surface if it was read before and has not changed.
+    """Read the surface in a mesh file; it is cached until the file changes.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
 
 def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -> Any:
-    """Parse a mesh file by a reader of trimesh, the module; see :func:`_scene`."""
+    """Parse a mesh file with ``trimesh``, the imported module; see :func:`_scene`."""
     if file_type != "dae":
         return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
     # load_scene does not pass process= on to the meshes of a COLLADA file
@@ -193,7 +193,7 @@ def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -
 def without_tracebacks() -> Iterator[None]:
     """Keep trimesh from logging missing files, such as textures, on this thread.
 
-    It goes on without them, but writes a traceback for each.
+    trimesh continues without such a file, but logs a traceback for each.
     """
     thread = get_ident()
     logger = logging.getLogger("trimesh.util")
@@ -255,7 +255,7 @@ class _Beside:
 def unit(data: bytes) -> float:
     """Read the unit of length of a COLLADA file, in metres; 1 if the file names none.
 
-    InputError is raised if it is not a positive number.
+    InputError is raised if the unit is not a positive number.
     """
     found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:HEAD])
     try:
@@ -354,9 +354,9 @@ def _by_pairs(
     """Write averaged normals of some corners, given with their points, into ``normals``.
 
     Each corner averages those normals of the faces at its point that differ from its own face's
-    normal by at most the crease angle. ``corner`` and ``point`` (K,) are numbers of face corners
-    and of the points that they share, and ``flat`` (F, 3) the normals of the faces, each with twice
-    the area of its face as length.
+    normal by at most the crease angle. ``corner`` and ``point`` (K,) are the numbers of face
+    corners and of the points where they lie. ``flat`` (F, 3) are the normals of the faces, each
+    with a length of twice the face's area.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]
@@ -372,7 +372,7 @@ def _by_pairs(
 
 
 def _sums(place: NDArray[np.intp], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) are their group numbers."""
+    """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) has each vector's group number."""
     return np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], 1)
 
 

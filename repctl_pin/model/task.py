@@ -30,7 +30,7 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Suggest joint positions in rad, if those that were given are inside the limits as degrees."""
+    """Suggest joint positions in rad, if the given values are within the limits as degrees."""
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
     return f"if these are degrees, give {','.join(f'{q:.4g}' for q in joints)}"
@@ -39,7 +39,7 @@ def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
 def unit_of(revolute: Iterable[bool]) -> str:
     """Return the unit of a norm over joints, each revolute or not: rad, m, or both.
 
-    Reports write it after a drift, which is such a norm.
+    Reports write it after a drift.
     """
     turns = set(map(bool, revolute))
     return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
@@ -62,7 +62,7 @@ class Task:
     target_type : type
         Class of a target: a placement, or placements of several frames.
     twist_size : int
-        Numbers of the twists (v, ω) of all frames: 6 per frame.
+        Length of the twists (v, ω) of all frames: 6 per frame.
     n, m, r : int
         Joints, task coordinates, degree of redundancy.
     joint_names : tuple of str
@@ -73,7 +73,7 @@ class Task:
     revolute : (n,) array of bool
         False for prismatic joints.
     reference : (n,) array
-        Reference pose of the robot, on these joints.
+        Positions of these joints at the robot's reference pose.
     model : pinocchio.Model
         Model of the chain; all other joints are fixed at the reference pose. With ``base``, it
         starts there and has no masses.
@@ -114,10 +114,7 @@ class Task:
     def _take_joints(
         self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
     ) -> None:
-        """Set the attributes that depend on the joints and the kind alone: limits, sizes, names.
-
-        Tasks of one frame and of several share it.
-        """
+        """Set the attributes that depend on the joints and the kind alone: limits, sizes, names."""
         self.robot = robot
         self.frame = frame
         self.kind = kind
@@ -163,14 +160,14 @@ class Task:
 
     @property
     def _joint_unit(self) -> str:
-        """Unit of the smallest value over the joints, such as a margin: rad, m, or either."""
+        """Unit of a minimum over the joints, such as a margin: rad, m, or either."""
         return self.unit.replace(" and ", " or ")
 
     # ---- frames ----
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the frames that are controlled; one, or several as :meth:`Robot.task` says."""
+        """Names of the controlled frames: one or several, as given to :meth:`Robot.task`."""
         return (self.frame,)
 
     @property
@@ -184,7 +181,7 @@ class Task:
         Raises
         ------
         InputError
-            If it is neither; ``name`` names it.
+            If it is neither; the message calls it ``name``.
         """
         if isinstance(value, tuple) and len(value) == 1:
             (value,) = value
@@ -199,10 +196,7 @@ class Task:
         return pin.SE3(data.oMf[self._frame_id])
 
     def placements(self, q: ArrayLike) -> tuple[pin.SE3, ...]:
-        """Evaluate the placements of all frames at q: a target of the same task.
-
-        Tasks of several frames have one for each.
-        """
+        """Evaluate the placements of all frames at q; they can be a target of the same task."""
         return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:
@@ -265,7 +259,7 @@ class Task:
         return np.swapaxes(self.drive.derivatives(along), -1, -2)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
-        """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
+        """Evaluate the task error at every row of Q (K, n) to the target of that row: (K, m)."""
         targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): target for target in targets}  # many are the same object
         if self.kind.turns:
@@ -423,8 +417,8 @@ class Task:
     def _first_driven(self) -> list[int]:
         """Find, for each of the n joints, the id of the first joint of the model that it drives.
 
-        It is the first one on the path to the frame: the joint itself, or one that mimics it.
-        Origins and axes of joints are those of this one.
+        It is the first one on the path to the frame: the joint itself, or one that mimics it. Its
+        origin and axis are reported as those of the joint.
         """
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]

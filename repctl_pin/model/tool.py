@@ -1,11 +1,11 @@
-r"""Another tool on the same body: the task of a point that a link carries rigidly.
+r"""Task of another tool on the same body: of a point that is fixed in a link.
 
 With T the placement of the tool in the frame, ``x' = x T``. A pose task then has
 
 .. math:: J' = A\,J, \qquad A = \begin{bmatrix} I & -[R\,t]_\times \\ 0 & I \end{bmatrix},
 
 in base axes, with R the frame's rotation and t the tool's offset. A is invertible, so J' has the
-null space of J: what is regular, and which closed paths close, does not depend on the tool.
+null space of J: regular configurations and repeatable motions do not depend on the tool.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _SAME = 1e-9
 
 
 class ToolTask(Task):
-    """Task of a tool, or of a turned frame, which a link of the robot carries rigidly.
+    """Task of a tool, or of a turned frame, that is fixed in a link of the robot.
 
-    It is what a design is converted to when the gripper changes.
+    A design is converted to such a task when the gripper changes.
 
     Attributes
     ----------
     link : str
-        The link.
+        Link that carries the tool.
     tool : pinocchio.SE3
         Placement T of the tool in the link's frame.
     """
@@ -55,13 +55,13 @@ def with_tool(task: Task, placement: Placement) -> ToolTask:
     Raises
     ------
     InputError
-        If the task is no pose task of one frame, or the placement is no rigid transform.
+        If the task is not a pose task of one frame, or the placement is not a rigid transform.
     """
     return carried(require_pose(task), rigid(placement))
 
 
 def turned_frame(task: Task, rotation: Array) -> ToolTask:
-    """Create the task of the same kind whose frame is turned by a rotation (3, 3), in its axes.
+    """Create the task of the same kind whose frame is turned by a rotation (3, 3) in its own axes.
 
     An axis task then commands another axis of the frame, and has another self-motion.
     """
@@ -69,7 +69,7 @@ def turned_frame(task: Task, rotation: Array) -> ToolTask:
 
 
 def carried(task: Task, tool: pin.SE3) -> ToolTask:
-    """Create the task of the same kind of a frame at a placement in the frame of a task."""
+    """Create the task of the same kind for a frame placed at ``tool`` in a task's frame."""
     if isinstance(task, ToolTask):
         link, tool = task.link, task.tool * tool
     else:
@@ -106,7 +106,7 @@ def require_pose(task: Task) -> Task:
 
 
 def rigid(placement: Placement) -> pin.SE3:
-    """Check the placement of a tool, and make its rotation exact where it is not.
+    """Check the placement of a tool, and make its rotation exact.
 
     A rotation that is written with few digits is replaced by the nearest rotation. InputError is
     raised if the matrix is not a rotation, or if the position is not finite or more than 1,000 m
@@ -133,7 +133,7 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
     Raises
     ------
     InputError
-        If the frames are not on the same body, or the joints are other ones.
+        If the frames are not on the same body, or the tasks have different joints.
     """
     if other.joint_names != task.joint_names or other.m != task.m:
         raise InputError(

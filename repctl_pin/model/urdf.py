@@ -53,8 +53,8 @@ class Joint:
 
     ``lower``, ``upper`` (rad or m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³)
     are infinite without a limit; ``acceleration`` is the smaller one of the file's ``acceleration``
-    and ``deceleration``. ``mimic`` names the joint that this joint follows, as ``multiplier ·
-    q + offset``, and which is not a mimic joint itself. ``line`` is the joint's line in the file.
+    and ``deceleration``. ``mimic`` names the independent joint that this joint follows at
+    ``multiplier · q + offset``. ``line`` is the joint's line in the file.
     """
 
     name: str
@@ -91,11 +91,11 @@ class Description:
         Notes on ignored content and likely errors: joints without a range, a mimic joint whose
         leader's name lacks its prefix, limits that may be in degrees.
     xml : str
-        URDF for Pinocchio: continuous joints are revolute ones with limits of ±``NO_LIMIT``; planar
-        and floating joints are split, so that every joint has one coordinate; only joints, links
-        and their inertias remain.
+        URDF for Pinocchio, with only joints, links and their inertias. Continuous joints are
+        revolute ones with limits of ±``NO_LIMIT``. Planar and floating joints are split, so that
+        every joint has one coordinate.
     balls : frozenset of str
-        Names of the joints that stand for the ball joints of the file, three for each.
+        Names of the joints that replace the ball joints of the file, three for each.
     """
 
     name: str
@@ -123,7 +123,7 @@ def read_urdf(
     package_dirs
         Folders in which the ``$(find package)`` of a xacro file is looked up.
     data
-        Content that stands for the file, which is not read then.
+        Content to use instead of the file's; the file is then not read.
 
     Raises
     ------
@@ -291,10 +291,10 @@ def _no_speed(element: etree._Element) -> bool:
 def _mimicked(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> tuple[str | None, float, float]:
-    """Find the joint at the end of the chain of joints that a mimic joint follows.
+    """Find the independent joint that a mimic joint follows, also through other mimic joints.
 
-    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A name that
-    lacks the robot's prefix, which macros often omit, is found, with a note in ``notes``.
+    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A name without
+    the robot's prefix, which macros often omit, is accepted, with a note in ``notes``.
     """
     chain = mimic_chain(element, joints)
     if not chain:
@@ -326,8 +326,8 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
     """Fix the joints that mimic a fixed joint, at their offsets, and add one note on them.
 
-    A fixed joint is at 0, so that its followers do not move either. They keep the ``<mimic>``, by
-    which fingers are recognised.
+    A fixed joint is at 0, so its followers do not move either. They keep their ``<mimic>``
+    elements, by which fingers are recognised.
     """
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     chains = {name: mimic_chain(joint, joints) for name, joint in joints.items()}
@@ -525,7 +525,7 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> frozenset[str]:
     axis. The rotations of a floating joint and of a ball joint are yaw, pitch and roll, singular
     where the pitch is ±π/2. ``notes`` receives a note for each joint that is replaced, with the
     limits that are dropped. Every joint then has one coordinate, as all formulas assume. Returns
-    the names of the joints that stand for ball joints.
+    the names of the joints that replace ball joints.
     """
     balls: list[str] = []
     names = {element.get("name") for element in robot}
@@ -580,8 +580,8 @@ def _replace(
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them.
 
-    A step is the suffix, the type and the axis of a joint; ``names`` has the name of each. The
-    chain stands where the joint was, with its line number for messages.
+    A step is the suffix, the type and the axis of a joint; ``names`` has the names of the new
+    joints. The chain takes the joint's place in the tree, and its line number for messages.
     """
     at = robot.index(joint)
     parent = joint.find("parent").get("link")

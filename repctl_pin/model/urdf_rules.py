@@ -1,7 +1,7 @@
-"""Rules that a URDF must keep, checked on a plain XML tree.
+"""Rules for URDF files, checked on a plain XML tree.
 
-Each rule that is broken raises a UrdfError with the line, the element, the fact and the remedy.
-Limits of size keep a bad file from taking all memory or time.
+Each violated rule raises a UrdfError with the line, the element, the fact and the remedy. Size
+limits prevent a bad file from using up memory or time.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
 
 
 def number(element: etree._Element, attribute: str, default: float = 0.0) -> float:
-    """Read an attribute's single number; the URDF's default if it is missing."""
+    """Read the single number of an attribute; the result is ``default`` if it is missing."""
     return (numbers(element, attribute) or [default])[0]
 
 
@@ -338,7 +338,7 @@ def mimic_chain(
 def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
     """Find the joint that a mimic joint follows; None if there is none.
 
-    It has the name that is written, or that name with the follower's prefix, which macros often
+    The leader has the written name, or that name with the follower's prefix, which macros often
     omit: ``left_index_2`` that mimics ``index_1`` follows ``left_index_1`` if there is no joint
     ``index_1``.
     """
@@ -409,7 +409,7 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
 
 
 def _connected(root: etree._Element, below: Mapping[str, list[etree._Element]]) -> set[str]:
-    """List the links that hang on the root; UrdfError for a chain that is too long.
+    """List the links connected to the root; raise UrdfError for a chain that is too long.
 
     ``below`` has the joints under each link.
     """

@@ -1,4 +1,4 @@
-"""Text of a URDF: xacro is expanded, XML safely parsed to a plain tree; labels for messages."""
+"""Text of a URDF: expansion of xacro, safe parsing to a plain XML tree, labels for messages."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
     """Add notes on ignored xacro elements and undeclared prefixes.
 
-    What xacro would have added is missing from the robot, which the user should know.
+    The parts that xacro would have added are missing from the robot.
     """
     elements = [e for e in root.iter() if isinstance(e.tag, str)]
     xacro = [e for e in elements if _prefix(e) == "xacro"]
@@ -153,8 +153,8 @@ def _local(element: etree._Element) -> str:
 def _refuse_other_files(data: bytes) -> None:
     """Refuse other kinds of files that are often given as a URDF, before XML parsing.
 
-    These are empty files, Git LFS pointers, binary files, web pages and other texts. UrdfError says
-    which it is; an error of the XML parser would not.
+    These are empty files, Git LFS pointers, binary files, web pages and other texts. UrdfError
+    names the kind of file, which an error of the XML parser would not.
     """
     if not data.strip():
         raise UrdfError("the file is empty; give a .urdf file")

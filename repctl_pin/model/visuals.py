@@ -162,7 +162,7 @@ def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
 def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
     """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the root.
 
-    A missing mesh is skipped here; :class:`Bodies` raises on it, and notes shapes not drawn.
+    A missing mesh is skipped here; :class:`Bodies` raises an error on it.
     """
     around = robot.surroundings
     if around is None:
@@ -214,7 +214,7 @@ def _skeleton(
 
 
 def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[_Placed]:
-    """Iterate over the shapes of a joint: a cylinder if revolute, else a slider on a rail.
+    """Iterate over the shapes of a joint: a cylinder if it is revolute, else a slider on a rail.
 
     ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True. ``place`` is
     the joint's origin in its parent link.
@@ -303,11 +303,11 @@ def _widened_hull(robot: Mechanism, link: str) -> Array | None:
 def _confirmed(
     shape: Shape, corners: Array, place: Array, hull: Array, surfaces: Surfaces | None
 ) -> Array:
-    """Leave out the stray points of a mesh, and return the corners (P, 3) of the others' hull.
+    """Drop stray points of a mesh, and return the corners (P, 3) of the hull of the others.
 
-    ``corners`` are those of all points, ``place`` (4, 4) is the shape's placement on its link, and
-    ``hull`` the result of :func:`_widened_hull`. Where many points are outside, the collision
-    shapes do not cover the link, and all points count.
+    ``corners`` are the corners of the hull of all points, ``place`` (4, 4) is the shape's placement
+    on its link, and ``hull`` the result of :func:`_widened_hull`. Where many points are outside,
+    the collision shapes do not cover the link, and all points count.
     """
 
     def inside(points: Array) -> NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """Motions of a strategy on closed paths: integration, limits and files.
 
-What a study does not need is not imported here: the best leaf, the start of minimum joint speed,
-and the files.
+The best leaf, the start of minimum joint speed and the files are not imported here, because a study
+does not need them.
 """
 
 from ..model.length import elbow as elbow

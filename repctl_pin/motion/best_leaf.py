@@ -1,8 +1,8 @@
 """Search along a self-motion for the start whose leaf has the best margins on a closed path.
 
-A self-motion is a curve of configurations with the frame at one pose. A leaf is the set h(q) = c on
-which a repeatable inverse keeps the arm, h being its potentials. Each start selects a leaf, and so
-the joint path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a failure of the
+A self-motion is a curve of configurations with the frame at one pose. A repeatable inverse with the
+potentials h keeps the arm on a leaf, the set h(q) = c. Each start selects a leaf, and so the joint
+path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of the
 inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised.
 """
 
@@ -90,9 +90,9 @@ _APART = 0.3
 class _LeafCandidate:
     """A start configuration, with the margins of the cycle that begins there.
 
-    A start selects the leaf h(q) = c that the whole motion stays on, so that one cycle shows the
-    margins of all. :func:`best_leaf` compares starts by them. A leaf is a set of configurations on
-    which the potentials h of the inverse are constant.
+    A leaf is a set of configurations on which the potentials h of the inverse are constant. The
+    start selects the leaf h(q) = c on which the whole motion stays, so one cycle shows the margins
+    of all cycles. :func:`best_leaf` compares starts by these margins.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class _LeafCandidate:
     distance : float
         Relative distance from the desired inverse, ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
     motion : Motion
-        Motion of the cycle; ``motion.outside`` is its share outside Ω if a region was given.
+        Motion of the cycle; if a region Ω was given, ``motion.outside`` is the share outside Ω.
     """
 
     q0: Array
@@ -126,8 +126,8 @@ class _LeafCandidate:
     def binds(self) -> str:
         """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``.
 
-        A report names it, to show what keeps the start from being better. ``leaf`` is the leaf
-        margin, the distance from an algorithmic singularity.
+        A report names this margin, because it limits the start. ``leaf`` is the leaf margin, the
+        distance from an algorithmic singularity.
         """
         return min(self.relative_margins, key=lambda margin: self.relative_margins[margin])
 
@@ -142,9 +142,8 @@ class _LeafCandidate:
 
         The tuple has minus the number of kinds of violations (joint limits, collisions), the
         relative margins in steps of 0.01 from the smallest up, and the smallest one unrounded. If
-        the smallest margins of two candidates are equal, their next smallest ones decide: otherwise
-        two wrist links that are always close to each other would hide the margins of the other
-        joints.
+        the smallest margins of two candidates are equal, the next smallest ones decide. Otherwise
+        two wrist links that are always close would hide all other margins.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
         relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
@@ -229,8 +228,8 @@ def best_leaf(
         Desired inverse G_d, such as ``design.desired``, for the distance; by default J⁺.
     by
         ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
-        speed (rms) over the leaves without collisions that have at least half of the joint-limit
-        margin reached so. It also tries random starts, on all self-motions of the first point.
+        speed (rms) over the collision-free leaves with at least half of the joint-limit margin
+        found that way. It also tries random starts, on all self-motions of the first point.
     steps
         Number of steps per cycle.
     seed
@@ -239,8 +238,8 @@ def best_leaf(
     Returns
     -------
     BestLeaf
-        The best start found and the given one, each with the motion of one cycle, its
-        margins, the name of the smallest one, and its distance from G_d.
+        The best start found and the given one. Each has the motion of one cycle, its margins, the
+        name of the smallest margin, and the distance from G_d.
 
     Raises
     ------
@@ -292,7 +291,7 @@ _Better: TypeAlias = "Callable[[_LeafCandidate, _LeafCandidate], bool]"
 
 @dataclass(eq=False)
 class _Search:
-    """Starts on one path that were evaluated, and the comparison with the given one.
+    """Evaluated starts on one path, and their comparison with the given start.
 
     Attributes
     ----------
@@ -325,8 +324,8 @@ class _Search:
     def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Yield the starts with a full cycle inside the region and a sufficient leaf margin.
 
-        None stands for a start that the walk did not reach; it is counted as tried. The leaf margin
-        is sufficient from 0.1 on, or from that of the given start on.
+        None, for a start that the walk did not reach, counts as tried. A leaf margin is sufficient
+        if it is at least 0.1, or at least that of the given start.
         """
         for q in starts:
             self.tried += 1
@@ -340,7 +339,10 @@ class _Search:
                 yield candidate
 
     def clearer(self, one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        """Test whether one start has the better margins, and none smaller than the given one."""
+        """Test whether ``one`` has better margins than ``other``.
+
+        The limit margin of ``one`` must also be at least that of the given start.
+        """
         return one.order > other.order and (
             self.given is None or one.limit_margin >= self.given.limit_margin
         )
@@ -348,7 +350,7 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of these starts and ``best``."""
+        """Return the best of ``starts`` and ``best``."""
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
         return best
@@ -356,7 +358,7 @@ class _Search:
     def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
         """Improve the best start by a pattern search along the null vectors, with shrinking steps.
 
-        The step is halved whenever no neighbour is better, from half of ``_STRIDE`` down to
+        Whenever no neighbour is better, the step is halved, from half of ``_STRIDE`` down to
         ``_FINEST``.
         """
         target = self.path.placement(0.0)
@@ -411,7 +413,7 @@ class _Search:
 def _fastest(search: _Search, best: _LeafCandidate, seed: int) -> _LeafCandidate:
     """Find the start of lowest joint speed with half of the limit margin of ``best``.
 
-    It is sought among all starts seen so far and random ones, and then refined.
+    The search compares all starts seen so far with random ones, and refines the best.
     """
     least_margin = max(best.limit_margin, 0.0) / 2
 
@@ -432,7 +434,7 @@ def _fast_starts(
     """Find starts (n,) from which J⁺ follows one cycle of a path with low joint speed.
 
     The inverse kinematics of the first point is solved from random configurations, so the starts
-    belong to all self-motions of that pose, also to those that no walk from another start reaches.
+    can lie on any self-motion of that pose. Walks from another start do not reach all of them.
 
     Parameters
     ----------
@@ -469,7 +471,7 @@ def _fast_starts(
 def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
     """Move configurations Q (K, n) towards a target by Newton steps with J⁺; return them (K, n).
 
-    Rows that do not arrive in ``iterations`` steps are returned too: test them with
+    Rows that do not reach the target in ``iterations`` steps are returned too; test them with
     :func:`_inside`.
     """
 
@@ -499,9 +501,9 @@ def _inside(
 def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
     """Generate configurations one step from q along ± each null vector, with the frame at a target.
 
-    ``size`` is the length of the step, rad; for prismatic joints in arm lengths. None is yielded
-    for a step that leaves the joint limits or from which the target is not reached. These are the
-    neighbours that the pattern search compares.
+    The pattern search compares these neighbours. ``size`` is the length of the step, in rad, or in
+    arm lengths for prismatic joints. None is yielded for a step that leaves the joint limits or
+    from which the target cannot be reached.
     """
     N = nullspace(task.jacobian(q))
     L = joint_scale(task, q)
@@ -524,9 +526,9 @@ def _directions(task: Task, start: Array, seed: int) -> list[Array]:
 
 
 def _line(candidate: _LeafCandidate | None) -> str:
-    """Format the margins of a candidate on one line, with its violations.
+    """Format the margins and violations of a candidate on one line.
 
-    None stands for a start that has no full cycle, which the text says.
+    For None, the text says that the start has no full cycle.
     """
     if candidate is None:
         return "no full cycle from this start"

@@ -37,7 +37,7 @@ def compiled_steps(
     """Make the function that integrates a strategy in C; None if that is not possible.
 
     It requires the native library, and a strategy and a task that runge_kutta.c supports. With
-    None, :func:`follow` takes the same steps in Python, only more slowly.
+    None, :func:`follow` takes the same steps in Python, more slowly.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def compiled_steps(
     h : (steps,) array
         Durations of the steps, s.
     most : (n,) array
-        Joint motion per step, rad or m, at which the function stops before the step.
+        Maximum joint motion per step, rad or m; the function stops before a longer step.
     """
     native = library()
     law = None if native is None else _law_of(strategy)
@@ -76,8 +76,8 @@ def _run(
     """Take the steps from ``step`` to ``end`` in C, and return the first step that was not taken.
 
     ``native`` is the library, and ``law`` the struct of the control law, whose memory ``held``
-    keeps alive. Rows of Q and Qdot are written. C stops at a step that fails or is too long; Python
-    takes it again, and raises the error.
+    keeps alive. The results are written to rows of Q and Qdot. C stops at a step that fails or is
+    too long; Python then repeats the step and raises the error.
     """
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:
@@ -89,7 +89,7 @@ def _run(
 
 
 def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
-    """Find the struct Arm, the scalars and the posture of a strategy's law; None if not in C.
+    """Find the struct Arm, the scalars and the posture of a strategy's law; None if C lacks it.
 
     A law is the formula that gives q̇ from q and ẋ. The result is the C struct with the arm's
     geometry, a dictionary of numbers of the C struct LAW (``on_leaf``, ``gain``), and a dictionary

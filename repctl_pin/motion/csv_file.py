@@ -1,6 +1,6 @@
 """Motions as CSV: columns strategy, cycle, time, joints and joint velocities.
 
-``repctl`` writes these files. The animation reads them, and files of this form by other programs.
+``repctl`` writes these files; the animation reads them, also if other programs wrote them.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _LARGEST = 64_000_000
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Recorded:
-    """Motion of one strategy, as stored in a file: joint positions, and times if it has them.
+    """Motion of one strategy as stored in a file: joint positions and, if given, times.
 
     Attributes
     ----------
     strategy : str
-        Name of the strategy in the file, else the name of the file.
+        Name of the strategy, as in the file; without one, the name of the file.
     joints : tuple of str
         Joints with a column.
     q : (T + 1, k) array
@@ -62,7 +62,7 @@ def csv_text(
 ) -> str:
     """Format motions of one task as CSV, in s, rad or m, rad/s or m/s.
 
-    The column ``cycle`` counts cycles from 0, in fractions.
+    The column ``cycle`` is the time in cycles, from 0, with fractions.
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ def csv_text(
     Raises
     ------
     InputError
-        If two columns would have the same name: a joint is called ``time``, or ``a_velocity``
-        beside ``a``.
+        If two columns would have the same name, because a joint is called ``time``, or one is
+        called ``a`` and another ``a_velocity``.
     """
     rows: Iterable[Sequence[object]]
     if isinstance(motions, TimedMotion):
@@ -140,7 +140,7 @@ def read_motions(
     known
         Joint names of the robot.
     cycles
-        Number of cycles, if the file does not contain it; 1 if None.
+        Number of cycles, for a file that does not contain it; None means 1.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def read_motions(
 
 
 def _rows_by_key(table: CsvTable, count: int) -> dict[str, list[int]]:
-    """List the rows of each motion of a table, by its strategy, else by the name of the file."""
+    """List the rows of each motion of a table, by strategy or, without one, by file name."""
     stem = table.file.stem
     keys = [stem] * count
     if "strategy" in table.names:
@@ -205,8 +205,7 @@ def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> i
 def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str, ...]:
     """Select the joint columns of a header, in its order, and refuse columns of unknown meaning.
 
-    ``known`` are the names of the robot's joints. A column that is not read could be a misspelt
-    joint.
+    ``known`` are the names of the robot's joints. An unknown column could be a misspelt joint.
 
     Raises
     ------

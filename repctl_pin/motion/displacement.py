@@ -1,7 +1,7 @@
 """Displacement of bodies between two placements, and prediction of when a joint leaves its range.
 
-The **most displaced part** is the link of the arm whose drawn body has the point that is displaced
-most, and its displacement is that of this point. Every text, table, page and figure means this.
+The **most displaced part** is the arm link whose drawn body contains the point with the largest
+displacement. That point gives the displacement of the part, in every text, table, page and figure.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ def displacements(
 ) -> tuple[Array, NDArray[np.intp]]:
     """Compute how far each body moves between two placements: the maximum over its points.
 
-    This shows drift as a distance in metres instead of joint angles. A point p of a body moves by
-    ``D p̃`` with ``D = T′ − T`` and ``p̃ = (p, 1)``. Its length ‖D p̃‖ is a convex function of p,
-    so that its maximum over a polytope is at a corner: the corners of the bodies suffice.
+    This expresses drift in metres instead of joint angles. A point p of a body moves by ``D p̃``
+    with ``D = T′ − T`` and ``p̃ = (p, 1)``. The distance ‖D p̃‖ is a convex function of p, so its
+    maximum over a polytope is at a corner, and the corners of the bodies suffice.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
 def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
     """Find the link that is displaced most after a motion, and its displacement, m.
 
-    It is the link whose drawn body has the point that is displaced most; reports name it.
+    It is the link whose drawn body contains the point that is displaced most.
 
     Parameters
     ----------
@@ -120,9 +120,9 @@ def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
 @dataclass(frozen=True, eq=False)
 @read_only
 class LinkPoints:
-    """The point of each link of an arm that is displaced most. Create it with :meth:`of`.
+    """The most displaced point of each link of an arm. Create the object with :meth:`of`.
 
-    The audit of a recording measures with these points how far the arm is from where it was.
+    The audit of a recording measures the arm's displacement at these points.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class LinkPoints:
 
 
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
-    """Compute how far other end effectors are from where they began: (T,) each, m, by link.
+    """Compute the displacements of other end effectors from their start: (T,) each, m, by link.
 
     On a robot with two arms on one waist, the other hand drifts as well.
 

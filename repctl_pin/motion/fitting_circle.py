@@ -43,11 +43,10 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    The circle is well away from singularities, and a circle without collisions is preferred. By
-    default the controller is J⁺. The default radius is the largest possible from a list of round
-    numbers up to a seventh of the reach, which includes the strokes of prismatic joints. The
-    default plane is horizontal if possible, else vertical. Four positions of the start on the
-    circle are tried.
+    The circle stays away from singularities, and one without collisions is preferred. The default
+    controller is J⁺. The default radius is the largest possible from a list of round numbers up to
+    a seventh of the reach, which includes the strokes of prismatic joints. The default plane is
+    horizontal if possible, else vertical. Four positions of the start on the circle are tried.
 
     Raises
     ------
@@ -91,11 +90,11 @@ def fitting_circle(
 
 
 def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
-    """Create a circle through the frame's place at q0, with the text (spec) that makes it again.
+    """Create a circle through the frame's position at q0; its ``spec`` text recreates it.
 
     ``degrees`` is the position of the start on the circle, counted from the first axis of
     ``plane``, such as ``"xy"``. If there are several frames, the first one moves, and the others
-    hold still.
+    stand still.
     """
     if len(task.frames) > 1:
         from ..paths.several_paths import several_paths
@@ -111,10 +110,10 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
 
 
 def dexterity_at(task: Task, q: Array) -> float:
-    """Evaluate ``σ_min / σ_max`` of J at q, lengths in units of the reach; 0 at a singularity.
+    """Evaluate ``σ_min / σ_max`` of J at q, lengths in arm lengths; 0 at a singularity.
 
-    Dividing lengths by the reach makes the number independent of the unit and of the arm's size. A
-    circle on which it falls to half of that at the start is refused.
+    Dividing by the arm length makes the ratio independent of the unit and of the arm's size. A
+    circle is refused if the ratio falls to half of its value at the start.
     """
     J = task.jacobian(q).copy()
     J[task.kind.linear] /= max(arm_length(task, q), 1e-9)

@@ -62,10 +62,10 @@ class _Method:
     advance : Advance
         Takes one step.
     at_end : function q → q̇ at the end of the motion, optional
-        By default, q̇ there is that of the last step.
+        By default, q̇ at the end is that of the last step.
     compiled : function (joint motion per step (n,)) → Steps or None
-        Makes the function that takes the steps in C; None if there is none. It stops before any
-        step that :func:`_run` could refuse.
+        Makes the function that takes the steps in C; None if there is none. The function stops
+        before a step that :func:`_run` could refuse.
     """
 
     advance: Advance
@@ -223,7 +223,7 @@ def _locked(
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
-    """Write that the drift of a motion in open loop depends on the number of steps, and where.
+    """Write whether the drift of an open-loop motion depends on the number of steps, and where.
 
     A study then shows this text instead of a drift. The motion is integrated again, with twice the
     steps per cycle. Its drift is resolved if the two runs end each cycle within 1 % of the drift,
@@ -271,19 +271,19 @@ def check_length(task: Task, cycles: int, steps: int) -> None:
 
 
 def _size(points: ArrayLike) -> float:
-    """Measure the diagonal of the box around points (P, 3), m: the size of a path."""
+    """Compute the size of a path, m: the diagonal of the box around its points (P, 3)."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def _run(
     method: _Method, task: Task, path: TaskPath, counts: tuple[int, int], size: float, q: Array
 ) -> tuple[Array, Array, float]:
-    """Take all steps from q: positions and velocities (T + 1, n), and the maximum damping.
+    """Take all steps from q; return positions and velocities (T + 1, n), and the maximum damping.
 
-    ``method`` takes the steps. ``counts`` are the cycles and the steps per cycle; ``size`` is that
-    of the path, m. A SingularityError names the cycle if a joint moves by more than 1 rad in a step
-    (for a prismatic joint, by the length of the arm or of the path): the result would be
-    meaningless.
+    ``method`` takes the steps. ``counts`` are the numbers of cycles and of steps per cycle;
+    ``size`` is the path's size, m. A SingularityError names the cycle if a joint moves by more than
+    1 rad in a step (for a prismatic joint, by the length of the arm or of the path): the result
+    would be meaningless.
     """
     (cycles, n_steps), used = counts, 0.0
     most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
@@ -326,9 +326,9 @@ def _integrated(
 ) -> _Method:
     """Make the stepper of a motion by a fixed-step Runge–Kutta method, in Python or in C.
 
-    ``integrator`` is a key of ``_INTEGRATORS``: ``"euler"`` or ``"rk4"``. ``period`` is the time of
-    a cycle, s; ``feedback`` the gain of the task error, 1/s. All twists of the path are evaluated
-    here, once for all cycles.
+    ``integrator`` is a key of ``_INTEGRATORS``: ``"euler"`` or ``"rk4"``. ``period`` is the
+    duration of a cycle, s, and ``feedback`` the gain of the task error, 1/s. All twists of the path
+    are evaluated here, once for all cycles.
     """
     task = strategy.task
     nodes, weights = _INTEGRATORS[integrator]
@@ -375,9 +375,9 @@ def _integrated(
 def _velocity(
     strategy: Strategy, path: TaskPath, feedback: float
 ) -> Callable[[Array, Array, float], Array]:
-    """Make the function of q, the path's velocity and s that gives q̇, with feedback of a gain, 1/s.
+    """Make the function (q, velocity of the path, s) → q̇, with the feedback gain in 1/s.
 
-    The velocity is ẋ; for an axis task it is the twist, because ẋ depends on q.
+    The velocity of the path is ẋ; for an axis task, whose ẋ depends on q, it is the twist.
     """
     task, own = strategy.task, strategy.velocity
     turning = task.kind.tool_axes
@@ -394,7 +394,7 @@ def _velocity(
 
 
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
-    """Return a cached function for a path made by this package, and the function itself for others.
+    """Return the cached function for a path of this package, else the plain function.
 
     ``sample`` is a function of a path with an ``lru_cache``. A path of this package has a ``spec``,
     the text that makes it, and does not change. The functions of a user's path may depend on
@@ -408,9 +408,9 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
     """Evaluate a path's twists per cycle at several places of each step: (steps, places, 6 F).
 
     A twist is (v, ω), velocity and angular velocity, for each of the F frames. A place is a
-    fraction of a step. At a corner, the twist is the one on the step's side. Several strategies
-    follow the same path, so the last results are kept. InputError is raised if a user's twist is
-    not finite.
+    fraction of a step. At a corner, the twist on the step's side is used. The last results are
+    cached, because several strategies follow the same path. InputError is raised if a user's twist
+    is not finite.
     """
     found = [
         [path.twist(min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE)) for c in places]
@@ -425,7 +425,7 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
 def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
     """Evaluate a path's placements (pose of the frame) at both ends of every step of a cycle.
 
-    The result has one more placement than steps. The last results are kept, for the next strategy.
+    There is one more placement than steps. The last results are cached for the next strategy.
     """
     return tuple(path.placement(s) for s in path_grid(path, steps).tolist())
 
@@ -434,7 +434,7 @@ def path_grid(path: TaskPath, steps: int) -> Array:
     """Compute the values of s at which one cycle's steps begin and end, with all corners.
 
     s runs from 0 to 1 along the path. Each piece between two corners gets its share of ``steps``,
-    but at least one, so that no step crosses a corner, where the velocity jumps.
+    at least one. So no step crosses a corner, where the velocity jumps.
     """
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))

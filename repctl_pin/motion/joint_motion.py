@@ -96,7 +96,7 @@ class JointMotion:
     def rms_speed(self) -> float:
         """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``.
 
-        It compares motions of different time steps.
+        So motions with different time steps can be compared.
         """
         times = np.diff(self.t)
         return float(
@@ -121,7 +121,7 @@ class JointMotion:
     def speed_ratio(self) -> float:
         """Maximum ratio of a joint's speed to its limit; above 1 the motion must be slowed down.
 
-        The motion must take that many times as long; see :meth:`Motion.slowed`.
+        The duration must be multiplied by this ratio; see :meth:`Motion.slowed`.
         """
         return float(self._speed_shares.max())
 
@@ -171,7 +171,7 @@ class JointMotion:
     def _clearance_from(self, most: int) -> Clearance:
         """Compute :attr:`clearance` from at most ``most`` samples per cycle.
 
-        More are measured only where these do not decide.
+        More samples are measured only where these do not decide.
         """
         return bodies_of(self.task)._along(self.q, rows_of(self, most))
 
@@ -205,8 +205,8 @@ class JointMotion:
     def _first(self, broken: NDArray[np.bool_], margins: Array) -> tuple[float, str] | None:
         """Find the first violation: time in cycles, and joint with the smallest margin; or None.
 
-        ``broken`` (T + 1, n) tells at each sample which joints violate a limit. ``margins`` (T + 1,
-        n) are compared to choose one joint: the smallest is the worst.
+        ``broken`` (T + 1, n) marks at each sample the joints that violate a limit. Among several,
+        the joint with the smallest of ``margins`` (T + 1, n) is returned.
         """
         if not broken.any():
             return None
@@ -262,7 +262,7 @@ def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class Violation:
-    """First violation of a joint limit, or first collision: when, and of which joint or links.
+    """First violation of a joint limit, or first collision, with its time and its joint or links.
 
     Attributes
     ----------
@@ -301,9 +301,9 @@ def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
 
 
 def checked_words(motion: JointMotion) -> str:
-    """Write at how many points collisions were checked, to follow a sentence on body distances.
+    """Write at how many points collisions were checked, as an addition to body distances.
 
-    The text is empty where the sentence holds between the samples too, and after a collision.
+    The text is empty after a collision, and if the distances hold between the samples too.
     """
     found = motion.clearance
     return "" if found.between or found.touch else f" at {found.points:,} points"
@@ -312,7 +312,7 @@ def checked_words(motion: JointMotion) -> str:
 def refuse_violations(motion: JointMotion, remedy: str) -> None:
     """Raise InputError for a motion with a limit violation or a collision.
 
-    It keeps a trajectory that would damage a robot from being written. ``remedy`` ends the message.
+    A trajectory that could damage a robot is then not written. ``remedy`` ends the message.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Leaf lock: Newton steps from point to point of a path, on a leaf h(q) = c.
 
 A leaf is the set of configurations on which the potentials h keep the level c. A repeatable inverse
-stays on it up to integration errors; the leaf lock removes these errors in each step.
+stays on its leaf up to integration errors; the leaf lock removes these errors in each step.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ q̇ is the mean over the step."""
 class LeafLock:
     """Leaf lock for :func:`follow`: Newton corrections of the task error and of c − h(q).
 
-    ``q += J_V⁻¹ [x − f(q); c − h(q)]``, from point to point of the path: errors do not accumulate.
-    f(q) is the pose of the frame and x its target, h(q) are the potentials of the repeatable
-    inverse and c their level; J_V = [J; Vᵀ], with V = ∂hᵀ/∂q.
+    Each correction from point to point of the path is ``q += J_V⁻¹ [x − f(q); c − h(q)]``, so
+    errors do not accumulate. f(q) is the pose of the frame, and x its target. h(q) are the
+    potentials of the repeatable inverse, and c is their level. J_V = [J; Vᵀ], with V = ∂hᵀ/∂q.
 
     Attributes
     ----------
@@ -78,10 +78,9 @@ def locked_steps(
 ) -> Advance:
     """Make the function that steps from point to point of a path, on one leaf.
 
-    The leaf is the set h(q) = c of ``lock.leaf``, or that of the start q. Each step is
-    ``lock.corrections`` times ``q += J_V⁻¹ [x − f(q); c − h(q)]`` with the placement x of its end:
-    the path's twist is not used, so that errors of earlier steps are removed. Its q̇ is the mean of
-    the step.
+    The leaf is the set h(q) = c, with c from ``lock.leaf`` or the start q. A step to the placement
+    x repeats ``q += J_V⁻¹ [x − f(q); c − h(q)]`` ``lock.corrections`` times. It does not use the
+    path's twist, so errors of earlier steps are removed. The q̇ of a step is its mean velocity.
 
     Parameters
     ----------

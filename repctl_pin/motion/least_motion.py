@@ -85,13 +85,13 @@ def least_closed_motion(
     q0 : (n,) array
         Start configuration, moved to the path's first point if necessary.
     steps
-        Number of points K per cycle (a few more if the path has corners).
+        Number K of points per cycle (a few more if the path has corners).
     period
         Period, s; by default the path's, else 5.
     free_start
-        True if the start, too, may move along its self-motion.
+        True if the start may also move, along its self-motion.
     limit_margin
-        Margin to keep to every joint limit, rad or m; a start that is not free may have less.
+        Minimum margin from every joint limit, rad or m; a fixed start may have less.
     guess
         Motion whose first cycle is the initial one of the search; by default the motion of J⁺,
         deformed until it closes.
@@ -148,7 +148,7 @@ def _plain(cost: _Cost, start: Array) -> Array:
 
 
 def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
-    """Deform a motion (K + 1, n) on the path until it ends where it began: one cycle (K, n).
+    """Deform a motion (K + 1, n) on the path until it is closed; return one cycle (K, n).
 
     The motion of J⁺ is not closed in general, and the descent must begin with a closed one. Each
     stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and moves
@@ -192,11 +192,12 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``T q_k + λ_k /
-    ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k the
-    multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the point's
-    share of the cycle. The limits stand in the cost as penalties, which the multipliers make exact.
-    ``first`` is the index of the first configuration that is free: 0, or 1 if the start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of
+    ``T q_k + λ_k / ρ_k`` over the joint limits less ``margin``. T is the task's coordinate matrix,
+    and λ_k are the multipliers. w_k is the inverse of the step length in s, and ρ_k the stiffness
+    times the point's share of the cycle. The limits are penalties in the cost, which the
+    multipliers make exact. ``first`` is the index of the first configuration that is free: 0, or 1
+    if the start is fixed.
     """
 
     task: Task
@@ -316,7 +317,7 @@ def _inverses(J: Array) -> tuple[Array, Array]:
 def _convex(blocks: Array) -> Array:
     """Replace the negative eigenvalues of symmetric blocks (K, r, r) by 0.
 
-    A Newton matrix made of such blocks is positive definite, so that its step goes downhill.
+    A Newton matrix made of such blocks is positive definite, so the step is a descent direction.
     """
     values, vectors = np.linalg.eigh(blocks)
     return (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)

@@ -1,7 +1,7 @@
 """Search for the start whose closed motion needs minimum joint speed, before a design is made.
 
-Other starts with the frame at the same place lie on the self-motions of the given one. Each closed
-motion of :mod:`least_motion` from such a start shows what the best controller could reach there.
+Other starts with the frame at the same placement lie on the self-motions of the given start. The
+closed motion of :mod:`least_motion` from each start shows what the best controller could reach.
 """
 
 from __future__ import annotations
@@ -104,10 +104,10 @@ def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> _LeastStart:
 
 
 def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
-    """Improve a motion by a free start; return ``given`` if no result with a margin is better.
+    """Improve a motion by freeing its start; return ``given`` if no result is better.
 
     ``given`` is the motion from the user's start. ``kept`` is the joint-limit margin that the
-    result must have, rad or m; it is searched with growing spare margins, the factors of
+    result must have, rad or m. The search requires larger and larger margins, by the factors of
     ``_SPARE``.
     """
     found = (_free(motion, factor * kept) for factor in _SPARE)
@@ -119,8 +119,8 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
     """Generate closed motions of minimum joint speed from starts along a start's self-motions.
 
     Each motion is the guess for the one from the next start. ``turn`` (r, r) rotates the
-    directions. The walks go on beyond joint limits: other parts of a self-motion can be inside them
-    again.
+    directions. The walks go on beyond joint limits, because later parts of a self-motion can be
+    within them again.
     """
     start = given.q[0]
     target = path.placement(0.0)
@@ -136,7 +136,7 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
     """Find the closed motion of minimum joint speed from a start; None if there is none.
 
-    It is the better one of two local minima, found from ``guess`` and from the motion of J⁺.
+    It is the better of two local minima, found from ``guess`` and from the motion of J⁺.
     """
     found: list[Motion] = []
     if task.limit_margin(q).min() >= 0:
@@ -147,10 +147,10 @@ def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion
 
 
 def _free(motion: Motion, margin: float) -> Motion | None:
-    """Improve a motion by a free start, found with a margin to the limits; None if that fails.
+    """Improve a motion by freeing its start, with a margin from the limits; None if that fails.
 
-    The first search may move the start; the margin keeps it from the limits. The result begins at
-    the start found, and is a motion of minimum joint speed without that margin.
+    The first search may move the start and keeps the margin. The second one begins at the start
+    found, and minimises the joint speed without that margin.
     """
     try:
         found = least_closed_motion(
@@ -169,7 +169,7 @@ def _free(motion: Motion, margin: float) -> Motion | None:
 
 
 def _better(motion: Motion, given: Motion, margin: float) -> bool:
-    """Test for a joint speed below that of ``given``, a margin to the limits, and no collision.
+    """Test whether a motion is slower than ``given``, has a limit margin, and no collision.
 
     ``margin`` is the smallest joint-limit margin allowed, rad or m.
     """

@@ -1,4 +1,4 @@
-"""Limits of a motion in time: as the user gives them, and as numbers per joint of a task."""
+"""Limits of a motion in time, as given by the user and as numbers per joint of a task."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ _UNLIMITED = 10.0
 def presumed_acceleration(task: Task) -> tuple[Array, str]:
     """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
 
-    The fastest cycle, which a study reports, needs some. They are the URDF's if it has one for
-    every joint, else published ones if the arm has any, else each joint's speed limit divided by
-    0.2 s, or 10 rad/s² (m/s²) without one.
+    The fastest cycle, which a study reports, requires such limits. The URDF's are used if it has
+    one for every joint, else published ones of the arm. Otherwise each is the joint's speed limit
+    divided by 0.2 s, or 10 rad/s² (m/s²) without a speed limit.
     """
     entry = task.robot.entry
     names = task.joint_names
@@ -80,24 +80,24 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
 @dataclass(frozen=True, eq=False, kw_only=True)
 @read_only
 class Limits:
-    """Limits for :func:`timed`, :func:`approach` and :class:`Governor`: speeds to torques.
+    """Limits for :func:`timed`, :func:`approach` and :class:`Governor`, from speeds to torques.
 
-    They determine how fast a joint path can be traversed. Without a limit of acceleration there is
-    no fastest motion from rest, so that it must be given unless the URDF has it (``acceleration``
+    They determine how fast a joint path can be traversed. There is no fastest motion from rest
+    without acceleration limits. So these must be given unless the URDF has them (``acceleration``
     and ``deceleration`` of ``<limit>``, URDF 1.2).
 
     Attributes
     ----------
     acceleration : float, (n,) array or str
-        Acceleration limits of the robot's joints, rad/s² or m/s²; by default the URDF's. Or a name
-        in published limits: ``panda``, ``fr3``, ``ur``.
+        Acceleration limits of the robot's joints, rad/s² or m/s², or a name of published limits:
+        ``panda``, ``fr3``, ``ur``. By default the URDF's.
     velocity : float or (n,) array, optional
         Speed limits, rad/s (m/s); by default the URDF's.
     jerk : float, (n,) array or str, optional
         Jerk limits of the robot's joints, rad/s³ or m/s³, or a name of published limits: ``panda``,
         ``fr3``. By default the URDF's if it has one for every joint, else not limited.
     torque : bool
-        Keep the URDF's effort limits too, by Pinocchio's inverse dynamics. Not for a governor.
+        Observe the URDF's effort limits too, by Pinocchio's inverse dynamics. Not for a governor.
     tool_speed : float or (2,) array, optional
         Largest speed of the frame along the path, m/s; or of its linear and its angular speed, m/s
         and rad/s. Not for a governor.
@@ -174,7 +174,7 @@ _InverseDynamics = Callable[[Array, Array, Array], Array]
 class JointLimits:
     """Limits of the joints (n,) and of the tool, as numbers for one task.
 
-    :class:`Limits` are what the user gives; the computation of times uses these.
+    The user gives :class:`Limits`; timing is computed with these numbers.
 
     Attributes
     ----------
@@ -197,8 +197,8 @@ class JointLimits:
     def most_rate(self, Q: Array, slope: Array) -> Array:
         """Compute the largest ṡ, 1/s, within the speed limits at K points of a path: (K,).
 
-        ṡ is the rate of the path parameter s, which timing chooses. Q (K, n) are the configurations
-        and ``slope`` (K, n) their derivatives dq/ds by the path parameter s.
+        s is the path parameter, whose rate ṡ timing chooses. Q (K, n) are the configurations, and
+        ``slope`` (K, n) their derivatives dq/ds.
         """
         used = (np.abs(slope) / self.velocity).max(axis=1)
         if self.tool is not None:
@@ -286,8 +286,8 @@ def _per_joint(
 def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
     """Make the function (q, q̇), (K, n) each, → max(|v| / v_max, |ω| / ω_max) (K,) of the frame.
 
-    It is the largest share of the tool's speed limits that is used. ``most`` is v_max, m/s, or
-    v_max and ω_max, rad/s; a single number does not limit ω.
+    The value is the largest used share of the tool's speed limits. ``most`` is v_max, m/s, or v_max
+    and ω_max, rad/s; a single number does not limit ω.
     """
     v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
     if np.size(np.asarray(most)) == 1:  # m/s alone

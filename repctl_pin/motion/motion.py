@@ -28,7 +28,7 @@ ON_PATH = 1e-3
 class Motion(JointMotion):
     """Motion of a strategy on a closed path, with its drift and its errors.
 
-    On arms with revolute and prismatic joints, norms of q weight 1 rad and 1 m equally.
+    On arms with revolute and prismatic joints, norms of q weigh 1 rad and 1 m equally.
 
     Attributes
     ----------
@@ -95,8 +95,8 @@ class Motion(JointMotion):
         """Share of the samples beyond the proved closing radius; None without such a radius.
 
         The closing radius is a distance of poses from those of the design. Every closed path within
-        it is proved to end in the configuration it began in. Beyond it nothing is wrong, but not
-        proved either.
+        it is proved to end in the configuration it began in. Beyond the radius, paths may close as
+        well, but this is not proved.
         """
         closes = self.closing_radius
         if not closes:
@@ -110,8 +110,8 @@ class Motion(JointMotion):
 
         None if it stays on the path.
 
-        It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad. A controller
-        that leaves its path has no meaningful drift.
+        The frame is on the path while its errors are at most 0.001 arm lengths and 0.001 rad. The
+        drift of a controller that leaves its path is meaningless.
         """
         length = arm_length(self.task, self.q[0]) or 1.0
         off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
@@ -123,8 +123,7 @@ class Motion(JointMotion):
     def slowed(self, factor: float) -> Motion:
         """Return the motion with its duration multiplied by ``factor``.
 
-        It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed. So
-        one motion serves for all speeds.
+        This is valid for controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
         """
         factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)

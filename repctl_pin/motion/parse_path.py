@@ -1,7 +1,7 @@
 """Paths given by name: ``circle:0.1``, ``square:0.2``, ``loop.csv``.
 
-The option ``--path`` of the commands takes such a name, the spec of the path. A path can be made
-only when the robot and its start q0 are known, so that parsing returns a function of both.
+The option ``--path`` of the commands takes such a name, called the spec of the path. A path also
+depends on the robot and its start q0, so parsing returns a function of both.
 """
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
     """Make the function ``(task, q0, plane) → path`` of a kind of path and its text parameters.
 
-    ``kind`` and ``parts`` are what stands between the colons, ``text`` the whole name for messages,
-    ``blend`` the radius of rounded corners, m. Kinds of plug-ins come last. InputError is raised
-    for an unknown kind, and for parameters that it does not take.
+    ``kind`` and ``parts`` are the texts between the colons, and ``text`` is the whole name, for
+    messages. ``blend`` is the radius of rounded corners, m. Kinds of plug-ins come last. InputError
+    is raised for an unknown kind, and for parameters that it does not take.
     """
     if kind == "circle" and len(parts) == 2:
         radius = _length(parts[0], text)

@@ -1,6 +1,7 @@
-"""Walks along the self-motions of a configuration, on which the frame stays where it is.
+"""Walks along the self-motions of a configuration, during which the frame stays at rest.
 
-A redundant arm has r = n − m dimensions of such motions. Searches for a better start walk on them.
+The self-motions of a redundant arm have r = n − m dimensions. Searches for a better start follow
+them.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def self_motions(
     stride
         Length of a step, rad; for prismatic joints in arm lengths.
     limits
-        True if a walk ends at a joint limit; otherwise it goes on beyond the limit.
+        True if a walk ends at a joint limit; otherwise it continues beyond the limit.
     """
     for direction in directions:
         for sign in (1.0, -1.0):

@@ -79,7 +79,7 @@ def solve_ik(
     tolerance, iterations
         Maximum task error (m and rad), and maximum number of Newton steps per start.
     limits
-        Refuse a configuration outside the joint limits.
+        True to refuse configurations outside the joint limits.
 
     Returns
     -------
@@ -136,9 +136,9 @@ def solve_ik(
 def solve_near(
     task: Task, q0: Array, target: Placement, *, tolerance: float, limits: bool = False
 ) -> Array:
-    """Find q with f(q) at the target near q0: as :func:`solve_ik`, but from q0 only.
+    """Find q near q0 with f(q) at the target: like :func:`solve_ik`, but from q0 only.
 
-    Walks along a path or a self-motion need the solution next to the one before, not any solution.
+    Walks along a path or a self-motion need the solution nearest to the previous one.
 
     Raises
     ------
@@ -158,9 +158,9 @@ def solve_near(
 
 
 def _starts(task: Task, q0: Array) -> Iterator[Array]:
-    """Yield q0, and configurations on the way from there to random ones, the nearest first.
+    """Yield q0, then configurations between q0 and random ones, the nearest first.
 
-    There are 41 in all. Near starts come first, because their solution is most like q0.
+    There are 41 in all. Near starts come first, because they lead to solutions similar to q0.
     """
     yield q0
     count = _STARTS - 1
@@ -172,9 +172,9 @@ def _starts(task: Task, q0: Array) -> Iterator[Array]:
 def _newton(task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations: int) -> _Attempt:
     """Solve for the target from one start, and return where Newton's method ends, solved or not.
 
-    Steps are ``J⁺ e`` with the task error e, at most 0.3 rad or m per joint. It ends at an error
-    below ``tolerance``, after ``iterations`` steps, or at a singularity; there the start is
-    returned.
+    Steps are ``J⁺ e`` with the task error e, at most 0.3 rad or m per joint. The method ends at an
+    error below ``tolerance``, after ``iterations`` steps, or at a singularity; in the last case the
+    start is returned.
     """
     error = task.error(q0, target)
 
@@ -204,7 +204,8 @@ def _newton(task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations
 def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
     """Raise InputError if the target is farther from the first joint than the arm is long.
 
-    It is a better message than that of a failed search: it names the distance and the arm's length.
+    Its message is clearer than that of a failed search, because it names the distance and the arm's
+    length.
 
     Parameters
     ----------
@@ -329,7 +330,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Explain in text why a target cannot be reached from q; empty if it can.
+    """Explain in text why a target cannot be reached from q; the text is empty if it can.
 
     The text is the message of the failed inverse kinematics, for a message about a path.
     """
@@ -351,7 +352,7 @@ def random_configurations(task: Task, count: int, rng: np.random.Generator) -> A
 
 
 def _longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
-    """Bound how far the frame can get from the origin of the chain's first joint.
+    """Bound the distance of the frame from the origin of the chain's first joint.
 
     The bound is the sum of the distances between successive joints and from the last one to the
     frame, which the joints do not change, and of the largest strokes of prismatic joints.

@@ -1,4 +1,4 @@
-"""Motion from rest to rest over time, within limits: the result of :func:`timed`."""
+"""Motion from rest to rest over time, within limits, as :func:`timed` returns it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .joint_motion import JointMotion
 class TimedMotion:
     """Positions of the robot's own joints over time, from rest to rest, at even time steps.
 
-    It is what a robot can execute. A motion of :func:`follow`, in contrast, starts at path speed.
+    A robot can execute it directly. A motion of :func:`follow`, in contrast, starts at path speed.
 
     Attributes
     ----------
@@ -35,8 +35,8 @@ class TimedMotion:
         The phase-plane profile: length of the joint path from the start, and its rate, per s; of
         the first three cycles if there are more.
     velocity, acceleration, jerk : (n,) arrays
-        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it is
-        not limited.
+        The limits observed, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it
+        is not limited.
     stops : int
         Number of times that the arm stands still within a cycle, not counting its start: at corners
         of the joint path, and during pauses.
@@ -76,21 +76,21 @@ class TimedMotion:
 
     @property
     def duration(self) -> float:
-        """Time from leaving rest to rest, s."""
+        """Time from the start of the motion to rest, s."""
         return float(self.starts[-1] - self.starts[0])
 
     @property
     def cycle_time(self) -> float:
-        """Time of a steady cycle, s: that of the second; the mean if there are fewer than three.
+        """Duration of the second cycle, s, as a steady one; the mean if there are fewer than three.
 
-        The first and the last cycle begin or end at rest, so that they take longer.
+        The first and the last cycle take longer, because they begin or end at rest.
         """
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
 
     @property
     def _is_its_motion(self) -> bool:
-        """Whether ``motion`` has these samples: a check of it is then a check of them."""
+        """True if ``motion`` has the same samples, so that its checks hold for this motion too."""
         return False
 
     @property

@@ -44,7 +44,7 @@ def write_motion(
     Raises
     ------
     InputError
-        If a timed motion has fewer than ten samples per cycle, or between two rests; the motion
+        If a timed motion has fewer than ten samples per cycle or between two rests, the motion
         violates a limit, bodies collide, the file name has another ending, or the file cannot be
         written.
 
@@ -73,7 +73,7 @@ def write_motion(
 def refuse_coarse(motion: TimedMotion) -> None:
     """Raise InputError if a timed motion has too few samples to show its shortest part in a file.
 
-    That is a cycle, or the motion from one rest to the next.
+    The shortest part is a cycle, or the motion from one rest to the next.
     """
     part, what = motion._shortest_part
     count = (len(motion.t) - 1) * part / max(motion.duration, 1e-300)
@@ -90,7 +90,7 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 
     A timed motion is a smooth curve through the points of the original motion, which is straight
     between them. So the timed motion can collide where the original one does not. ``remedy`` ends
-    the message. A motion through poses is its own original, which was checked.
+    the message. A motion through poses has no other original, and was checked before.
     """
     if motion._is_its_motion:
         return
@@ -109,7 +109,7 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
     """Return a motion with the velocities that a strategy commands at its points, ``q̇ = G ẋ``.
 
-    They replace the mean velocities per step, so that a file has what the controller would send.
+    They replace the mean velocities per step, so that a file has the controller's own commands.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0
@@ -154,7 +154,7 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
 def _quoted(name: str) -> str:
     """Quote a name for YAML, with line breaks and other control characters as escapes.
 
-    A joint name such as ``yes`` or ``1`` would otherwise be read as no text.
+    A joint name such as ``yes`` or ``1`` would otherwise not be read as text.
     """
     if name.isprintable():
         return "'" + name.replace("'", "''") + "'"

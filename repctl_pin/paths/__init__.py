@@ -1,6 +1,6 @@
-"""Closed paths of a frame; those of several frames, and waypoints, have their own files.
+"""Closed paths of a frame; paths of several frames, and waypoints, have modules of their own.
 
-A path is a function of s from 0 to 1, once along a cycle; it has no time yet.
+A path is a function of s, which runs from 0 to 1 along a cycle; it does not depend on time.
 """
 
 from . import pieces as pieces  # paths pickle by their pieces

@@ -47,7 +47,7 @@ class Bend:
 
     @staticmethod
     def direction_of(phi: float, u: ArrayLike) -> Array:
-        """Evaluate the direction θ(u), rad, from the one at u = 0."""
+        """Evaluate the direction θ(u), rad, relative to that at u = 0."""
         u = np.asarray(u, float)
         return phi * u**2 * (3 - 2 * u)
 
@@ -58,18 +58,17 @@ class Bend:
     def length(self, cut: float) -> float:
         """Compute the length, m, of a bend that cuts off ``cut``, m, from both edges at its corner.
 
-        The stored curve has the length 1: this is the factor to scale it by. The ends of the bend
-        are ``2 cut cos(φ/2)`` apart.
+        The stored curve has length 1, so the result is also the factor by which to scale it. The
+        ends of the bend are ``2 cut cos(φ/2)`` apart.
         """
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 
     def shares(self, u: Array) -> tuple[Array, Array]:
-        """Split the points of a bend along the two edges of its corner: shares α and β at u (K,).
+        """Express the points of a bend by shares α and β of the two edges at its corner, at u (K,).
 
         With the corner at c, ``p(u) = c − α(u) cut d₀ + β(u) cut d₁``, where d₀ and d₁ are the
-        directions at the ends and ``cut`` is the length taken off both edges. So two curves can be
-        blended that are not straight. ``β(0) = β′(0) = β″(0) = β″(1) = 0``, ``β(1) = 1`` and ``α(u)
-        = β(1 − u)``.
+        directions at the ends and ``cut`` is the length taken off both edges. So curved edges can
+        be blended, too. ``β(0) = β′(0) = β″(0) = β″(1) = 0``, ``β(1) = 1`` and ``α(u) = β(1 − u)``.
         """
         scale = self.length(1.0) / np.sin(self.phi)
         return scale * self.at(1 - u)[1], scale * self.at(u)[1]

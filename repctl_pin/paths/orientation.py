@@ -55,8 +55,9 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
 def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
     """Create the function ω(s) of an orientation R(s) by finite differences, error 1e-11.
 
-    It serves a path whose user gives R(s) without ω(s). The differences are those of log(R(s + e)
-    R(s)ᵀ), within one interval between ``breaks``, the values of s at which ω may jump.
+    It is used if the user of a path gives R(s) without ω(s). The differences are those of
+    log(R(s + e) R(s)ᵀ), within one interval between ``breaks``, the values of s at which ω may
+    jump.
     """
     knots = np.array([0.0, *breaks, 1.0])
     piece = piece_finder(knots, np.diff(knots))
@@ -169,16 +170,16 @@ def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
 def facing(
     target: Array, point: _Turning, slope: _Turning, start: Array
 ) -> tuple[_Turning, _Turning, Callable[[float, float], float]]:
-    """Create R(s) and ω(s) of a frame that keeps facing a point, as it does at the start.
+    """Create R(s) and ω(s) of a frame that always faces a point as it does at the start.
 
     ``point`` and ``slope`` are p(s), m, and dp/ds of the path, ``target`` is the point (3,), m, and
     ``start`` is R(0). ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from the frame to
     the point, d₀ = d(0), and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1
     + d₀·d) d``.
 
-    The third result bounds the rotation, rad, on an arc from s on of at most the given length, m.
-    There d turns by at most ``δ = length / (distance − length)``, and ``|ω| = |ḋ| / cos(θ/2)`` at
-    most, where θ is the angle from d₀ to d.
+    The third result bounds the rotation, rad, on an arc that begins at s and has at most the given
+    length, m. There d turns by at most ``δ = length / (distance − length)``, and
+    ``|ω| = |ḋ| / cos(θ/2)`` at most, where θ is the angle from d₀ to d.
 
     Raises
     ------
@@ -219,7 +220,8 @@ def facing(
 def _most_turn(d0: Array, d: Array, distance: float, length: float) -> float:
     """Bound the rotation, rad, of a frame that faces a point, on an arc of a length, m.
 
-    The arc begins where the point is at the distance, m, in the direction d; d₀ is that of R(0).
+    At the start of the arc, the point is at ``distance``, m, in the direction d; d₀ is its
+    direction at s = 0.
     """
     if length >= distance:
         return np.inf

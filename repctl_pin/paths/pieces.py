@@ -1,6 +1,6 @@
 """Closed paths as piecewise polynomials, the form in which files store any path.
 
-A path of Python functions can be neither saved nor sent to another process; its pieces can. s runs
+Python functions of a path cannot be saved or sent to another process, but its pieces can. s runs
 from 0 to 1 along a cycle.
 """
 
@@ -107,7 +107,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
-    """Make the bounds of arcs of a path of polynomial pieces ``at(s)``, with their slopes."""
+    """Make the bounds on arcs of a path whose polynomial pieces are ``at(s)``."""
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
         [
@@ -117,7 +117,7 @@ def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> 
     )
 
     def arc(a: float, b: float) -> tuple[float, float]:
-        """Bound an arc: |ω| ≤ 2 |p′| / |p| for a quaternion p, which is not normalised."""
+        """Bound an arc, with |ω| ≤ 2 |p′| / |p| for a quaternion p that is not normalised."""
         first, last = np.searchsorted(ends, [a, b]).tolist()
         length, turned = (rates[first : last + 1].max(axis=0) * (b - a)).tolist()
         if not turned:
@@ -146,7 +146,7 @@ copyreg.pickle(TaskPath, _pickled)
 def _fitted(
     path: TaskPath, begin: float, end: float, turns: bool, size: float, depth: int
 ) -> list[Piece]:
-    """Fit the path from s = ``begin`` to ``end`` by one polynomial, or else halve it: its pieces.
+    """Fit the path from s = ``begin`` to ``end`` by one polynomial, or by more after halving.
 
     ``turns`` tells whether the frame rotates, ``size`` is the extent of the path, m, to which
     errors are relative, and ``depth`` the number of halvings so far. InputError is raised after the
@@ -182,10 +182,10 @@ def _fitted(
 
 
 def _placed(path: TaskPath, begin: float, end: float, turns: bool, u: Array) -> Array:
-    """Evaluate the path at u (K,) from -1 to 1, of the piece from s = ``begin`` to ``end``.
+    """Evaluate a path from s = ``begin`` to ``end``, given by u (K,) from -1 to 1.
 
-    The result (K, 3) or, if it ``turns``, (K, 7) are positions and quaternions, whose sign does not
-    change along the piece.
+    The result has positions (K, 3) or, if the frame ``turns``, positions and quaternions (K, 7).
+    The sign of the quaternions does not change along the piece.
     """
     inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
     middles = (begin + end + u * (end - begin)) / 2

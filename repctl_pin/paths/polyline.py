@@ -84,8 +84,8 @@ def polygon(
         Start configuration, rad (m for prismatic joints).
     corners : (P, 3) array
         Corners after the start, in order, m *from the start*; the path returns to the start
-        automatically. A single corner gives a line there and back; a repeated corner is a pause,
-        as long as the mean edge takes.
+        automatically. A single corner gives a line there and back. A repeated corner is a pause, as
+        long as the motion along an edge of mean length.
     blend
         Radius ρ, m, of the arcs that would round the corners. Each corner is rounded by a curve of
         continuous curvature that begins and ends where such an arc would. The path starts at the
@@ -140,8 +140,8 @@ def waypoints(
     ----------
     points : (P, 3) array, P placements, or Waypoints
         Positions, m in the base frame; or rigid transforms; or the result of
-        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause; its
-        duration follows from the times, and without times it is that of the mean edge.
+        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause. Its
+        duration follows from the times; without times, it is that of an edge of mean length.
     rotation : (3, 3) array, or P of them
         Fixed orientation, or one per point, interpolated by a spline on SO(3); matrices or scipy
         Rotations. Not allowed with points that have orientations.
@@ -270,9 +270,10 @@ def _polyline(
 
 
 def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Array:
-    """Measure the edges between corners (P, 3) with their turns, m: (P - 1,); a pause is as a mean.
+    """Measure the edges between corners (P, 3), rotations included: (P - 1,), m.
 
-    InputError is raised for too many corners, and if all of them are the same.
+    A pause counts as a mean edge. InputError is raised for too many corners, and if all of them are
+    the same.
     """
     if len(corners) - 1 > MOST_POINTS:
         raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
@@ -306,9 +307,9 @@ def _times(times: ArrayLike, count: int) -> Array:
 
 
 def _arc(pieces: list[_Curve], s: Array, turns: tuple[Array, Array] | None) -> ArcBound:
-    """Make the bounds of arcs of lines and bends, whose speed is constant between knots ``s``.
+    """Make the bounds on arcs of lines and bends with constant speed between the knots ``s``.
 
-    ``turns`` are knots and the total rotation up to each, rad; None for a fixed orientation.
+    ``turns`` has knots and the total rotation up to each knot, rad; None for a fixed orientation.
     """
     lengths = [float(np.linalg.norm(piece(0.5)[1])) for piece in pieces]
     passed = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -365,7 +366,7 @@ def _rounded(
 
     Returns the lines and half bends in order, the knots between them, and the knots of the corners
     (the midpoints of their bends). The knots begin at 0 and grow by ``sizes`` along a full edge,
-    and by the arc length, m, along a bend: they are times at constant speed.
+    and by the arc length, m, along a bend. They are proportional to the times at constant speed.
     """
     at = _Corners.of(corners, radius, name)
     pieces: list[_Curve] = []
@@ -403,11 +404,12 @@ def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> Inp
 
 
 class _Corners(NamedTuple):
-    """Corners of a closed polyline, with the edge out of each, and what a bend there cuts off.
+    """Corners of a closed polyline, with their edges and the lengths that bends cut off.
 
-    ``units`` (P, 3) are the directions of the edges out of the corners, ``before`` of those into
-    them, and ``inward`` the unit vectors towards which the path turns. ``cut`` (P,) is the length
-    cut off both edges at a corner, m, and ``straight`` (P,) the share of each edge that is left.
+    ``units`` (P, 3) and ``before`` are the directions of the edges that leave and reach the
+    corners. ``inward`` are the unit vectors towards which the path turns. ``cut`` (P,) is the
+    length, m, cut off both edges at a corner, and ``straight`` (P,) the remaining fraction of each
+    edge.
     """
 
     units: Array

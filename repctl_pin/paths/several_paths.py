@@ -27,7 +27,7 @@ _STILL = "holds still"
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class SeveralPaths(TaskPath):
-    """Closed paths of several frames, one per frame; a frame that holds still has one, too.
+    """Closed paths of several frames, one per frame, also for a frame that stands still.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class SeveralPaths(TaskPath):
     paths: tuple[TaskPath, ...] = ()
 
     def __post_init__(self) -> None:
-        """Take the paths as they are: each of them was checked when it was created."""
+        """Skip the checks of :class:`TaskPath`: each path was checked when it was created."""
 
     def placement(self, s: float) -> Any:
         """Evaluate the placements of all frames, one per frame, at s in [0, 1] along the cycle."""
@@ -70,10 +70,10 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     task
         Task of several frames.
     q0 : (n,) array
-        Start configuration, rad and m, where a frame without a path holds still.
+        Start configuration, rad and m, which also places a frame without a path.
     paths
         One per frame: a closed path, a function (task, q0) → path of the task of this frame alone,
-        or None for a frame that holds still.
+        or None for a frame that stands still.
 
     Returns
     -------
@@ -83,7 +83,8 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     Raises
     ------
     InputError
-        If their number is not that of the frames, their periods differ, or every frame holds still.
+        If their number is not that of the frames, their periods differ, or every frame stands
+        still.
 
     Examples
     --------
@@ -117,7 +118,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
 def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
     """Join the paths of several frames, one per frame in the task's order, into one path.
 
-    It has a corner wherever one of them has.
+    The result has a corner wherever one of the paths has one.
 
     Raises
     ------
@@ -153,14 +154,14 @@ def _together(name: str, paths: tuple[TaskPath, ...], **names: Any) -> SeveralPa
 
 
 def paths_of(path: Any) -> list[Any]:
-    """List the paths of all frames of a path, in order: the path itself, for one frame."""
+    """List the paths of all frames, in order; for one frame, the path itself."""
     return list(path.paths) if isinstance(path, SeveralPaths) else [path]
 
 
 def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
-    """Return the path of one frame; if it holds still (None), the point at which it is at q0 (n,).
+    """Return the path of one frame; for None, a path that stays at the frame's place at q0 (n,).
 
-    ``task`` is that of this frame alone. InputError is raised for anything but a closed path, a
+    ``task`` is the task of this frame alone. InputError is raised for anything but a closed path, a
     function that returns one, or None.
     """
     if path is None:

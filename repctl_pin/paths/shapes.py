@@ -51,9 +51,9 @@ def circle(
         Angle of the start on the circle, rad from the plane's first axis; the centre is at ``p −
         radius (cos, sin)``, where p is the start.
     rotation
-        ``fixed``; ``tangent``: the frame makes a full turn with the circle, for which repeatability
-        is not guaranteed; or a point (3,), m in the base frame, which the frame keeps facing as at
-        the start.
+        ``fixed``, ``tangent``, or a point (3,), m in the base frame, which the frame always faces
+        as it does at the start. With ``tangent``, the frame makes a full turn with the circle, for
+        which repeatability is not guaranteed.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def circle(
 def _facing(
     name: str, point: _Curve, slope: _Curve, start: Array, target: ArrayLike, length: float
 ) -> TaskPath:
-    """Create a path of a length, m, run at constant speed, whose frame keeps facing a point (3,).
+    """Create a path of constant speed and given length, m, whose frame always faces a point (3,).
 
     ``start`` is the orientation at the beginning.
     """
@@ -236,10 +236,10 @@ def rose(
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
-    """Compute the start's placement, the two unit axes of a path's plane, and the plane's name.
+    """Compute the placement at the start, the two unit axes of a path's plane, and its name.
 
-    ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; with a minus sign the
-    second axis is reversed, and the path runs the other way round.
+    ``normal`` is the axis or plane that the user gave, such as "-z" or "xz". With a minus sign, the
+    second axis is reversed, and the path runs in the opposite direction.
     """
     normal = require_type(
         normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"

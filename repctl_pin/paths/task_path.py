@@ -92,7 +92,8 @@ class TaskPath:
         Period, s, if the waypoints have times.
     arc : function of a and b, optional
         Upper bounds of the length, m, and of the total rotation, rad, between s = a and b. A proof
-        along the path needs them. Paths of this package have them, your own functions do not.
+        along the path needs them. The paths of this package have such bounds; paths from the user's
+        own functions do not.
 
     Raises
     ------
@@ -212,7 +213,7 @@ def closed_path(path: Any) -> TaskPath:
 
 
 def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
-    """Give a new path the bounds of its arcs, which hold for the very functions of this path."""
+    """Attach bounds on its arcs to a new path; they hold only for the functions of this path."""
     object.__setattr__(path, "arc", arc)
     return path
 
@@ -220,7 +221,7 @@ def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
 def renamed(path: TaskPath, **names: Any) -> TaskPath:
     """Return the same curve with another name, spec, plane or names of corners.
 
-    ``dataclasses.replace`` would drop the bounds of arcs, because it may replace the curve.
+    ``dataclasses.replace`` would drop the bounds on arcs, because it may change the curve.
     """
     return with_arc(replace(path, **names), path.arc)
 
@@ -264,7 +265,7 @@ def _check(path: TaskPath) -> None:
 
 
 def _inner_points(knots: Array) -> list[tuple[float, float]]:
-    """Choose 16 points s inside the pieces between knots, where all is smooth, and steps there."""
+    """Choose 16 points s inside the smooth pieces between knots, with steps for differences."""
     samples = []
     for j in range(16):
         i = j * (len(knots) - 1) // 16

@@ -26,7 +26,7 @@ _LARGEST = 4_000_000
 def read_waypoints(file: str | Path) -> Waypoints:
     """Read waypoints from a CSV file: x, y, z in m, and optionally a quaternion qx, qy, qz, qw.
 
-    A header line can name the columns in any order, ``time`` included; without a header there are
+    A header line can name the columns, also ``time``, in any order. Without a header, there are
     three or seven columns in the order above.
 
     Returns
@@ -52,7 +52,7 @@ def read_waypoints(file: str | Path) -> Waypoints:
 
 
 def _table(file: str | Path) -> CsvTable:
-    """Open a file of waypoints; without a header it has three or seven columns."""
+    """Open a file of waypoints; a file without a header has three or seven columns."""
     return read_csv(file, largest=_LARGEST, unnamed=_LAYOUTS[:2], rows="waypoints")
 
 
@@ -93,9 +93,9 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
     Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
-    frames, each has its own columns, ``left.x, left.y, left.z``: the text before the dot is the
-    frame's name, or a part of it that no other frame's name contains. A frame without columns holds
-    still; columns without a dot are of the first frame.
+    frames, each has its own columns, ``left.x, left.y, left.z``. The text before the dot is the
+    frame's name, or a part of it that no other frame's name contains. A frame without columns
+    stands still; columns without a dot belong to the first frame.
 
     Raises
     ------
@@ -130,8 +130,8 @@ def _through(
     """Return the function ``(task, q0) → path`` of the waypoints of one frame.
 
     The path depends on the task only if the file has no orientations: the frame then keeps its
-    orientation at q0. ``name`` and ``spec`` are its display name and its text on the command line,
-    ``blend`` the radius of rounded corners, m.
+    orientation at q0. ``name`` and ``spec`` are the path's display name and its text on the command
+    line, and ``blend`` is the radius of rounded corners, m.
     """
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
@@ -146,11 +146,11 @@ def _through(
 
 
 def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
-    """Split the columns of a file into those of each frame, by the text before their dot.
+    """Group the columns of a file by frame, which the text before their dot names.
 
-    ``left.x`` is the column x of the frame ``left``; a column of times is of all frames. Without
-    dots, all columns belong to the empty text, which stands for the first frame. InputError is
-    raised if only some columns name a frame.
+    ``left.x`` is the column x of the frame ``left``; a column of times belongs to all frames.
+    Without dots, all columns belong to the empty text, which stands for the first frame. InputError
+    is raised if only some columns name a frame.
     """
     cells = {name: name.rpartition(".")[::2] for name in table.names}
     frames = dict.fromkeys(frame for frame, _ in cells.values() if frame)
@@ -169,7 +169,8 @@ def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
 def _frame_of(text: str, task: Task, file: Path) -> str:
     """Find the frame of a task to which columns ``text.x`` belong; the first for an empty text.
 
-    ``text`` is its name, or a beginning or part of only one frame's name; InputError otherwise.
+    ``text`` is the frame's name, or a part of only one frame's name; otherwise InputError is
+    raised.
     """
     frames = task.frames
     if text in frames or not text:
@@ -186,9 +187,9 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
 
 
 def _known(columns: Mapping[str, str], file: Path) -> dict[str, str]:
-    """Return the columns by the names x, y, z …, and check that these are known.
+    """Return the columns by name (x, y, z …), and check that each name is known.
 
-    Known are x, y, z, with or without qx, qy, qz, qw, and with or without time, in any order.
+    The names are x, y, z, with or without qx, qy, qz, qw and time, in any order.
     """
     named = {_TIMES.get(name.lower(), name.lower()): column for name, column in columns.items()}
     if len(named) < len(columns) or not any(set(named) == set(layout) for layout in _LAYOUTS):

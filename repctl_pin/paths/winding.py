@@ -1,7 +1,7 @@
 """Number of turns of a path around the first joint of an arm.
 
-Repeatability holds for paths that can be shrunk to a point; a path around the base cannot, so
-studies count the turns and warn of them.
+Repeatability holds for paths that can be shrunk to a point. A path around the base cannot, so
+studies count its turns and warn.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ def winding(task: Task, path: TaskPath) -> int:
     """Count the turns of a path around the axis of the chain's first joint; 0 if it is prismatic.
 
     The joints of an arm that follows such a path can end a full turn from their start, so that not
-    even a repeatable controller closes it: repeatability is a property of loops that can be shrunk
-    to a point inside Ω, the region of joint space of the design.
+    even a repeatable controller closes the motion. Repeatability is a property of loops that can be
+    shrunk to a point inside Ω, the region of joint space of the design.
 
     Parameters
     ----------
     task
         Task of the arm.
     path
-        Path of its frame. For several frames, the path that winds most counts.
+        Path of the frame. For several frames, the path with the most turns counts.
     """
     if len(task.frames) > 1:
         own = zip(task.single_tasks, paths_of(path), strict=True)

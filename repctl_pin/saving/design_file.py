@@ -1,8 +1,8 @@
 """Write and read design files: a design as plain data in JSON, sealed by a checksum.
 
 The content of a file is an object of :mod:`.schema`, which holds texts, numbers and lists only. A
-kind of file (:class:`FileKind`) says how a design becomes such content and back; its name is the
-key ``format`` of the file.
+kind of file (:class:`FileKind`) converts a design to such content and back. Its name is the value
+of ``format`` in the file.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ _LARGEST = 64_000_000
 def write(content: Sealed, path: str | Path) -> Path:
     """Write the content of a design, with its checksum, to a JSON file atomically.
 
-    ``content`` is an object of :mod:`.schema`, such as a ``DesignFile``; its own checksum is
-    replaced. Returns the path. A file that exists stays as it is if the writing fails.
+    ``content`` is an object of :mod:`.schema`, such as a ``DesignFile``; its checksum is replaced.
+    Returns the path. If writing fails, an existing file stays unchanged.
     """
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
@@ -50,13 +50,13 @@ class FileKind(NamedTuple):
     Attributes
     ----------
     content, result : type
-        Class of the file's content, and of the design.
+        Classes of the file's content, and of the design.
     to_content, to_result : function
         Conversions: design → content, and (content, task) → design.
     check : function
-        (content, task) → names of the quantities that the file, written by an older version, lacks,
-        such as "the masses": they are not compared, and the user is warned. Raises InputError if
-        a quantity that the design depends on is not as it was when the file was written.
+        (content, task) → names of quantities, such as "the masses", that a file of an older version
+        lacks. The user is warned that they were not compared. Raises InputError if a quantity that
+        the design depends on has changed since the file was written.
     """
 
     content: type[Sealed]
@@ -69,7 +69,7 @@ class FileKind(NamedTuple):
 def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
     """Read the content of a design file, and check format, schema version and checksum.
 
-    ``kinds`` maps the key ``format`` of a file to a function that returns its :class:`FileKind`, so
+    ``kinds`` maps each value of ``format`` to a function that returns the :class:`FileKind`, so
     that an extension is imported only for its own files. The result is an object of the kind's
     class ``content``, not yet compared with a robot.
 
@@ -123,7 +123,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
 def head(kind: str, task: Task) -> dict[str, Any]:
     """Create the fields that every file begins with (:class:`Sealed`), with an empty checksum.
 
-    ``kind`` is the text of ``format``, such as "repctl design". :func:`write` puts in the checksum.
+    ``kind`` is the value of ``format``, such as "repctl design". :func:`write` adds the checksum.
     """
     return {
         "format": kind,
@@ -208,7 +208,7 @@ class _Head(msgspec.Struct):
 def _printable(value: Any) -> Any:
     """Escape unprintable characters in all texts of plain data (nested dicts, lists and tuples).
 
-    Texts of a file are printed, and could contain control sequences of a terminal.
+    Texts from a file are printed, and could contain control sequences for a terminal.
     """
     if isinstance(value, dict):
         return {key: _printable(part) for key, part in value.items()}
@@ -220,7 +220,7 @@ def _printable(value: Any) -> Any:
 def _checksum_of(content: dict[str, Any]) -> str:
     """Hash the content without its checksum: ``sha256:`` and 64 hex digits.
 
-    Keys are sorted and blanks left out first, so that a file that was indented anew is still
+    Keys are sorted and blanks removed first, so that a file with other indentation is still
     accepted.
     """
     rest = {key: value for key, value in content.items() if key != "checksum"}
@@ -229,10 +229,11 @@ def _checksum_of(content: dict[str, Any]) -> str:
 
 
 def _unchecked(content: DesignFile, task: Task) -> list[str]:
-    """Check that a robot is as it was when a file was written; the ``check`` of :class:`FileKind`.
+    """Check that a robot has not changed since a file was written; ``check`` of :class:`FileKind`.
 
-    Returns the names of what the file lacks. Raises InputError if joint limits, frames of an arm
-    angle or masses differ, and speed limits if the design has a cycle with a period.
+    Returns the names of the quantities that the file lacks. Raises InputError if joint limits,
+    frames of an arm angle or masses differ. Speed limits are compared only if the design has a
+    cycle with a period.
     """
     timed = content.cycle is not None
     return [

@@ -1,7 +1,7 @@
-"""Save and load designs of both kinds as JSON files, each bound to its robot and task.
+"""Saving and loading of designs of both kinds as JSON files, each for one robot and task.
 
-The kinds are a design of a repeatable inverse over a region of joint space, and a function over a
-cell, a box of poses; the second is an extension's.
+One kind is the design of a repeatable inverse over a region of joint space. The other, from an
+extension, is a function over a cell, a box of poses.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .task_identity import carrying_tool, compare, task_of, written_task
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
-    """Import a kind of file from an extension: the constant ``KIND`` of its module of this name."""
+    """Import a kind of file from an extension: the constant ``KIND`` of one of its modules."""
     kind: FileKind = extension.module(module).KIND
     return kind
 
@@ -45,10 +45,9 @@ def _kinds() -> dict[str, Callable[[], FileKind]]:
 def save(design: Any, path: str | Path) -> Path:
     """Write a design to a file atomically.
 
-    The file is JSON. It contains a schema version; the robot, frame, task kind and joints with a
-    fingerprint of all that its numbers depend on: the kinematics, joint limits, the frames of arm
-    angles, masses and bodies; the design with its evaluation; and a checksum. The output is
-    deterministic.
+    The JSON file contains a schema version, the task (robot, frame, kind, joints), the design with
+    its evaluation, and a checksum. A fingerprint covers all that the numbers depend on: kinematics,
+    joint limits, the frames of arm angles, masses and bodies. The output is deterministic.
 
     Parameters
     ----------
@@ -108,8 +107,8 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     Warns
     -----
     UserWarning
-        If an older file lacks part of the fingerprint, if its certificate is dropped because it
-        proves something else, or if a cell's body distance is dropped, because the bodies have
+        If an older file lacks part of the fingerprint, if the certificate is dropped because it
+        belongs to another design, or if a cell's body distance is dropped, because the bodies have
         changed.
 
     Examples
@@ -144,7 +143,7 @@ def load_design(path: str | Path, task: Task | None = None, *, frame: str | None
     path, task
         As for :func:`load`.
     frame
-        Another link on the same body, which the design is converted to: see
+        Another link on the same body, to which the design is converted; see
         :meth:`Design.with_tool`.
 
     Returns
@@ -190,8 +189,8 @@ def _on_frame(design: Design, frame: str) -> Design:
 def read_design(path: str | Path) -> Any:
     """Read the content of a design file of any kind, and check that it was not changed.
 
-    The result is the part of :mod:`.schema` for its kind, such as a ``DesignFile``: it has not been
-    compared with a robot, which :func:`made_of` does.
+    The result is an object of :mod:`.schema`, such as a ``DesignFile``. It is not yet compared with
+    a robot; :func:`made_of` does that.
     """
     return read(path, _kinds())
 
@@ -199,8 +198,8 @@ def read_design(path: str | Path) -> Any:
 def made_of(content: Sealed, task: Task, where: str) -> Any:
     """Create a design from the content of a file, for the task it was made for.
 
-    The result is a Design or a CellDesign. A UserWarning says what could not be compared, because
-    the file is from an older version.
+    The result is a Design or a CellDesign. If the file is from an older version, a UserWarning
+    names what could not be compared.
 
     Raises
     ------

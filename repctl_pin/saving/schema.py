@@ -1,9 +1,9 @@
 """Schema of design files: a msgspec class for each part of a file.
 
 The decoder uses these classes, and ``docs/design.schema.json`` is made from them. For each object
-that a design contains there is a pair of functions: ``…_file`` converts it to its part of a file,
-and ``…_of`` creates it again. A part that an older file lacks is UNSET, msgspec's mark of a missing
-key.
+that a design contains, there are two functions: ``…_file`` converts the object to its part of a
+file, and ``…_of`` creates the object from that part. A part that an older file lacks is UNSET,
+msgspec's value for a missing key.
 """
 
 from __future__ import annotations
@@ -52,15 +52,15 @@ _NULLS = dict.fromkeys(
 
 
 class Part(msgspec.Struct, forbid_unknown_fields=True):
-    """Base class of all parts of a file; those that come in several kinds have a key ``kind``."""
+    """Base class of all parts of a file; a part with several kinds has a key ``kind``."""
 
 
 class PolynomialFile(Part, tag_field="kind", tag="polynomial"):
     """Potentials that are products of Legendre polynomials in ``(q − center) / scale``.
 
-    A potential is a function of the configuration q that the controller holds constant. They are in
-    the order of their degree, then lexically. Only the joints ``variables`` occur, from 0; with
-    ``cross`` false, each product has one of them.
+    A potential is a function of the configuration q that the controller holds constant. The
+    potentials are sorted by degree, then lexically. Only the joints ``variables``, counted from 0,
+    occur. If ``cross`` is false, each product contains only one of them.
     """
 
     center: Row
@@ -73,8 +73,8 @@ class PolynomialFile(Part, tag_field="kind", tag="polynomial"):
 class FourierFile(Part, tag_field="kind", tag="fourier"):
     """Potentials that are sines and cosines of integer combinations of the joints ``variables``.
 
-    The combinations go up to ``order``, in units of 2π / ``period``; with ``cross`` false, each has
-    one joint.
+    The integers go up to ``order``, in units of 2π / ``period``. If ``cross`` is false, each
+    combination contains only one joint.
     """
 
     n: int
@@ -85,12 +85,12 @@ class FourierFile(Part, tag_field="kind", tag="fourier"):
 
 
 class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
-    """Potential that is the arm angle: the turn of the elbow about the line from shoulder to wrist.
+    """Arm angle as a potential: the rotation of the elbow about the line from shoulder to wrist.
 
-    ``frames`` are shoulder, elbow and wrist, and the angle counts from the plane of the direction
-    ``reference``; with a direction ``singular`` it is the stereographic angle, else the
+    ``frames`` are shoulder, elbow and wrist. The angle is 0 in the plane of the direction
+    ``reference``. With a direction ``singular``, it is the stereographic angle, else the
     conventional one. ``points`` are the origins of the frames, m, at each check configuration of
-    the task: a frame that was moved since is detected by them. Older files lack them.
+    the task, by which a frame that has moved is detected. Older files lack ``points``.
     """
 
     frames: tuple[str, str, str]
@@ -100,7 +100,7 @@ class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
 
 
 class JoinedFile(Part, tag_field="kind", tag="joined"):
-    """Several bases of potentials, which are functions of q, concatenated in this order."""
+    """Several bases of potentials (functions of q), concatenated in this order."""
 
     parts: list[BasisFile]
 
@@ -120,10 +120,9 @@ class TubeFile(Part, tag_field="kind", tag="tube"):
 
 
 class WorkspaceFile(Part, tag_field="kind", tag="workspace"):
-    """Region Ω of a design: all q of a box of joint space at which the frame is in a box of space.
+    """Region Ω of a design: all q in a box of joint space with the frame inside a box of positions.
 
-    The box of joint space is ``within``, and the frame's position is in ``position ± half_width``,
-    m.
+    The box of joint space is ``within``; the box of positions is ``position ± half_width``, m.
     """
 
     position: Row
@@ -138,8 +137,8 @@ class PseudoinverseFile(Part, tag_field="kind", tag="pseudoinverse"):
 class WeightedFile(Part, tag_field="kind", tag="weighted"):
     """Desired inverse J⁺_M, which minimises q̇ᵀ M q̇: M is ``inertia``, a diagonal, or a matrix.
 
-    ``inertia`` is M at each check configuration of the task, kg m² and kg, if M is the robot's
-    inertia: masses that were changed since are detected by it. Older files lack it.
+    If M is the robot's inertia, ``inertia`` has M at each check configuration of the task, kg m²
+    and kg, by which changed masses are detected. Older files lack this key.
     """
 
     weight: str | list[float | Row]
@@ -149,7 +148,7 @@ class WeightedFile(Part, tag_field="kind", tag="weighted"):
 class LimitsFile(Part, tag_field="kind", tag="limits"):
     """Desired inverse: J⁺ weighted so that joints slow down near their limits.
 
-    ``gain`` and ``onset`` are those of :class:`repctl_pin.LimitWeight`.
+    ``gain`` and ``onset`` are attributes of :class:`repctl_pin.LimitWeight`.
     """
 
     gain: float
@@ -164,8 +163,8 @@ Desired = PseudoinverseFile | WeightedFile | LimitsFile
 class Check(Part):
     """Placement ``[R p]`` (3, 4) of the frame at the configuration ``q``, m.
 
-    It is computed again when the file is loaded, and a robot that was changed since differs.
-    Placements of F frames stand one below the other: (3 F, 4).
+    The placement is computed again when the file is loaded; a difference shows that the robot has
+    changed. The placements of F frames are stacked: (3 F, 4).
     """
 
     q: Row
@@ -181,9 +180,9 @@ class JointRange(Part):
 
 
 class FrameFile(Part):
-    """One frame of a task of several: its link, its kind of task, and the link it is relative to.
+    """One frame of a task of several frames: its link, its kind of task, and its base link.
 
-    ``base`` is null for the robot's base. A kind is such as ``pose`` or ``position``.
+    ``base`` is null for the robot's base. The kind is a name such as ``pose`` or ``position``.
     """
 
     frame: str
@@ -192,13 +191,14 @@ class FrameFile(Part):
 
 
 class TaskFile(Part):
-    """Robot and task of a design, by which a file is refused for another robot.
+    """Robot and task of a design; the file is refused for any other robot.
 
-    ``fingerprint`` holds placements of the frame at several check configurations, and ``limits``
-    those of ``joints``, which older files lack. ``frames`` is there only for a task of several
-    frames; ``frame`` and ``task`` then join their names. ``tool`` is the placement (4, 4) of a tool
-    in the link ``frame``, if the task is that of the tool. ``coordinates`` stands in older files
-    only: null, or T (n, n) of joint coordinates ψ, q = T ψ, and such a file is refused.
+    ``fingerprint`` holds placements of the frame at several check configurations. ``limits`` are
+    the limits of ``joints``; older files lack them. ``frames`` exists only for a task of several
+    frames, whose names and kinds are joined in ``frame`` and ``task``. ``tool`` is the placement
+    (4, 4) of a tool in the link ``frame``, if the task controls the tool. ``coordinates`` occurs in
+    older files only. It is null, or T (n, n) of joint coordinates ψ with q = T ψ; a file with T is
+    refused.
     """
 
     robot: str
@@ -219,7 +219,7 @@ class TaskFile(Part):
 class PieceFile(Part):
     """Polynomial piece of a path from s = ``begin`` to ``end``; s runs from 0 to 1 along a cycle.
 
-    ``coefficients`` are those of :class:`repctl_pin.paths.pieces.Piece`.
+    ``coefficients`` is described at :class:`repctl_pin.paths.pieces.Piece`.
     """
 
     begin: float
@@ -228,11 +228,11 @@ class PieceFile(Part):
 
 
 class PathFile(Part):
-    """Closed path of a frame, as polynomial pieces that lead from s = 0 to 1, once along the cycle.
+    """Closed path of a frame, as polynomial pieces from s = 0 to 1, which is one cycle.
 
-    ``path`` is its name to show, ``spec`` and ``plane`` the options ``--path`` and ``--plane`` that
-    make it again, empty if there are none. ``rotation`` (3, 3) is the orientation at s = 0, which
-    the frame keeps if the pieces have positions only.
+    ``path`` is the display name. ``spec`` and ``plane`` are the options ``--path`` and ``--plane``
+    that recreate the path; empty if there are none. ``rotation`` (3, 3) is the orientation at s =
+    0, which the frame keeps if the pieces have positions only.
     """
 
     path: str
@@ -245,7 +245,7 @@ class PathFile(Part):
 class CycleFile(Part):
     """Cycle that a design was made for: start configuration, closed path, and period, s.
 
-    Its path is stored as in :class:`PathFile`. ``others`` are the paths of the second and further
+    The path is stored as in :class:`PathFile`. ``others`` are the paths of the second and further
     frames, if the task has several.
     """
 
@@ -286,8 +286,8 @@ class Figures(Part):
 class ClosingRadiusFile(Part):
     """Closing radius: distance from a start or a path within which every closed path closes.
 
-    It is a distance, m, and an angle, rad, which is null if the task commands no orientation. The
-    attributes are those of :class:`repctl_pin.base.certificate.ClosingRadius`.
+    The radius has a distance, m, and an angle, rad; the angle is null if the task commands no
+    orientation. The keys are the attributes of :class:`repctl_pin.base.certificate.ClosingRadius`.
     """
 
     metres: float
@@ -304,12 +304,12 @@ class ClosingRadiusFile(Part):
 
 
 class ProofFile(Part):
-    """Bounds that are proved over a whole region or cell, see :class:`repctl_pin.Proof`.
+    """Bounds that are proved over a whole region or cell; see :class:`repctl_pin.Proof`.
 
-    A null limit margin means that the robot has no limits; a null required bound, that none was
-    required. ``subject`` and ``seal`` identify what was proved. A proof without them, from an older
-    file, is dropped. ``seconds`` occurs in older files only: without it, equal proofs give equal
-    files.
+    A null limit margin means that the robot has no limits. A null required bound means that no
+    bound was required. ``subject`` and ``seal`` identify what was proved. A proof without them,
+    from an older file, is dropped. ``seconds`` occurs in older files only; files no longer contain
+    it, so that equal proofs give equal files.
     """
 
     what: str
@@ -348,8 +348,8 @@ class DesignFile(Sealed):
     """Repeatable inverse, by its potentials: h_j(q) = Σ_i φ_i(q) coefficients[i][j].
 
     The φ_i are the functions of ``potentials``, in their order. ``desired`` is the inverse that the
-    design comes closest to, ``region`` the part of joint space for which it was made, and ``cycle``
-    the motion it was made for, or null.
+    design approximates. ``region`` is the part of joint space, and ``cycle`` the motion, for which
+    the design was made; ``cycle`` can be null.
     """
 
     cycle: CycleFile | None
@@ -366,10 +366,11 @@ R = TypeVar("R", bound="DataclassInstance")
 
 
 def described(kind: type[P], thing: object, **others: Any) -> P:
-    """Create a part of a file, of class ``kind``, from an object with attributes of the same names.
+    """Create a part of a file, of class ``kind``, from the attributes of an object.
 
-    Arrays become lists, and an infinity or NaN of :data:`_NULLS` becomes null, because JSON has
-    neither. ``others`` are values to use instead of the object's attributes.
+    The attributes have the names of the part's keys. Arrays become lists. An infinity or NaN of
+    :data:`_NULLS` becomes null, because JSON has neither. ``others`` are values to use instead of
+    the object's attributes.
     """
     own = {}
     for name in kind.__struct_fields__:
@@ -406,7 +407,7 @@ def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
     """Convert a proof to its part of a file.
 
-    It is UNSET, which leaves the key out, if there is no proof or nothing is proved.
+    The result is UNSET, which omits the key, if there is no proof or nothing is proved.
     """
     if not proof:
         return msgspec.UNSET
@@ -427,7 +428,7 @@ def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
 
 
 def basis_file(potentials: PotentialBasis) -> BasisFile:
-    """Convert a basis of potentials, the functions φ_i(q) that h is made of, to its part of a file.
+    """Convert a basis of potentials, the functions φ_i(q) that form h, to its part of a file.
 
     Raises
     ------
@@ -451,7 +452,7 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
 
 
 def basis_of(data: BasisFile, task: Task) -> PotentialBasis:
-    """Create a basis of potentials, the functions φ_i(q) that h is made of, from its file part."""
+    """Create a basis of potentials, the functions φ_i(q) that form h, from its part of a file."""
     if isinstance(data, JoinedFile):
         return Joined(*(basis_of(part, task) for part in data.parts))
     if isinstance(data, ArmAngleFile):
@@ -498,7 +499,7 @@ def region_of(data: RegionFile, task: Task) -> Region:
 def desired_file(desired: Inverse) -> Desired:
     """Convert a desired inverse to its part of a file.
 
-    A desired inverse G_d, with q̇ = G_d ẋ, is the one that a design comes closest to.
+    A desired inverse G_d, with q̇ = G_d ẋ, is the one that a design approximates.
 
     Raises
     ------
@@ -524,7 +525,7 @@ def desired_file(desired: Inverse) -> Desired:
 
 
 def desired_of(data: Desired, task: Task) -> Inverse:
-    """Create a desired inverse, which a design comes closest to, from its part of a file.
+    """Create a desired inverse, which a design approximates, from its part of a file.
 
     It is a matrix function of q with q̇ = G_d ẋ, such as the pseudoinverse J⁺.
     """
@@ -551,7 +552,7 @@ def cycle_file(cycle: Cycle) -> CycleFile:
 def _path_file(path: TaskPath) -> PathFile:
     """Convert the path of one frame to its part of a file, as polynomial pieces.
 
-    Its name and command-line options are kept as well, so that the path can be made again.
+    The path's name and command-line options are stored as well, so that it can be recreated.
     """
     return PathFile(
         path.name,
@@ -582,7 +583,7 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
 
 
 def _path_of(data: CycleFile | PathFile) -> TaskPath:
-    """Create the path of one frame from its part of a file; that of the first frame is the cycle.
+    """Create the path of one frame from its part of a file.
 
     Raises InputError unless the pieces are in order and lead from s = 0 to 1.
     """

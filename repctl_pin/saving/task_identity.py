@@ -1,9 +1,9 @@
-"""Identity of a task in a file, and detection of a robot that was changed after it was saved.
+"""Identity of a task in a file, and detection of a robot that has changed since.
 
-Everything that a number of the file depends on is compared: robot, frame, joints, placements of the
-frame, joint limits, the speed limits that the period of a cycle keeps, the frames of arm angles,
-masses, and collision bodies. Geometry and masses are compared at the check configurations, a few
-configurations that the file contains.
+Everything that the numbers of the file depend on is compared: robot, frame, joints, placements of
+the frame, joint limits, the frames of arm angles, masses, and collision bodies. Speed limits are
+compared if the design has the period of a cycle. Geometry and masses are compared at the check
+configurations, a few configurations that the file contains.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ _TOLERANCE = 1e-9
 def identity(task: Task) -> TaskFile:
     """Convert a task to its part of a file: names, and placements at several configurations.
 
-    By it, a file is refused for another robot, or for one that was changed since. The placements
-    are the fingerprint: they depend on each link and joint axis of the chain and on the locked
-    joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
+    A file is refused for another robot, and for one that has changed since. The placements are the
+    fingerprint: they depend on each link and joint axis of the chain and on the locked joints. They
+    are compared with a tolerance of 1e-9, so rounding has no effect.
     """
     robot = task.robot
     checks = [
@@ -65,13 +65,13 @@ def identity(task: Task) -> TaskFile:
 
 
 def _placements(task: Task, q: Array) -> Array:
-    """Evaluate the placements [R p] of the task's frames, one below the other: (3 F, 4), m."""
+    """Evaluate the placements [R p] of the task's F frames, stacked: (3 F, 4), m."""
     places = task.placements(q) if isinstance(task, SeveralFrames) else [task.placement(q)]
     return np.concatenate([place.homogeneous[:3] for place in places])
 
 
 def _frames(task: Task) -> list[FrameFile] | msgspec.UnsetType:
-    """List the frames of a task of several, as they stand in a file; UNSET for one frame."""
+    """List the frames of a task as a file contains them; UNSET if there is only one frame."""
     if not isinstance(task, SeveralFrames):
         return msgspec.UNSET
     return [FrameFile(spec.frame, str(spec.kind), spec.base) for spec in task.specs]
@@ -102,14 +102,14 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
 
 
 def written_task(made_for: TaskFile) -> str:
-    """Write the arguments of :meth:`Robot.task` that make a saved task, as Python."""
+    """Write the arguments of :meth:`Robot.task` that create a saved task, as Python text."""
     if isinstance(made_for.frames, msgspec.UnsetType):
         return f"{made_for.frame!r}, {made_for.task!r}"
     return repr([_frame_asked_for(one) for one in made_for.frames])
 
 
 def _frame_asked_for(one: FrameFile) -> tuple[str, ...]:
-    """Return one of several frames as ``Robot.task`` takes it: (link, kind) or with the base."""
+    """Convert one of several frames for ``Robot.task``: (link, kind), or (link, kind, base)."""
     given = (one.frame, one.task)
     return given if one.base is None else (*given, one.base)
 
@@ -177,17 +177,17 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
 
 
 def _ranges_of(task: Task) -> list[JointRange]:
-    """List the limits of a task's joints as they stand in a file; None where there is no limit."""
+    """List the limits of a task's joints as a file contains them; None where there is no limit."""
     rows = np.transpose([task.lower, task.upper, task.velocity_limit]).tolist()
     return [JointRange(*(v if np.isfinite(v) else None for v in row)) for row in rows]
 
 
 def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]:
-    """Check that the joint limits are those of the file, with ``speeds`` the speed limits too.
+    """Check that the joint limits are those of the file; with ``speeds``, also the speed limits.
 
-    Returns ["the joint limits"] if the file, from an older version, does not contain them, so that
-    they could not be checked; otherwise an empty list. Raises an InputError that names the joint if
-    a limit differs.
+    Returns the names of what cannot be checked: ["the joint limits"] if the file is from an older
+    version without them, otherwise an empty list. Raises an InputError that names the joint if a
+    limit differs.
     """
     ranges = made_for.limits
     if isinstance(ranges, msgspec.UnsetType):
@@ -240,10 +240,11 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
 
 
 def require_masses(desired: Desired, made_for: TaskFile, task: Task) -> list[str]:
-    """Check that the robot's inertia is what it was, if the desired inverse is weighted by it.
+    """Check that the robot's inertia has not changed, if it weights the desired inverse.
 
-    Returns ["the masses"] if the file, from an older version, does not contain the inertia;
-    otherwise an empty list. Raises an InputError if it differs by more than 1e-9 of its size.
+    Returns the names of what cannot be checked: ["the masses"] if the file is from an older version
+    without the inertia, otherwise an empty list. Raises an InputError if the inertia differs by
+    more than a factor of 1e-9.
     """
     if not isinstance(desired, WeightedFile) or desired.weight != "inertia":
         return []

@@ -149,19 +149,25 @@ def leaf_toward(
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
     least = min(_LEAST, _margin(inverse, q))
-    unique = True
-    for _ in range(_ITERATIONS):
-        N = nullspace(task.jacobian(q))
+    unique, before = True, q
+    for k in range(_ITERATIONS):
         away = elbow.point(q) - point
-        A, second = _derivatives(inverse, elbow, q, N)
+        try:
+            N = nullspace(task.jacobian(q))
+            A, second = _derivatives(inverse, elbow, q, N)
+        except SingularityError:
+            if k == 0:
+                raise
+            q = before  # J is nearly singular at q
+            break
         H = A.T @ A + np.tensordot(second, away, 1)
         z, unique = _newton_step(A, H, A.T @ away, N, q, lower, upper)
         if np.abs(N @ z).max() <= _SHORTEST:
             break
-        found = _accepted(inverse, elbow, q, N @ z, point, least)
+        found = _accepted(inverse, elbow, q, N @ z, point, (lower, upper), least)
         if found is None:
             break
-        q = found
+        before, q = q, found
     away = elbow.point(q) - point
     return ElbowLevel(inverse.leaf(q), q, float(np.linalg.norm(away)), unique)
 
@@ -233,26 +239,57 @@ def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple
 
 
 def _accepted(
-    inverse: _OnLeaves, elbow: Elbow, q: Array, way: Array, point: Array, least: float
+    inverse: _OnLeaves,
+    elbow: Elbow,
+    q: Array,
+    way: Array,
+    point: Array,
+    limits: tuple[Array, Array],
+    least: float,
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
-    It keeps the joint limits and the leaf margin ``least``; the way is halved until it does.
+    It keeps the limits, less :data:`_INSIDE`, and the leaf margin ``least``: the way is halved
+    until it does. From beyond the limits, it moves back, and may go away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
-    small = np.abs(way).max() < 10 * _INSIDE
+    small, distance = np.abs(way).max() < 10 * _INSIDE, _limit_distance(q, *limits)
     for _ in range(_HALVES):
         try:
             ahead = _retracted(inverse, q + way, place)
+            if distance >= -_INSIDE:
+                ahead = _inside(inverse, ahead, place, *limits)
+            there = _limit_distance(ahead, *limits)
             nearer = small or np.linalg.norm(elbow.point(ahead) - point) < before
-            inside = task.limit_margin(ahead).min() >= min(0.0, float(task.limit_margin(q).min()))
-            if nearer and inside and _margin(inverse, ahead) >= least:
+            back = distance < -_INSIDE and there > distance
+            keeps = there >= min(-_INSIDE, distance) and _margin(inverse, ahead) >= least
+            if keeps and (nearer or back):
                 return ahead
         except SingularityError:
             pass
         way = way / 2
     return None
+
+
+def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
+    """Bring joints that a curved way brought beyond their limits back, with the frame at rest."""
+    for _ in range(_NEWTON):
+        back = np.clip(q, lower, upper) - q
+        beyond = np.abs(back) > _INSIDE / 2
+        if not beyond.any():
+            break
+        N = nullspace(inverse.task.jacobian(q))
+        way = N @ np.linalg.lstsq(N[beyond], back[beyond], rcond=None)[0]
+        if np.abs(way).max() > _LONGEST:
+            break
+        q = _retracted(inverse, q + way, place)
+    return q
+
+
+def _limit_distance(q: Array, lower: Array, upper: Array) -> float:
+    """Evaluate the smallest distance from the limits; negative beyond them."""
+    return float(np.minimum(q - lower, upper - q).min())
 
 
 def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:

@@ -1,1 +1,1 @@
-"""Problems, each complete, and studies: all strategies side by side on one problem."""
+"""Complete problems, and studies that compare all strategies on one problem."""

@@ -1,9 +1,9 @@
 """Design of a repeatable inverse for a problem: in its region, or around its motion.
 
 A problem is an arm, its task, a start and a closed path. The region Ω is the part of joint space
-for which a design is made; if none is given, it is a tube around the motion, all configurations
-within a radius of it. G_d is the desired inverse, usually J⁺, to which the design is to come near.
-Here, starts are tried until a design works.
+for which a design is made. If none is given, it is a tube: all configurations within a radius of
+the motion. G_d is the desired inverse, usually J⁺, which the design approximates. Starts are tried
+until a design works.
 """
 
 from __future__ import annotations
@@ -54,17 +54,18 @@ def design_for(
     """Design a repeatable inverse in the given region, or around the motion from the best start.
 
     Studies and commands call this, so that an unsuitable default start is replaced without the
-    user's help. A start is good enough if the repeatable motion keeps the joint limits, no bodies
-    collide, and its extra joint speed is at most 5 %. Default starts are tried until one is good
-    enough. If none is, the start with the fewest kinds of violation is used, and among equals that
-    with the lowest extra joint speed; a default start with violations adds a note to the problem.
+    user's help. A start is good enough if the repeatable motion stays within the joint limits, no
+    bodies collide, and the extra joint speed is at most 5 %. Default starts are tried until one is
+    good enough. If none is, the start with the fewest kinds of violation is used; among equals, the
+    one with the lowest extra joint speed. A default start with violations adds a note to the
+    problem.
 
     Parameters
     ----------
     problem
         The problem; another default start may be chosen.
     desired
-        Desired inverse G_d, to which the design is to come near.
+        Desired inverse G_d, which the design approximates.
     make
         Function (region) → design, called for each region Ω that is tried.
     width
@@ -119,7 +120,7 @@ def design_for(
 def timed_cycle(
     design: Design, problem: Problem, *, period: float | None = None
 ) -> tuple[Cycle, list[str]]:
-    """Choose the period of a design's cycle, so that the joints keep their speed limits.
+    """Choose the period of a design's cycle, so that no joint exceeds its speed limit.
 
     The cycle (start, path and period) is saved with the design, and ``repctl follow`` uses it by
     default. Returned are the cycle, and a list with a note if the usual period was increased. A
@@ -138,7 +139,7 @@ def shrunk_note(design: Design) -> tuple[str, ...]:
     """Write a note on how far Ω was shrunk to avoid singularities: a tuple of one text.
 
     The tuple is empty if Ω, the region of the design, was not shrunk. ``design.shrunk`` is the
-    share of its half-width that is left, 1 for all.
+    remaining fraction of the half-width; 1 if Ω was not shrunk.
     """
     share = f"Ω was shrunk to {percentage(design.shrunk)} of its half-width"
     return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
@@ -147,8 +148,8 @@ def shrunk_note(design: Design) -> tuple[str, ...]:
 def half_width_within(region: Region) -> str:
     """Format the smallest half-width of a region's bounds, rad or m, rounded down to two digits.
 
-    An error message on a singular region Ω suggests it as a smaller one: a cube of this half-width
-    lies within the bounds.
+    A cube of this half-width lies within the bounds. An error message on a singular region suggests
+    it as a smaller region.
     """
     width = float(region.bounds.half_width.min())
     digit = 10.0 ** (np.floor(np.log10(width)) - 1)
@@ -158,7 +159,7 @@ def half_width_within(region: Region) -> str:
 def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | None:
     """Create the error of a design that cannot follow the cycle it was made for.
 
-    It tells the user that the design is the cause, not the path. Returns None if J⁺ cannot follow
+    The message says that the design is the cause, not the path. Returns None if J⁺ cannot follow
     the path from q0 (n,) either, because then the path is the cause.
     """
     if plain_cycle(task, path, q0) is None:
@@ -172,9 +173,8 @@ def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | Non
 def _in_region(problem: Problem, make: _Make) -> Design:
     """Design in the region Ω of a problem, and adapt the remedy if Ω contains a singularity.
 
-    The remedy of that SingularRegionError suggests a smaller region without one, in the form in
-    which the user gave the region (a half-width or an object), or another start if there is no such
-    region.
+    The remedy in the SingularRegionError suggests a smaller region without singularities, in the
+    user's form (a half-width or an object). If there is no such region, it suggests another start.
     """
     region = problem.region
     try:
@@ -190,7 +190,7 @@ def _in_region(problem: Problem, make: _Make) -> Design:
 
 
 def _merit(problem: Problem, design: Design) -> tuple[int, float]:
-    """Rate a design by its motion, as a sort key by which the best start is chosen; least is best.
+    """Rate a design by its motion, as a sort key for choosing the start; the smallest is best.
 
     The tuple holds the number of kinds of violation (joint limits, collisions), and the extra joint
     speed of cycle 1 relative to J⁺, a fraction. Extra speed up to 0.05 counts as 0, because it is
@@ -232,7 +232,7 @@ def _tube_of_linear(
 ) -> Tube:
     """Create the tube around the motion of a quick design of degree 1, as a first region.
 
-    The motion of that design closes, and so is nearer to that of the final design than the motion
+    The motion of that design is closed. So it is nearer to the motion of the final design than that
     of the desired inverse G_d, which drifts. If the design of degree 1 cannot follow the path, the
     tube is around one cycle of G_d.
 
@@ -251,7 +251,7 @@ def _tube_of_linear(
 
 
 def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Motion:
-    """Follow once the path that a design was made for, from q0 (n,), with options of ``follow``.
+    """Follow the path of a design for one cycle, from q0 (n,), with options of ``follow``.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """Search for a start from which a closed path can be followed: the default starts, best first.
 
 A start is the configuration q0 where a path begins. The default starts are the named poses of the
-robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is one
-far from a singularity: ``dexterity_at`` is the ratio of the smallest to the largest singular value
-of J, with lengths divided by that of the arm.
+robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is far
+from a singularity. Its measure ``dexterity_at`` is the ratio of the smallest to the largest
+singular value of J, with lengths divided by that of the arm.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _MOST_STARTS, _APART = 8, 0.5
 
 
 class PathStart(NamedTuple):
-    """Start configuration, and the path that begins there, as the search for a start found them.
+    """Start configuration that the search found, and the path that begins there.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ def starts(
 ) -> Iterator[PathStart]:
     """Generate the usable starts, the best first.
 
-    If a design fails at one, its caller goes on to the next.
+    If a design fails at one of them, the caller goes on to the next.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def starts(
     draw
         Function (task, q0) → path, which draws the closed path from a start; None for no path.
     any_path
-        True for a path by default: then starts from which J⁺ drifts visibly come first.
+        True if the path is chosen by default; starts from which J⁺ drifts visibly then come first.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def _dexterous(task: Task) -> Iterator[Array]:
 
     They are selected from 512 quasi-random points within 2 rad of mid-range, by at least half of
     the best dexterity found. Any two of them differ by more than 0.5 rad or m in some joint, so
-    that they are real alternatives.
+    they are real alternatives.
     """
     middle = task.from_robot(task.robot.poses["middle"])
     low, high = _inner_limits(task)
@@ -176,7 +176,7 @@ def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
 
 
 def violations(motion: Motion) -> int:
-    """Count the kinds of violation of a motion, 0 to 2: a joint limit, and a collision."""
+    """Count the kinds of violation in a motion (joint limit, collision): 0, 1 or 2."""
     return len(violations_of(motion))
 
 
@@ -196,10 +196,10 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 
 
 def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[PathStart]:
-    """Generate the starts of a problem without a path; those from which a circle fits come first.
+    """Generate the starts of a problem without a path, those from which a circle fits first.
 
-    There, no bodies collide either. The others follow, in their order; ``offers`` are
-    configurations with their descriptions.
+    At those starts, no bodies collide either. The others follow in their given order. ``offers``
+    are configurations with their descriptions.
     """
     others: list[PathStart] = []
     for q0, name in offers:
@@ -221,9 +221,9 @@ def _reachable(
     """Generate the starts that are regular and from which the whole path can be reached.
 
     ``offers`` are configurations with their descriptions, and ``draw`` makes the path from each. If
-    the path does not begin at the start, the start is moved to the path's first point; then
-    searched starts are not tried, because the path stays where it is. ``remedy`` completes the
-    error of a singular start.
+    the path does not begin at the start, the start is moved to the path's first point. Searched
+    starts are then not tried, because the path does not depend on the start. ``remedy`` completes
+    the error of a singular start.
 
     Raises
     ------
@@ -264,11 +264,11 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
 
 
 def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterator[PathStart]:
-    """Sort starts by the first cycle of J⁺ from there, so that a study begins at the best one.
+    """Sort starts by their first cycle with J⁺, so that a study begins at the best one.
 
-    First come those without violations in which a part of the robot drifts visibly, by at least
-    ``least`` (m). Then come those in which no part does, then those with a violated limit or a
-    collision, then those from which J⁺ drifts by more than 1 rad or fails.
+    First come cycles without violations in which a part of the robot drifts by at least ``least``
+    (m). They are followed by those in which no part does, then those with a violated limit or a
+    collision, and last those in which J⁺ drifts by more than 1 rad or fails.
     """
     faint: list[PathStart] = []
     violating: list[PathStart] = []

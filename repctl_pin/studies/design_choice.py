@@ -1,8 +1,8 @@
-"""Choices of a design: the desired inverse, and the degree, by the time it takes.
+"""Choice of the desired inverse of a design, and of its degree by the expected computing time.
 
-The desired inverse G_d is J⁺ or a weighted inverse; the design is the repeatable inverse that comes
-nearest to it. The degree is that of the polynomials that the design uses as potentials, the
-functions of the joints that the controller holds constant.
+The desired inverse G_d is J⁺ or a weighted inverse; the design is the repeatable inverse nearest to
+G_d. The degree is that of the polynomials that the design uses as potentials, the functions of the
+joints that the controller holds constant.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _RATE = 3000.0
 
 
 def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:
-    """Create the desired inverse G_d, to which a design is to come near, and its description.
+    """Create the desired inverse G_d, which a design approximates, and its description.
 
     G_d is J⁺ for None, or J⁺ weighted by ``inertia``, by ``limits`` (joints near their limits move
     less), by ``absolute`` (minimum speeds of a planar arm's links), or by numbers: (n,) or (n, n).
@@ -57,7 +57,7 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
 def _design_seconds(task: Task, degree: int) -> float:
     """Estimate the processor time, s, of a design with polynomials, within a factor of 3.
 
-    By it a degree is chosen that does not keep the user waiting.
+    It is used to choose a degree that does not take too long.
     """
     N = math.comb(task.n + degree, degree) - 1
     nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / NODES)
@@ -65,7 +65,7 @@ def _design_seconds(task: Task, degree: int) -> float:
 
 
 def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
-    """Choose the degree of a study's polynomials: the given one, or 2, or 1 if 2 would take long.
+    """Choose the degree of a study's polynomials: as given, else 2, or 1 if 2 would take long.
 
     Returns the degree, and a list with a note on the time, empty if a design takes at most a
     minute. A study that would take over ten minutes even at degree 1 is refused unless the degree
@@ -74,7 +74,7 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
     Raises
     ------
     InputError
-        If the degree makes too many polynomials, or takes very long and was not given.
+        If the degree gives too many polynomials, or would take very long and was not given.
     """
     if degree is not None:
         check_degree(task, degree)
@@ -99,7 +99,7 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
 
 
 def check_degree(task: Task, degree: int) -> None:
-    """Check that a degree does not make too many potentials, before the work on a design begins.
+    """Check, before a design begins, that its degree does not give too many potentials.
 
     The potentials are polynomials in all joints of the task, so their number grows fast with the
     degree and the number of joints.
@@ -107,7 +107,7 @@ def check_degree(task: Task, degree: int) -> None:
     Raises
     ------
     InputError
-        If it makes too many; the remedy is a lower degree.
+        If there are too many; the remedy is a lower degree.
     """
     try:
         Polynomial(task.reference, degree)

@@ -28,9 +28,9 @@ def problem_of(
 ) -> Problem:
     """Create the problem that a design solves, from its task, region and cycle.
 
-    The problem says where a motion with the design begins, and along which path. Another start or
-    path can be given. A start at the first pose of the design's path keeps that path. From any
-    other start, and without a path, the path is the largest circle inside the region. With
+    The problem has the start and the path of a motion with the design. Other ones can be given.
+    With a start at the first pose of the design's path, that path is kept. With any other start,
+    and if the design has no path, the path is the largest circle inside the region. With
     ``path=False``, the default start is the centre of the region.
 
     Parameters

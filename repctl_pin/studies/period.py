@@ -1,4 +1,4 @@
-"""Choice of the period of a cycle: within the joints' speed limits."""
+"""Choice of the period of a cycle, such that no joint exceeds its speed limit."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ _SHARE = 0.9
 
 
 def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
-    """Choose a period in which the first cycle of every motion keeps the speed limits.
+    """Choose a period for which the first cycle of every motion is within the speed limits.
 
-    A study calls this before its motions are compared, so that no joint is faster than it can be.
-    The joint path does not depend on the period, so no motion is computed again. A motion that
-    leaves its path in the first cycle is ignored. Returned are the period, s, and a list with a
-    note if it was increased.
+    A study calls this before it compares motions. The joint path does not depend on the period, so
+    no motion is computed again. A motion that leaves its path in the first cycle is ignored.
+    Returned are the period, s, and a list with a note if it was increased.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ _A_REGION = "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 @read_only
 class Problem:
-    """Task, start, closed path and region Ω: where a study, a design and a motion begin.
+    """Task, start, closed path and region Ω: the input of a study, a design or a motion.
 
     The region Ω is the part of joint space for which a controller is designed.
 
@@ -72,8 +72,8 @@ class Problem:
     path : optional
         Closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
         ``(task, q0) → path``; by default a circle that fits. A list of one per frame if there are
-        several, None for a frame that holds still; by default the first one moves. False for a
-        problem without a path.
+        several, None for a frame that stands still; by default only the first one moves. False for
+        a problem without a path.
     plane : str, optional
         Plane of the circle, or of a path given by name: ``xy``, ``yz`` or ``xz``.
     region : float, Region or function, optional
@@ -91,7 +91,7 @@ class Problem:
     path : TaskPath or None
         Closed path; None for a problem without a path.
     period : float or None
-        Period saved with a design, s; None for the path's own.
+        Period saved with a design, s; None if the path's own period is used.
     given : frozenset of str
         Names of the parts that were given.
     moved : tuple of str
@@ -162,7 +162,7 @@ class Problem:
 
     @cached_property
     def region(self) -> Region:
-        """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used.
+        """Region Ω: as given, or a tube around one cycle of J⁺, computed when first used.
 
         Ω is the part of joint space for which a controller is designed; the tube holds all
         configurations near the motion. For a problem made from the design of a cell's function, the
@@ -180,7 +180,7 @@ class Problem:
 
     @property
     def cycle(self) -> TaskPath:
-        """Closed path, never None: an error if the problem has no path.
+        """The closed path of a problem that has one.
 
         Raises
         ------
@@ -206,7 +206,8 @@ class Problem:
     def alternatives(self) -> Iterator[Problem]:
         """Generate this problem, then copies with the other default starts, the best first.
 
-        A design goes on to the next one if it fails. With a given start there are no copies.
+        If a design fails for one of them, the next is tried. With a given start, there are no
+        copies.
         """
         yield self
         if "start" in self.given:
@@ -264,8 +265,8 @@ def at_minimum_speed(problem: Problem) -> Problem:
 
     In a self-motion the joints move and the frame does not, so the path does not change. The new
     start has at least half of the largest joint-limit margin found, and no bodies collide; see
-    :func:`repctl_pin.motion.least_start.least_start`. A note of the copy gives the joint speed that
-    is saved.
+    :func:`repctl_pin.motion.least_start.least_start`. A note of the copy says by how much the joint
+    speed falls.
 
     Raises
     ------
@@ -305,8 +306,8 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
     """Create the function (task, q0) → path from the argument ``path`` of a problem.
 
     ``path`` is a name (``circle:0.1``, ``loop.csv``), a path, a function (task, q0) → path, a list
-    with one of these per frame, None for a circle that fits, or False. False gives None: a problem
-    without a path. Only a name or None takes a plane; else InputError is raised.
+    with one of these per frame, None for a circle that fits, or False. For False, None is returned:
+    the problem has no path. Only a name or None takes a plane; else InputError is raised.
     """
     if plane is not None:
         require_choice(plane, PLANES, "plane")

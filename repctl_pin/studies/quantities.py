@@ -1,8 +1,8 @@
 """The strategies of a study, and the quantities by which it compares their motions.
 
 A strategy is one of the compared controllers, such as J⁺; a quantity is one number per strategy,
-such as the drift. Each is declared here once; the table of a study, its legend and its JSON read
-it.
+such as the drift. Each quantity is declared here once, for the table of a study, its legend and its
+JSON.
 """
 
 from __future__ import annotations
@@ -53,9 +53,10 @@ class Quantity:
     unit : str
         ``m``, ``s``, :data:`JOINTS`, ``joints/s``, :data:`SHARE`, or empty.
     of : function of a motion, optional
-        Its value, None if it has none; without a function, it is the attribute ``key`` of a row.
+        Computes the value, or None if there is none. Without a function, the value is the attribute
+        ``key`` of a row.
     bad : function of a motion
-        Whether the value is bad; tables mark it.
+        Returns whether the value is bad; tables then mark it.
     lacking, stopped : str
         What tables say where there is no value, and where the motion stopped.
     cycles : int
@@ -76,14 +77,14 @@ class Quantity:
 
 
 def finite(value: float) -> float | None:
-    """Return a number, or None in place of an infinite one or NaN, which JSON lacks."""
+    """Return a number; None if it is infinite or NaN, which JSON does not have."""
     return float(value) if np.isfinite(value) else None
 
 
 def _distance(motion: Motion, cycles: int) -> float:
     """Evaluate the minimum body distance, m, in the first ``cycles`` cycles.
 
-    It is below 0 in a collision, and infinite without bodies.
+    The distance is below 0 in a collision, and infinite without bodies.
     """
     found, end = motion.clearance, cycles * motion.steps
     looks = (len(found.distances) - 1) // motion.cycles

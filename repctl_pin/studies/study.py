@@ -1,7 +1,7 @@
 """Comparison of all strategies on one problem: one arm and one closed path.
 
-A strategy is a controller, such as J⁺ or the nearest repeatable inverse. A row is its result in the
-study: the motion, or the reason why it stopped. The design is the repeatable inverse that is made
+A strategy is a controller, such as J⁺ or the nearest repeatable inverse. A row has the result of
+one strategy: its motion, or the reason why it stopped. The design is the repeatable inverse made
 for the problem.
 """
 
@@ -82,10 +82,10 @@ def study(
         Period of one cycle, s; by default the path's own, else 5, or longer if a joint would exceed
         its speed limit.
     degree
-        Degree of the polynomial basis of the potentials; by default 2, or 1 for an arm with so
-        large a number of joints that degree 2 would take long.
+        Degree of the polynomial basis of the potentials; by default 2, or 1 if degree 2 would take
+        long because of the number of joints.
     weight : str or (n,) or (n, n) array, optional
-        Weight of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``,
+        Weight of the desired inverse, which then replaces J⁺: ``"inertia"``, ``"limits"``,
         ``"absolute"``, or as :class:`WeightedInverse` takes it.
     controls
         Custom controllers to compare, by name: strategies for this task, or functions
@@ -159,7 +159,7 @@ def study(
 
 
 def _reporter(progress: Callable[[str], None] | None) -> Callable[[str], None]:
-    """Check the callback that receives the description of each step; without one, do nothing."""
+    """Check the progress callback; for None, return a function that does nothing."""
     if progress is None:
         return lambda text: None
     function(progress, "progress", "a function that takes the step that begins")
@@ -200,7 +200,7 @@ def _designed(
 
 
 def _evaluated(row: Row) -> Row:
-    """Evaluate the motion of a row, and add what extensions know of it."""
+    """Evaluate the motion of a row, and let extensions add their figures."""
     row = evaluated(row)
     for addition in parts("study_row"):
         row = addition(row)
@@ -210,7 +210,7 @@ def _evaluated(row: Row) -> Row:
 def _notes(
     problem: Problem, design: Design, rows: list[Row], long: list[str], slower: list[str]
 ) -> list[str]:
-    """Collect the notes of a study; ``long`` is that on the degree, ``slower`` on the period."""
+    """Collect the notes of a study; ``long`` are those on the degree, ``slower`` on the period."""
     task = problem.task
     return [
         *problem.warnings,
@@ -239,8 +239,8 @@ def _rows(
     """Follow the path with every controller of a study, and choose the period, the same for all.
 
     Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
-    order. A ``period`` of None is chosen so that the joints keep their speed limits. Returned are
-    the rows, the period, s, and the notes on the period and on a start on an edge between two
+    order. If ``period`` is None, it is chosen so that no joint exceeds its speed limit. Returned
+    are the rows, the period, s, and the notes on the period and on a start on an edge between two
     motions (see :func:`edge_warning`).
     """
     q0 = problem.start
@@ -291,9 +291,9 @@ def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, An
     """Follow the path with the design's inverse from q0 (n,), and return its row of the study.
 
     The motion gets the region Ω of the design and its proved closing radius, within which every
-    closed path closes in joint space: tables say by them where repeatability is guaranteed. If it
-    stops on a path that J⁺ can follow, the row's reason names the design as the cause. ``options``
-    are those of ``follow``.
+    closed path closes in joint space. Tables use both to state where repeatability is guaranteed.
+    If the motion stops on a path that J⁺ can follow, the row's reason names the design as the
+    cause. ``options`` are those of ``follow``.
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
@@ -373,8 +373,8 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
 def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with one controller from q0 (n,), and return its row of the study.
 
-    At a singularity the row has no motion, and the reason is in ``stopped``, so that the study goes
-    on. ``key`` is the strategy's name in files; ``options`` are those of ``follow``.
+    At a singularity the row has no motion, and the reason is in ``stopped``, so that the study
+    continues. ``key`` is the strategy's name in files; ``options`` are those of ``follow``.
     """
     label = LABELS.get(key, key)
     try:

@@ -110,7 +110,7 @@ def violation_texts(row: Row) -> list[str]:
 
 
 def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
-    """Write a note on the plane in which J⁺ drifts more, if it hardly drifts on the study's path.
+    """Write a note on a plane in which J⁺ drifts more, if J⁺ hardly drifts on the study's path.
 
     Without it, the user may believe that the arm needs no repeatable controller. ``plain`` is J⁺,
     ``motion`` its motion from q0 (n,), None if it stopped. First a circle of the same size in
@@ -168,9 +168,9 @@ def _other_circle(plain: Pseudoinverse, q0: Array, motion: Motion) -> tuple[str,
 def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
     """Write a note on a repeatable motion that is more than 5 % faster than that of J⁺.
 
-    It explains what the speed is spent on: a part relative to J⁺ at the same configurations, and a
-    part due to J⁺'s drift to other configurations, where the path needs less joint speed. ``plain``
-    is the motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is missing.
+    The note splits the extra speed into two parts: one relative to J⁺ at the same configurations,
+    and one because J⁺ drifts to configurations where the path needs less joint speed. ``plain`` is
+    the motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is missing.
     """
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []
@@ -192,10 +192,10 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
 def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     """Write the notes that compare a design's motion with closed motions of minimum joint speed.
 
-    They tell the user how much joint speed a better design, or a better start, could still save.
-    One note compares with the minimum from the start q0 (n,), the other with that from a free start
-    nearby. The list is empty if the design's motion violates a limit, or no closed motion of
-    minimum speed is found.
+    The notes say how much joint speed a better design, or a better start, could save. One note
+    compares with the minimum from the start q0 (n,), the other with that from a free start nearby.
+    The list is empty if the design's motion violates a limit, or no closed motion of minimum speed
+    is found.
     """
     lock = LeafLock(4)
     try:
@@ -217,8 +217,9 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
 def _from_anywhere(least: Motion) -> float:
     """Find the minimum joint speed (rms) of closed motions with a free start near a given motion.
 
-    The result tells whether another elbow position needs less. The motions keep half of the given
-    motion's joint-limit margin. Infinite if no such motion is found, or bodies collide in it.
+    The result shows whether another elbow position needs less speed. The motions have at least half
+    of the given motion's joint-limit margin. The result is infinite if no such motion is found, or
+    bodies collide in it.
     """
     margin = float(least.limit_margin.min()) / 2
     try:

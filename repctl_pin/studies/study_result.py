@@ -1,8 +1,8 @@
 """Results of a study: one row per strategy, and the problem that was studied.
 
 A strategy is one of the compared controllers, such as J⁺. The region Ω is the part of joint space
-for which the repeatable one was designed, and the desired inverse G_d the one to which the design
-comes near.
+for which the repeatable inverse was designed. The desired inverse G_d is the one that the design
+approximates.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .quantities import finite, values_of
 
 @dataclass(frozen=True)
 class Row:
-    """Result of one strategy in a study: its motion, or why it stopped, and what was evaluated.
+    """Result of one strategy in a study: its motion and figures, or the reason why it stopped.
 
     Attributes
     ----------
@@ -68,10 +68,10 @@ class Row:
 
     @property
     def failure(self) -> str:
-        """Text that says why there is no motion, to follow the name of the controller.
+        """Text that says why there is no motion; it follows the name of the controller.
 
-        It is ``stopped: …``, or says that the drift depends on the number of steps; empty with a
-        motion.
+        The text is ``stopped: …``, or says that the drift depends on the number of steps. It is
+        empty if there is a motion.
         """
         if self.motion is not None or self.stopped.startswith(UNRESOLVED):
             return self.stopped
@@ -80,7 +80,7 @@ class Row:
     def summary(self) -> str:
         """Summarise the result in one line: drift, tracking error, joint speed, and margins.
 
-        Violations of limits and collisions follow. Without a motion, it is :attr:`failure`.
+        Violations of limits and collisions follow. Without a motion, the line is :attr:`failure`.
         """
         motion = self.motion
         if motion is None:
@@ -103,7 +103,7 @@ class Row:
     def outside(self) -> float:
         """Share of the motion that lies outside Ω, the region of the design: 0 to 1.
 
-        Repeatability is not guaranteed there. It is 0 without a region or a motion.
+        Repeatability is not guaranteed there. The share is 0 without a region or a motion.
         """
         return 0.0 if self.motion is None else self.motion.outside or 0.0
 
@@ -222,7 +222,7 @@ class Study:
 
     @property
     def setting(self) -> dict[str, str]:
-        """Description of the studied problem: texts by label, such as ``period``.
+        """Description of the studied problem, as texts by label, such as ``period``.
 
         Tables and reports print it. ``path options`` are the options of ``repctl`` for this path.
         """
@@ -276,7 +276,7 @@ def picked(thing: object, *names: str) -> dict[str, Any]:
 def region_dict(region: Region) -> dict[str, Any]:
     """Describe a region of joint space by its centre, half-width and name in plain types, for JSON.
 
-    ``half_width`` (n,), rad or m, is that of the box around the region.
+    ``half_width`` (n,), rad or m, belongs to the box around the region.
     """
     return {
         "center": region.center.tolist(),
@@ -288,9 +288,9 @@ def region_dict(region: Region) -> dict[str, Any]:
 def bodies_dict(motion: JointMotion) -> dict[str, Any]:
     """Collect the minimum body distance and the first collision in plain Python types, for JSON.
 
-    The keys are ``body_distance``, m, ``nearest_bodies`` and ``first_touch``, each of the last two
-    with its cycle (a fraction counts) and its two links; ``between_samples`` tells whether they
-    hold between the samples too. Values are None where no bodies are checked.
+    ``body_distance`` is in m. ``nearest_bodies`` and ``first_touch`` have the time in cycles, with
+    fractions, and the two links. ``between_samples`` is True if the values hold between the samples
+    too. Values are None if no bodies are checked.
     """
     keys = "body_distance", "nearest_bodies", "first_touch", "between_samples"
     least = motion.clearance.distance
@@ -309,8 +309,8 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
 def limits_dict(motion: Motion) -> dict[str, Any]:
     """Collect the minimum joint-limit margin and the first violation in plain types, for JSON.
 
-    The keys are ``limit_margin``, rad or m, None without limits, and ``first_violation``, None or a
-    cycle (a fraction counts) and a joint.
+    The keys are ``limit_margin``, rad or m, None without limits, and ``first_violation``, None or
+    the time in cycles, with fractions, and the joint.
     """
     violation = motion.first_violation
     return {

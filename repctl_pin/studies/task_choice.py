@@ -1,8 +1,8 @@
 """Choice of the task: the first kind that is redundant at a frame.
 
-A kind of task says which coordinates of the frame are controlled: ``pose``, ``position``, ``axis``,
-or a plane such as ``xy``. With n joints and m coordinates, r = n − m is the degree of redundancy; a
-task with r ≥ 1 is redundant.
+The kind of a task determines which coordinates of the frame are controlled: ``pose``, ``position``,
+``axis``, or a plane such as ``xy``. With n joints and m coordinates, r = n − m is the degree of
+redundancy; a task with r ≥ 1 is redundant.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ def kind_note(task: Task) -> list[str]:
 def _redundant(robot: Robot, task: Task) -> Task:
     """Return a task if it is redundant and J reaches full row rank; else raise InputError.
 
-    The error says which of the two it lacks, and names the kinds of task that are redundant there.
+    The error says which of the two is missing, and names the kinds of task that are redundant for
+    the frame.
     """
     if task.r >= 1 and _reaches_full_rank(task):
         return task
@@ -125,8 +126,8 @@ def _redundant_frame(robot: Robot) -> str | None:
 def _reaches_full_rank(task: Task) -> bool:
     """Test whether J has full row rank at one of 32 random configurations within the limits.
 
-    If it never has, the joints cannot move the frame in all coordinates of the task. Lengths are
-    divided by that of the arm, so that m and rad compare.
+    Otherwise the joints cannot move the frame in all coordinates of the task. Lengths are divided
+    by that of the arm, so that m and rad are comparable.
     """
     J = task.jacobians(random_configurations(task, _SAMPLES, np.random.default_rng(0)))
     if task.m > 2:

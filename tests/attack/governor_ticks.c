@@ -1,7 +1,7 @@
 /*
  * Drive an exported governor by random twists, targets, jumps, reversals and garbage, and measure the joints that it
- * returns. Arguments: ticks, seed, dt, how often a slow tick is timed; standard input: start, velocity, acceleration,
- * jerk, margin.
+ * returns. Arguments: ticks, seed, dt, how often a slow tick is timed, whether levels are given, too; standard input:
+ * start, velocity, acceleration, jerk, limits of position, margin.
  */
 #include "arm.h"
 
@@ -37,7 +37,8 @@ static double now(void)
 typedef struct {
     arm_pose target[ARM_FRAMES];
     double twist[6 * ARM_FRAMES];
-    int kind; /* 0 nothing, 1 target, 2 twist, 3 both */
+    double leaf[ARM_R];
+    int kind; /* 0 nothing, 1 target, 2 twist, 3 both; 4 more: a level */
 } input;
 
 static const double sizes[4] = {0.01, 0.1, 0.5, 3.0}, speeds[5] = {0.003, 0.05, 0.5, 5.0, 1000.0};
@@ -84,6 +85,16 @@ static void change(input *in, const arm_pose home[ARM_FRAMES])
     if (kind == 11) in->target[ARM_FRAMES - 1].p[one_of(3)] = HUGE_VAL;
 }
 
+/* A new level, seldom garbage. */
+static void change_level(input *in, const double leaf[ARM_R])
+{
+    const double size = sizes[one_of(4)];
+    int i;
+    for (i = 0; i < ARM_R; i++) in->leaf[i] = leaf[i] + size * any();
+    if (one_of(20) == 0) in->leaf[one_of(ARM_R)] = one_of(2) ? HUGE_VAL - HUGE_VAL : 1e300 * any();
+    in->kind |= 4;
+}
+
 /* Checksum of the bits of all joints. */
 static unsigned long long checksum;
 
@@ -97,13 +108,12 @@ static void add_bits(const double q[ARM_N])
     }
 }
 
-static double worst[3], nearest, leaves, apart;
+static double worst[3], nearest, leaves, apart, hand, level;
 static long arrived, not_arrived, seen[6];
 
 static void measure(const double q[ARM_N], double H[3][ARM_N], const arm_limits *limits, double dt,
-                    const double lower[ARM_N], const double upper[ARM_N], const double leaf[ARM_R])
+                    const double lower[ARM_N], const double upper[ARM_N])
 {
-    double c[ARM_R];
     int i, k;
     for (i = 0; i < ARM_N; i++) {
         const double d1 = q[i] - H[2][i], e1 = H[2][i] - H[1][i], f1 = H[1][i] - H[0][i];
@@ -118,9 +128,29 @@ static void measure(const double q[ARM_N], double H[3][ARM_N], const arm_limits 
         H[1][i] = H[2][i];
         H[2][i] = q[i];
     }
+}
+
+static void measure_level(const double q[ARM_N], const double leaf[ARM_R], double *most)
+{
+    double c[ARM_R];
+    int i;
     arm_leaf(q, c);
     for (i = 0; i < ARM_R; i++)
-        if (!(fabs(c[i] - leaf[i]) <= leaves)) leaves = fabs(c[i] - leaf[i]);
+        if (!(fabs(c[i] - leaf[i]) <= *most)) *most = fabs(c[i] - leaf[i]);
+}
+
+/* Distance of the frames from where they rest; a pose also turns. */
+static void measure_hand(const double q[ARM_N], const arm_pose home[ARM_FRAMES])
+{
+    arm_pose here[ARM_FRAMES];
+    int f, i;
+    arm_placement(q, here);
+    for (f = 0; f < ARM_FRAMES; f++) {
+        for (i = 0; i < 3; i++)
+            if (!(fabs(here[f].p[i] - home[f].p[i]) <= hand)) hand = fabs(here[f].p[i] - home[f].p[i]);
+        for (i = 0; i < 9 && ARM_M == 6 * ARM_FRAMES; i++)
+            if (!(fabs(here[f].R[i] - home[f].R[i]) <= hand)) hand = fabs(here[f].R[i] - home[f].R[i]);
+    }
 }
 
 static int ascending(const void *a, const void *b)
@@ -138,9 +168,10 @@ int main(int count, char **argument)
     double *times = malloc(sizeof(double) * (size_t)ticks), H[3][ARM_N], q[ARM_N], leaf[ARM_R], sum = 0.0;
     arm_limits limits;
     arm_pose home[ARM_FRAMES];
-    input in = {{{{0}, {0}}}, {0}, 0};
+    input in = {{{{0}, {0}}}, {0}, {0}, 0};
+    const int levels = count > 5 && atoi(argument[5]);
     long k;
-    int i, j, hold = 0, homing = 0;
+    int i, j, hold = 0, homing = 0, at_home = 0, alone = 0;
     double *rows[6];
     rows[0] = start;
     rows[1] = limits.velocity;
@@ -148,7 +179,7 @@ int main(int count, char **argument)
     rows[3] = limits.jerk;
     rows[4] = lower;
     rows[5] = upper;
-    if (count != 5 || !times) return 1;
+    if (count < 5 || count > 6 || !times) return 1;
     for (j = 0; j < 6; j++)
         for (i = 0; i < ARM_N; i++)
             if (scanf("%lf", &rows[j][i]) != 1) return 2;
@@ -162,44 +193,57 @@ int main(int count, char **argument)
     for (i = 0; i < ARM_N; i++) H[0][i] = H[1][i] = H[2][i] = start[i];
     for (k = 0; k < ticks; k++) {
         const arm_pose *target;
-        const double *twist;
+        const double *twist, *new_leaf;
         arm_status status;
         double took;
         if (hold-- == 0) {
             if (k % 7 == 0 && !homing) { /* home, and wait until it is there */
                 homing = 1;
                 hold = 20000;
-                in.kind = 1;
+                in.kind = levels ? 5 : 1;
+                alone = at_home = 0;
                 memcpy(in.target, home, sizeof home);
+                memcpy(in.leaf, leaf, sizeof leaf);
             } else {
                 if (homing) not_arrived++;
                 homing = 0;
                 hold = holds[one_of(7)];
-                change(&in, home);
+                alone = levels && at_home && one_of(2);
+                at_home = 0;
+                if (alone)
+                    in.kind = 0; /* the frames rest at home, and the level moves */
+                else
+                    change(&in, home);
+                if (levels && (alone || one_of(2))) change_level(&in, leaf);
             }
         }
         target = in.kind & 1 ? in.target : NULL;
         twist = in.kind & 2 ? in.twist : NULL;
+        new_leaf = in.kind & 4 ? in.leaf : NULL;
         copy = governor;
         took = now();
-        status = arm_governor_step(&governor, target, twist, NULL, q);
+        status = arm_governor_step(&governor, target, twist, new_leaf, q);
         times[k] = now() - took;
         for (i = 1; i < repeats && times[k] > slow; i++) {
             arm_governor again = copy;
             double spare[ARM_N];
             took = now();
-            arm_governor_step(&again, target, twist, NULL, spare);
+            arm_governor_step(&again, target, twist, new_leaf, spare);
             took = now() - took;
             if (took < times[k]) times[k] = took;
         }
         seen[status]++;
         add_bits(q);
-        measure(q, H, &limits, dt, lower, upper, leaf);
+        measure(q, H, &limits, dt, lower, upper);
+        if (!levels) measure_level(q, leaf, &leaves);
+        if (alone) measure_hand(q, home);
+        if (status == ARM_OK && new_leaf && !twist) measure_level(q, new_leaf, &level);
         if (homing && status == ARM_OK) {
             for (i = 0; i < ARM_N; i++)
                 if (!(fabs(q[i] - start[i]) <= apart)) apart = fabs(q[i] - start[i]);
             arrived++;
             homing = hold = 0;
+            at_home = 1;
         }
     }
     for (k = 0; k < ticks; k++) sum += times[k];
@@ -208,6 +252,7 @@ int main(int count, char **argument)
            nearest, leaves, apart, arrived, not_arrived, 1e6 * times[ticks / 2], 1e6 * sum / (double)ticks,
            1e6 * times[ticks - 1 - ticks / 1000], 1e6 * times[ticks - 1]);
     for (i = 0; i < 6; i++) printf(" %ld", seen[i]);
+    printf(" %.3g %.3g", hand, level);
     printf(" %016llx\n", checksum);
     free(times);
     return 0;

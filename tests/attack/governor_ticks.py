@@ -1,7 +1,9 @@
-"""Millions of ticks of the governor in C, on six arms and three pairs of hands: random twists,
-targets, jumps, reversals and garbage.
+"""Millions of ticks of the governor in C, on nine arms and three pairs of hands: random twists,
+targets, jumps, reversals and garbage, without and with levels.
 Run: python tests/attack/governor_ticks.py [ticks per arm] [repeats] [arm ...]
 
+The second line of an arm is that with levels. Its ``hand`` is the largest error of a resting frame
+while the level moves, m and of rotation matrices; ``level`` that of a level that was reached.
 Times are in Jacobians of the first frame by Pinocchio, called from Python. Ticks above 0.1 ms are
 timed again, and the least time counts."""
 
@@ -12,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +25,7 @@ from repctl_pin.model.several_frames import of_singles
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from arms import Q_PANDA
+from arms import Q_PANDA, planar_urdf
 from controls import control, iiwa
 
 HARNESS = Path(__file__).with_name("governor_ticks.c")
@@ -83,6 +86,17 @@ def _panda(_: Path) -> Arm:
     )  # fmt: skip
 
 
+def _panda_of(kind: str, folder: Path) -> Arm:
+    _, start, acceleration, jerk = _panda(folder)
+    return rp.Robot.load("panda").task("panda_hand_tcp", kind), start, acceleration, jerk
+
+
+def _planar_5(folder: Path) -> Arm:
+    (folder / "planar5.urdf").write_text(planar_urdf([0.4, 0.4, 0.3, 0.3, 0.2], range_=2.0))
+    task = rp.Robot.load(folder / "planar5.urdf").task("tool", "xy")
+    return task, np.array([0.3, 0.8, -0.6, 0.8, 0.5]), 6.0, 400.0
+
+
 def _iiwa(folder: Path) -> Arm:
     task = iiwa(folder).task("flange", "pose")
     return task, np.array([0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0]), 10.0, 2000.0
@@ -124,6 +138,9 @@ ARMS: dict[str, Callable[[Path], Arm]] = {
     "baxter": _baxter,
     "rail": _rail,
     "planar3r": _planar,
+    "planar5r": _planar_5,
+    "panda, axis": partial(_panda_of, "axis"),
+    "panda, position": partial(_panda_of, "position"),
     "baxter, both hands": lambda _: _hands(*_BAXTER),
     "talos, both hands": lambda _: _hands(*_TALOS),
     "tiago_dual, both hands": lambda _: _hands(*_TIAGO),
@@ -143,8 +160,8 @@ def jacobian_time(task: rp.Task, q: np.ndarray) -> float:
     return 1e6 * min(found)
 
 
-def run(name: str, ticks: int, seed: int, repeats: int, folder: Path) -> dict[str, float]:
-    """Export, build and drive one arm; what was measured."""
+def run(name: str, ticks: int, seed: int, repeats: int, folder: Path) -> list[dict[str, float]]:
+    """Export, build and drive one arm, without and with levels; what was measured."""
     task, start, acceleration, jerk = ARMS[name](folder)
     inverse, n = control(task, start, rp.Polynomial(start, 2, 0.5)), task.n
     rp.export_c(inverse, folder / name, "arm")
@@ -158,29 +175,37 @@ def run(name: str, ticks: int, seed: int, repeats: int, folder: Path) -> dict[st
     ]  # fmt: skip
     numbers = " ".join(f"{value!r}" for part in rows for value in np.asarray(part, float).tolist())
     before = jacobian_time(task, start)
-    done = subprocess.run(
-        ["./run", str(ticks), str(seed), str(DT), str(repeats)],
-        cwd=folder / name, input=numbers, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    counts = [str(ticks), str(seed), str(DT), str(repeats)]
+    said = [
+        subprocess.run(
+            ["./run", *counts, levels],
+            cwd=folder / name, input=numbers, capture_output=True, text=True, check=True,
+        ).stdout.split()[:-1]
+        for levels in "01"
+    ]  # fmt: skip
     unit = min(before, jacobian_time(task, start))
     keys = (
         "velocity acceleration jerk margin leaf apart arrived not_arrived median mean per_mille "
-        "longest OK SINGULAR BAD_NUMBER OUTSIDE SLOWED LIMIT"
+        "longest OK SINGULAR BAD_NUMBER OUTSIDE SLOWED LIMIT hand level"
     )
-    found = dict(zip(keys.split(), map(float, done.stdout.split()[:-1]), strict=True))
-    for key in ("median", "mean", "per_mille", "longest"):
-        found[key] /= unit
-    return found | {"jacobian": unit}
+    found = [dict(zip(keys.split(), map(float, words), strict=True)) for words in said]
+    for one in found:
+        for key in ("median", "mean", "per_mille", "longest"):
+            one[key] /= unit
+        one["jacobian"] = unit
+    return found
 
 
 def main() -> None:
-    """Print one line per arm."""
+    """Print two lines per arm."""
     ticks = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
     repeats = int(sys.argv[2]) if len(sys.argv) > 2 else 3
     for name in sys.argv[3:] or ARMS:
         with tempfile.TemporaryDirectory() as folder:
-            found = run(name, ticks, 1, repeats, Path(folder))
-        print(name, ", ".join(f"{key} {value:.10g}" for key, value in found.items()), flush=True)
+            lines = run(name, ticks, 1, repeats, Path(folder))
+        for found in lines:
+            told = ", ".join(f"{key} {value:.10g}" for key, value in found.items())
+            print(name, told, flush=True)
 
 
 if __name__ == "__main__":

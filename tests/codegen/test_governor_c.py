@@ -136,6 +136,57 @@ def test_it_commands_the_joints_that_the_library_does(
     assert rp.Status.BAD_NUMBER in said
 
 
+LEVELS = [
+    pytest.param(planar, id="planar"),
+    pytest.param(both_hands, id="both hands"),
+    pytest.param(lambda: panda("axis"), id="axis"),
+    pytest.param(lambda: panda("position"), id="position", marks=SLOW),
+    pytest.param(cell, id="cell", marks=SLOW),
+]
+
+
+@NEEDS_C
+@pytest.mark.parametrize("make", LEVELS)
+def test_it_commands_the_joints_that_the_library_does_for_levels(
+    make: Callable[[], tuple[rp.RepeatableInverse, np.ndarray, float, float]], tmp_path: Path
+) -> None:
+    """Item 30.1: pose and level, level alone, twist and level, a level that is not a number."""
+    inverse, q0, acceleration, jerk = make()
+    task, n, r = inverse.task, inverse.task.n, inverse.task.r
+    more = {} if np.isinf(jerk) else {"jerk": jerk}
+    governor = rp.Governor(inverse, DT, rp.Limits(acceleration=acceleration, **more))
+    governor.start(q0)
+    rp.export_c(inverse, tmp_path, "arm")
+    library, state, q = in_c(tmp_path), ctypes.create_string_buffer(1 << 20), (DOUBLE * n)()
+    bounds = (DOUBLE * (3 * n + 1))(*task.velocity_limit, *[acceleration] * n, *[jerk] * n, 0.0)
+    assert library.arm_governor_start(state, (DOUBLE * n)(*q0), DOUBLE(DT), bounds) == 0
+    rng, worst, said, levels = np.random.default_rng(2), 0.0, set(), []
+    for k in range(600):
+        if k % 75 == 0:
+            near = q0 + 0.1 * rng.normal(size=n)
+            target, twist, leaf = task.placements(near), None, inverse.leaf(near)
+            poses, rates = None, None
+            if k % 300 == 75:
+                target = None
+            elif k % 300 == 150:
+                target, twist = None, 0.05 * rng.normal(size=task.twist_size)
+                rates = (DOUBLE * len(twist))(*twist)
+            elif k % 300 == 225:
+                leaf = leaf * np.nan
+            if target is not None:
+                rows = [(DOUBLE * 3)(*x.translation) for x in target]
+                turns = [(DOUBLE * 9)(*x.rotation.ravel()) for x in target]
+                poses = (Pose * len(target))(*map(Pose, rows, turns))
+                target = tuple(target)
+        wanted, status = governor.step(target, twist, leaf=leaf)
+        assert library.arm_governor_step(state, poses, rates, (DOUBLE * r)(*leaf), q) == status
+        worst, said = max(worst, np.abs(np.array(q) - wanted).max()), said | {status}
+        levels.append(inverse.leaf(np.array(q)))
+    print(f"{worst:.1e} apart, {said}")
+    assert worst < 1e-8 and np.ptp(levels, axis=0).min() > 1e-3
+    assert rp.Status.BAD_NUMBER in said and rp.Status.SLOWED in said
+
+
 CPP = """#include "arm.hpp"
 #include <cstdio>
 int main()
@@ -146,9 +197,11 @@ int main()
     for (double& j : limits.jerk) j = 400.0;
     arm::Joints q = @q, next = q;
     arm::Pose inside = {@p, @R};
+    arm::Leaf leaf = @c;
     if (arm::governor_start(governor, q, @dt, limits) != arm::Status::ok) return 1;
-    for (int k = 0; k < 1000; k++) {
-        arm::Status status = arm::governor_step(governor, &inside, nullptr, nullptr, next);
+    for (int k = 0; k < 1600; k++) {
+        const arm::Leaf* level = k < 600 ? nullptr : &leaf;
+        arm::Status status = arm::governor_step(governor, &inside, nullptr, level, next);
         std::printf("%d", static_cast<int>(status));
         if (status == arm::Status::recovering) std::printf(" back");
         for (double x : next) std::printf(" %.17g", x);
@@ -161,7 +214,10 @@ int main()
 @NEEDS_C
 @pytest.mark.parametrize("dt", [0.001, 0.02])
 def test_exported_code_moves_back_from_beyond_a_limit(dt: float, tmp_path: Path) -> None:
-    """Item 26.4: C and C++ command the library's way back, and refuse what is farther out."""
+    """Item 26.4: C and C++ command the library's way back, and refuse what is farther out.
+
+    Inside, they move to another level (30.1).
+    """
     needed("g++", "cc")
     inverse, q, acceleration, jerk = planar()
     task = inverse.task
@@ -170,8 +226,9 @@ def test_exported_code_moves_back_from_beyond_a_limit(dt: float, tmp_path: Path)
     governor = rp.Governor(inverse, dt, rp.Limits(acceleration=acceleration, jerk=jerk))
     governor.start(q)
     rp.export_c(inverse, tmp_path, "arm")
+    level = inverse.leaf(q) + 0.01
     listed = {
-        "@q": q, "@p": goal.translation, "@R": goal.rotation.ravel(), "@dt": dt,
+        "@q": q, "@p": goal.translation, "@R": goal.rotation.ravel(), "@c": level, "@dt": dt,
     }  # fmt: skip
     text = CPP
     for name, value in listed.items():
@@ -182,12 +239,13 @@ def test_exported_code_moves_back_from_beyond_a_limit(dt: float, tmp_path: Path)
     run(["cc", "-std=c99", "-c", "arm.c"], tmp_path)
     run(["g++", "-std=c++17", "use.cpp", "arm.o", "-o", "use", "-lm"], tmp_path)
     said = run(["./use"], tmp_path).splitlines()
-    for line in said:
+    for k, line in enumerate(said):
         status, *joints = line.replace(" back", "").split()
-        wanted, known = governor.step(goal)
+        wanted, known = governor.step(goal, leaf=None if k < 600 else level)
         assert int(status) == known and (" back" in line) == (known is rp.Status.RECOVERING)
         assert np.abs(np.array(joints, float) - wanted).max() < 1e-8
     assert " back" in said[0] and said[-1].startswith("0 ")
+    assert np.abs(inverse.leaf(wanted) - level).max() < 1e-9
     library, n = in_c(tmp_path), 3
     limits = (DOUBLE * 10)(*[2.0] * n, *[5.0] * n, *[np.inf] * n, 0.0)
     far, state = (DOUBLE * n)(*q[:2], task.upper[2] + 0.11), ctypes.create_string_buffer(1 << 20)

@@ -965,7 +965,7 @@ def nan_beyond(q: np.ndarray) -> float:
                 rp.Box(Q0, 0.4),
                 degree=1,
             ),
-            "J G differs from I",
+            "J G = I does not hold",
         ),
         (
             lambda t: rp.nearest_repeatable(

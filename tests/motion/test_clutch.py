@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import Q_PANDA
 from controls import control
 
 import repctl_pin as rp
@@ -59,6 +60,65 @@ def test_turns_beyond_half_a_turn_go_on() -> None:
         np.testing.assert_allclose(target.rotation, wanted, atol=1e-9)
         assert np.linalg.norm(pin.log3(target.rotation @ before.T)) < 0.05
         before = target.rotation
+
+
+def test_the_elbow_is_engaged_without_a_jump_and_scaled_as_the_hand() -> None:
+    """Item 30.2: the level for the first point is that of the arm, wherever the elbow is."""
+    axes, dt = pin.exp3(np.array([0.4, -1.0, 0.3])), 0.004
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+    inverse = control(task, Q_PANDA, rp.Polynomial(Q_PANDA, 2, 0.5))
+    governor = rp.Governor(inverse, dt, rp.Limits(acceleration=6.0, jerk=400.0))
+    governor.start(Q_PANDA)
+    clutch, Q = rp.Clutch(scale=0.5, axes=axes), [Q_PANDA] * 4
+
+    def tick(hand: pin.SE3, elbow: np.ndarray) -> rp.Status:
+        place, point = clutch.target(hand), clutch.elbow(elbow)
+        leaf = None
+        if point is not None and place is not None:
+            begin = inverse.solve(place, Q_PANDA)
+            leaf = inverse.leaf_toward(begin, elbow=point).leaf
+        q, status = governor.step(place, leaf=leaf)
+        Q.append(q)
+        return status
+
+    for _ in range(4):
+        hand, elbow = pose(), RNG.normal(size=3)
+        before = governor.q
+        own = inverse.elbow(before)
+        clutch.engage(hand, task.placement(before), elbow=elbow, elbow_at=own)
+        np.testing.assert_array_equal(clutch.elbow(elbow), own)
+        assert tick(hand, elbow) is rp.Status.OK and np.abs(Q[-1] - before).max() < 1e-9
+        way = axes.T @ np.array([0.0, 0.1, 0.05])
+        np.testing.assert_allclose(clutch.elbow(elbow + way), own + [0, 0.05, 0.025], atol=1e-12)
+        for share in np.linspace(0, 1, 15):
+            moved = pin.SE3(hand.rotation, hand.translation + share * 0.2 * way)
+            for _ in range(8):
+                tick(moved, elbow + share * way)
+        assert np.abs(Q[-1] - before).max() > 1e-3
+        clutch.release()
+        assert clutch.elbow(elbow) is None
+        Q += [governor.step()[0] for _ in range(100)]
+    for k, most in enumerate((6.0, 400.0), 2):
+        assert np.abs(np.diff(Q, k, axis=0)).max() / dt**k <= most * (1 + 1e-9)
+
+
+def test_a_lost_elbow_is_released_and_the_hand_goes_on() -> None:
+    clutch, hand = rp.Clutch(), pose()
+    assert clutch.elbow(np.zeros(3)) is None
+    clutch.engage(hand, pose())
+    assert clutch.elbow(np.zeros(3)) is None and clutch.target(hand) is not None
+    for bad in (np.full(3, np.nan), [0.0, np.inf, 0.0]):
+        clutch.engage(hand, pose(), elbow=np.zeros(3), elbow_at=np.ones(3))
+        assert clutch.elbow(bad) is None and clutch.target(hand) is not None
+        assert clutch.elbow(np.zeros(3)) is None  # found again: it must be engaged again
+        clutch.engage(hand, pose(), elbow=bad, elbow_at=np.ones(3))
+        assert clutch.elbow(np.zeros(3)) is None and clutch.target(hand) is not None
+    clutch.engage(hand, pose(), elbow=np.zeros(3), elbow_at=np.ones(3))
+    clutch.engage(hand, pose())
+    assert clutch.elbow(np.zeros(3)) is None  # the second one has no elbow
+    clutch.engage(hand, pose(), elbow=np.zeros(3), elbow_at=np.ones(3))
+    clutch.target(pin.SE3(hand.rotation, hand.translation * np.nan))
+    assert clutch.elbow(np.zeros(3)) is None  # the hand is lost
 
 
 @pytest.mark.parametrize("bad", ["nan", "skewed"])
@@ -124,6 +184,15 @@ def test_what_it_refuses() -> None:
             rp.Clutch(**arguments)
     with pytest.raises(rp.InputError, match="hand must be a placement"):
         rp.Clutch().target(3)  # type: ignore[arg-type]
+    with pytest.raises(rp.InputError, match="^elbow must be 3 numbers, m; got"):
+        rp.Clutch().elbow([1.0, 2.0])
+    for given, words in (
+        ({"elbow": np.zeros(3)}, "elbow and elbow_at require each other"),
+        ({"elbow_at": np.zeros(3)}, "elbow and elbow_at require each other"),
+        ({"elbow": np.zeros(3), "elbow_at": "left"}, "elbow_at must be 3 numbers"),
+    ):
+        with pytest.raises(rp.InputError, match=words):
+            rp.Clutch().engage(pose(), pose(), **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("scale", [0.5, 0.3, 1.7])

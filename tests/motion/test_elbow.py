@@ -84,8 +84,49 @@ def test_a_point_on_the_line_from_shoulder_to_wrist_moves_nothing(tmp_path: Path
 
 
 def test_a_self_motion_that_moves_no_elbow_is_told() -> None:
+    """From joints that have a history the level has one; from F(x), it is a function."""
     found = panda("axis").leaf_toward(Q_PANDA, elbow=[0.3, 0.2, 0.5])
     assert not found.unique
+    function = function_of("tool axes")
+    inverse, cell, rng = function.inverse, function.cell, np.random.default_rng(5)
+    x = cell.placement
+    point = inverse.elbow(function(x)) + [0.05, 0.03, 0.02]
+    turned = function(x, leaf=[0.1, 0.1])
+    a, b = (inverse.leaf_toward(q, elbow=point) for q in (function(x), turned))
+    assert np.abs(a.leaf - b.leaf).max() > 0.05 and abs(a.distance - b.distance) < 1e-5
+    first = function.leaf_toward(x, elbow=point)
+    for _ in range(3):
+        other = cell.at(rng.uniform(-0.8, 0.8, cell.k))
+        function.leaf_toward(other, elbow=point + rng.normal(size=3) * 0.1)
+        again = function.leaf_toward(x, elbow=point)
+        assert (again.leaf == first.leaf).all() and not again.unique
+
+
+def test_the_margin_is_kept_by_every_result() -> None:
+    """With four self-motions, curved ways ended 3 cm beyond it; from beyond, it moves back."""
+    inverse, rng, near = panda("position"), np.random.default_rng(2), 0
+    task = inverse.task
+    for size in (0.05, 0.1, 0.3) * 6:
+        q = Q_PANDA + rng.normal(size=7) * 0.15
+        q = np.clip(q, task.lower + 0.05, task.upper - 0.05)
+        found = inverse.leaf_toward(
+            q, elbow=inverse.elbow(q) + rng.normal(size=3) * size, margin=0.03
+        )
+        near += task.limit_margin(found.q).min() < 0.0302
+        assert task.limit_margin(found.q).min() >= 0.03
+        assert np.abs(task.error(found.q, task.placement(q))).max() < 1e-9
+    assert near
+
+
+def test_the_elbow_of_an_arm_whose_reference_is_singular() -> None:
+    """The xarm7 is stretched there; its elbow has a name all the same."""
+    task = rp.Robot.load("xarm7").task(None, "pose")
+    q0 = np.array([0.1, 0.3, 0.2, 0.9, 0.1, 0.6, 0.0])
+    inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
+    place, leaf = task.placement(q0), inverse.leaf(q0) + 0.1
+    other = inverse.solve(place, q0, leaf=leaf)
+    found = inverse.leaf_toward(q0, elbow=inverse.elbow(other))
+    assert found.unique and np.abs(found.q - other).max() < 1e-7
 
 
 @NEEDS_C

@@ -100,6 +100,38 @@ def test_the_distance_is_kept_between_samples_and_the_arm_leaves(task: rp.Task) 
     assert status is rp.Status.OK and np.abs(q - Q0).max() < 1e-6
 
 
+def test_the_distance_is_kept_while_the_level_moves(task: rp.Task) -> None:
+    """Item 30.1: levels alone, and with poses; the wire is in the elbow's way."""
+    q0, bodies = np.array([0.85, 0.34, 0.31]), rp.Bodies(task)
+    governor = governed(task, bodies=bodies, body_distance=D)
+    governor.start(q0)
+    rng, Q, stops, home = np.random.default_rng(4), [q0] * 4, 0, governor.leaf
+    place = task.placement(q0)
+    for k in range(16):
+        target, leaf = None, home + 0.4  # alone, from q0
+        if k % 4 == 1:
+            target = pin.SE3(place.rotation, place.translation + [*rng.normal(size=2) * 0.1, 0])
+            leaf = home + rng.normal() * 0.4
+        elif k % 4 == 2:
+            leaf = home + rng.normal() * 0.4
+        elif k % 4 == 3:
+            target, leaf = place, home
+        for _ in range(300):
+            q, status = governor.step(target, leaf=leaf)
+            Q.append(q)
+            stops += status is rp.Status.BODIES and target is None
+    assert stops > 50
+    ways = np.array(Q)
+    assert D <= bodies.distances(between(ways, 3)).min() < D + 0.003
+    for k, most in enumerate((2.0, A, J), 1):
+        assert np.abs(np.diff(ways, k, axis=0)).max() / DT**k <= most * (1 + 1e-9)
+    for _ in range(3000):
+        q, status = governor.step(place, leaf=home)
+        if status is rp.Status.OK:
+            break
+    assert status is rp.Status.OK and np.abs(q - q0).max() < 1e-6
+
+
 @pytest.mark.parametrize("dt", [0.001, 0.01])
 def test_an_arm_that_was_stopped_leaves(task: rp.Task, dt: float) -> None:
     inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))

@@ -92,7 +92,7 @@ def test_a_rate_that_loses_the_motion_between_two_rests_is_refused(
     assert found is not None and not Path("day.csv").exists() and said.count("\n") == 1
     assert move("--rate", found[1], "--csv", "day.csv") == 0
     assert move("--jerk", "1e-12") == 2
-    assert "more than an hour; raise them" in capsys.readouterr().err
+    assert "more than an hour; raise the jerk limits" in capsys.readouterr().err
 
 
 def test_a_collision_is_said_and_not_written(

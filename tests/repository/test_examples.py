@@ -162,6 +162,26 @@ def test_weld(run: Run) -> None:
     assert np.ptp(slow, axis=0).max() < np.radians(8)  # of 13° without the weight
 
 
+def test_a_short_teleoperation(monkeypatch: pytest.MonkeyPatch, quick_choices: None) -> None:
+    """What the slow test holds of three cycles of both arms, of two short ones."""
+    module = example("teleoperation")
+    monkeypatch.setattr(module, "CYCLES", 2)
+    monkeypatch.setattr(module, "PERIOD", 3.0)
+    task, q0, limits = module.arms()["panda"]
+    log = module.drive(module.designed(task, q0), q0, limits)
+    assert log["failures"] == 0 and np.ptp(log["elbow"], axis=0).max() > 0.1
+    assert np.abs(log["ends"] - q0).max() < 1e-9
+    assert np.abs(np.diff(log["q"], axis=0)).max() / module.DT <= task.velocity_limit.max()
+
+
+@pytest.mark.slow
+def test_teleoperation(run: Run) -> None:
+    """The joints come back with hand and elbow, and every message of the tracker has a level."""
+    _, told = run("python examples/teleoperation.py")
+    assert all(float(off) < 1e-9 for off in re.findall(r"within (\S+) rad", told))
+    assert re.findall(r"without a level: (\d+)", told) == ["0", "0"]
+
+
 @pytest.mark.slow  # its cells print the same by default, in test_notebooks.py
 def test_audit_pink(run: Run) -> None:
     pytest.importorskip("pink")

@@ -1,4 +1,4 @@
-r"""Clutch of teleoperation: from the pose of an operator's hand to a target of the arm.
+r"""Clutch of teleoperation: from an operator's hand and elbow to targets of the arm.
 
 While engaged, the target moves as the hand does; released, the hand can be put elsewhere, like a
 mouse that is lifted.
@@ -31,9 +31,11 @@ class Clutch:
               R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
 
     with the rotation B from the tracker's axes to those of the base. So the first target is the
-    arm's own pose. The logarithm is continued beyond half a turn. Near full turns it is not
-    continuous unless the hand turns about one axis: if ρ is no integer, the clutch is released
-    where the target would turn by more than five times ρ times the hand's step.
+    arm's own pose. The point for the arm's elbow moves with the operator's elbow as p does.
+
+    The logarithm is continued beyond half a turn. Near full turns it is not continuous unless the
+    hand turns about one axis: if ρ is no integer, the clutch is released where the target would
+    turn by more than five times ρ times the hand's step.
 
     Parameters
     ----------
@@ -65,6 +67,7 @@ class Clutch:
         self._turned = positive(rotation_scale, "rotation_scale", "", zero=True)
         self._axes = np.eye(3) if axes is None else _axes(axes)
         self._start: tuple[pin.SE3, pin.SE3] | None = None
+        self._elbows: tuple[Array, Array] | None = None
 
     def __repr__(self) -> str:
         state = "engaged" if self.engaged else "released"
@@ -75,8 +78,15 @@ class Clutch:
         """True from :meth:`engage` to :meth:`release`, or to a hand pose that is no placement."""
         return self._start is not None
 
-    def engage(self, hand: Placement, at: Placement) -> None:
-        """Begin to move the target with the hand.
+    def engage(
+        self,
+        hand: Placement,
+        at: Placement,
+        *,
+        elbow: ArrayLike | None = None,
+        elbow_at: ArrayLike | None = None,
+    ) -> None:
+        """Begin to move the target with the hand, and the point for the elbow with the elbow.
 
         Parameters
         ----------
@@ -84,15 +94,26 @@ class Clutch:
             Pose of the hand, in the tracker's frame. The clutch stays released if it is not finite.
         at : pinocchio.SE3 or (4, 4) array
             Commanded pose of the arm's frame, ``task.placement(governor.q)``.
+        elbow : (3,) array, optional
+            Operator's elbow, in the tracker's frame, m; the elbow stays released without it, or if
+            it is not finite.
+        elbow_at : (3,) array, optional
+            Commanded elbow of the arm, ``inverse.elbow(governor.q)``; ``elbow`` requires it.
         """
         hand, at = as_placement(hand, "hand"), as_placement(at, "at")
+        if (elbow is None) != (elbow_at is None):
+            raise InputError("elbow and elbow_at require each other; give both or none")
         self._start = (hand, at) if _usable(hand) and _usable(at) else None
+        self._elbows = None
+        if elbow is not None and elbow_at is not None:
+            elbows = _point(elbow, "elbow"), _point(elbow_at, "elbow_at")
+            self._elbows = elbows if np.isfinite(elbows).all() else None
         self._angle = np.zeros(3)
         self._last = hand, np.eye(3)
 
     def release(self) -> None:
-        """Release the clutch: there is no target until it is engaged again."""
-        self._start = None
+        """Release hand and elbow: there is no target until the clutch is engaged again."""
+        self._start = self._elbows = None
 
     def target(self, hand: Placement) -> pin.SE3 | None:
         """Compute the target of the arm for a pose of the hand; None while released.
@@ -111,6 +132,20 @@ class Clutch:
             self.release()
             return None
         return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
+
+    def elbow(self, elbow: ArrayLike) -> Array | None:
+        """Compute the point (3,) for the arm's elbow, m; None while it is released.
+
+        It is the argument ``elbow`` of :meth:`RepeatableInverse.leaf_toward`. A point that is not
+        finite releases the elbow alone, until :meth:`engage`: ``governor.step(target)`` then keeps
+        the level.
+        """
+        point = _point(elbow, "elbow")
+        if self._start is None or self._elbows is None or not np.isfinite(point).all():
+            self._elbows = None
+            return None
+        begin, at = self._elbows
+        return np.asarray(at + self._scale * (self._axes @ (point - begin)))
 
     def _jumps(self, hand: pin.SE3, turn: Array) -> bool:
         """Test whether the target turns much more than the hand since the last pose; store both."""
@@ -144,6 +179,14 @@ def _usable(place: pin.SE3) -> bool:
     """Test whether a placement has finite numbers and a rotation; a lost tracker sends others."""
     finite = bool(np.isfinite(place.translation).all())
     return finite and is_rotation(place.rotation.ravel().tolist())
+
+
+def _point(value: ArrayLike, name: str) -> Array:
+    """Convert a point to an array (3,); a lost tracker's numbers need not be finite."""
+    point = as_numbers(value)
+    if point is None or point.shape != (3,):
+        raise InputError(f"must be 3 numbers, m; got {shown(value)}", argument=name)
+    return point
 
 
 def _axes(value: ArrayLike) -> Array:

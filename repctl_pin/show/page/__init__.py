@@ -1,4 +1,4 @@
-"""Animation page: a self-contained HTML file of meshcat's viewer and all data that it shows."""
+"""Animation page: a self-contained HTML file with meshcat's viewer and all data that it shows."""
 
 from ...base.errors import needed
 

@@ -30,9 +30,9 @@ _BACK = 0.01
 
 @dataclass(frozen=True)
 class Animation:
-    """A page that shows motions side by side. Make it with :func:`animation`.
+    """A page that shows motions side by side. Create it with :func:`animation`.
 
-    A notebook shows it in its cell, and the table and the figures of a study below it.
+    A notebook cell shows the page and, for a study, the table and the figures below it.
 
     Attributes
     ----------
@@ -80,15 +80,16 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
     """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
 
-    J⁺ and the nearest repeatable have fixed colours; other motions have a warm colour if they
-    drift, and a cool one if they close.
+    J⁺ and the nearest repeatable inverse have fixed colours. Other motions have a warm colour if
+    they drift, and a cool one if they are closed.
 
     Parameters
     ----------
     motions
         The motions by name, all with the same number of cycles and of steps; or a study.
     seconds
-        Time of a cycle at normal speed, s; by default that of the first motion: real time.
+        Time of a cycle at normal speed, s; by default the period of the first motion, which is real
+        time.
 
     Returns
     -------
@@ -150,8 +151,7 @@ def _colours(drifts: Mapping[str, float]) -> list[str]:
     """Choose a colour ``#rrggbb`` for each motion, from its drift by name, in the same order.
 
     A name that is the label of a strategy of a study, such as J⁺, has that strategy's colour.
-    Others get a warm colour if they drift, and a cool one if they close, so that the difference is
-    seen at once.
+    Others have a warm colour if they drift, and a cool one if they are closed.
     """
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}

@@ -1,7 +1,7 @@
-"""How far the drawn bodies drift between cycles, and the corners that show it.
+"""Drift of the drawn bodies between cycles, and the corners at which it is largest.
 
-Corners are those of a body's convex hull: one of them is displaced most of all its points. The page
-keeps only a few of them, at which it measures displacement.
+The most displaced point of a body is always a corner of its convex hull. The page measures
+displacement at a few of these corners only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def body_drift(
 ) -> tuple[tuple[Array, ...], Array]:
     """Compute how far each body is displaced since the same moment of cycle 1.
 
-    A repeatable motion has no such displacement. The page colours the bodies by it.
+    A repeatable motion has no such displacement. The page colours the bodies by their displacement.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ def body_drift(
     per_cycle
         Number of samples of one cycle, including both ends.
     directions
-        Number of directions for each body in which the outermost corners are kept: 8 if None. With
-        128, displacements of other motions are within 0.7 %, and 0.05 % on average.
+        Number of directions for each body in which the outermost corners are kept; 8 if None. With
+        128, the error of displacements of other motions is at most 0.7 %, and 0.05 % on average.
 
     Returns
     -------
@@ -45,8 +45,8 @@ def body_drift(
         For each body, in its own frame, m: the corners that are displaced most at any sample, and
         the outermost corners.
     off : (T, S) array
-        Displacement of S bodies at T samples, m. At the end of a cycle, it is counted from the
-        start of cycle 1.
+        Displacement of S bodies at T samples, m. At the end of a cycle, displacement is measured
+        from the start of cycle 1.
     """
     first = np.arange(len(placements)) % per_cycle
     first[per_cycle - 1 :: per_cycle] = 0

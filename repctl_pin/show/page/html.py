@@ -1,4 +1,4 @@
-"""Self-contained HTML page: meshcat's viewer, the recorded scene and the motion.
+"""Self-contained HTML page with meshcat's viewer, the recorded scene and the motion.
 
 The page needs no network and no server. Large data are embedded as base64 of gzip, which the
 browser unpacks with its ``DecompressionStream``.
@@ -14,7 +14,7 @@ For the browser's console and for tests, the page has an object ``repctl`` with 
 - ``still()``: canvas, for print
 - ``pane(arm)``: position and size of an arm's pane, as fractions of the picture
 
-Times are in shown cycles: 1.25 is a quarter into the second. A page whose address ends in
+Times are in shown cycles: 1.25 is a quarter into the second cycle. A page whose address ends in
 ``#paused`` does not start by itself.
 """
 
@@ -107,7 +107,7 @@ def _templates() -> Environment:
 def _script() -> str:
     """Join the page's JavaScript modules into one script with one scope, without comments.
 
-    So the page needs no other files. They are joined in the order of ``SCRIPTS``.
+    So the page needs no other files. The order is that of ``SCRIPTS``.
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
@@ -130,12 +130,12 @@ def pack(data: bytes) -> str:
 
 
 def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
-    """Write series of numbers as bytes that compress well, and return them with their resolution.
+    """Encode series of numbers as bytes that compress well; return the bytes and the resolution.
 
-    A page is small only if its poses are. Numbers are rounded to the resolution: 0.1 µm, or more
-    for coordinates beyond 100 m. Along the columns of each (T, W) array their third differences are
-    taken, which are small for smooth motions. Their 32 bits, sign last, are written as four planes:
-    the lowest bytes first. The page's script undoes this.
+    A page is small only if its poses are stored compactly. Numbers are rounded to the resolution:
+    0.1 µm, or more for coordinates beyond 100 m. The third differences along the columns of each
+    (T, W) array are small for smooth motions. Their 32 bits, sign last, are written as four planes,
+    the lowest bytes first. The page's script decodes them.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)
@@ -151,9 +151,10 @@ def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
 
 @cache
 def _viewer() -> str:
-    """Compress the script of meshcat's viewer, from the installed package, as base64.
+    """Compress the script of the installed meshcat viewer, and encode it as base64.
 
-    The page contains it, so that it needs no network. RepctlError is raised if meshcat lacks it.
+    The page contains it, so that it needs no network. RepctlError is raised if the installed
+    meshcat lacks the script.
     """
     spec = find_spec("meshcat")
     if spec is None or spec.origin is None:

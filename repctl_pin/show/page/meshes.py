@@ -180,8 +180,8 @@ def _material(**more: Any) -> _Element:
 def _triangles(surface: Surface) -> _Element:
     """Make the three.js geometry of a surface, the triangles of a mesh file.
 
-    Normals and colours are written with 8 bits per component, which the eye does not see and which
-    keeps the page small.
+    Normals and colours have 8 bits per component, which keeps the page small without a visible
+    difference.
     """
     s = surface
     attributes = {
@@ -197,7 +197,7 @@ def _triangles(surface: Surface) -> _Element:
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
     """Narrow the range of a colour (0 to 1) to 0.06 to 0.96, for a page.
 
-    Pure black and pure white hide the shading, by which a viewer sees the shape.
+    Pure black and pure white would hide the shading, which shows the shape.
     """
     return 0.06 + 0.9 * np.asarray(color, float)
 
@@ -205,10 +205,10 @@ def lifted(color: ArrayLike) -> NDArray[np.float64]:
 def _array(
     kind: str, values: NDArray[Any], size: int, *, normalized: bool = False
 ) -> dict[str, Any]:
-    """Encode an array for a three.js geometry, as a typed array of JavaScript.
+    """Encode an array for a three.js geometry as a typed array of JavaScript.
 
-    ``kind`` is the name of its type, such as ``Float32Array``, and ``size`` the number of values
-    per point. ``normalized`` scales integers to the range of a fraction.
+    ``kind`` is the name of the JavaScript type, such as ``Float32Array``, and ``size`` the number
+    of values per point. If ``normalized``, three.js scales integers to fractions.
     """
     code, dtype = _ARRAYS[kind]
     data = umsgpack.Ext(code, np.ascontiguousarray(values).astype(dtype).tobytes())
@@ -216,9 +216,9 @@ def _array(
 
 
 def _capsule(radius: float, length: float) -> _Element:
-    """Make the three.js geometry of a capsule along y, of a radius and a cylinder's length, m.
+    """Make the three.js geometry of a capsule along y, with the length of its cylinder, m.
 
-    It is an outline, from below, that is turned around y.
+    The geometry is an outline, listed from below, that is rotated about y.
     """
     angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS)
     x = radius * np.cos(angles)

@@ -1,8 +1,8 @@
 """Numbers with which the animation page computes motions along a visitor's own loop.
 
-A visitor of the page can draw a closed path, a loop, and see how the arm follows it. The page's
-``law.js`` evaluates from these numbers forward kinematics, J, and the two controls ``q̇ = J⁺ ẋ``
-and ``[J; Vᵀ] q̇ = [ẋ; 0]``, where V holds the gradients of the potentials, which the second control
+A visitor of the page can draw a closed path, a loop, and see how the arm follows it. From these
+numbers, the page's ``law.js`` evaluates forward kinematics, J, and two controllers: ``q̇ = J⁺ ẋ``
+and ``[J; Vᵀ] q̇ = [ẋ; 0]``. V holds the gradients of the potentials, which the second controller
 keeps constant.
 """
 
@@ -42,23 +42,23 @@ def own_loop(
 ) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop, in plain Python types.
 
-    The page has them as JSON and computes the motions in the browser, without a server.
+    The page contains the numbers as JSON, and computes the motions in the browser without a server.
 
     Parameters
     ----------
     motion
-        A motion of the study; its start, speed along the path and steps are those of the loop.
+        A motion of the study; its start, speed along the path and steps are used for the loop.
     strategies
         Controllers of the panes, in order.
     closes
-        Proved closing radius of the repeatable one, within which every closed path closes in joint
-        space, if there is one.
+        Proved closing radius of the repeatable controller, within which every closed path closes in
+        joint space; None if there is none.
 
     Returns
     -------
     dict or None
         None if a controller or a potential is user-defined, a chain starts at another ``base``, or
-        the potentials have too many terms: then the page has no ring, by which a visitor drags the
+        the potentials have too many terms. The page then has no ring with which a visitor drags the
         hand.
     """
     task, q0 = motion.task, motion.q[0]
@@ -134,9 +134,8 @@ def own_loop(
 def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
-    They are those of J⁺ and of the nearest repeatable inverse, as far as these have a motion. None
-    where :func:`own_loop` gives None, if no motion is shown, or if a user-defined controller has a
-    pane.
+    The numbers describe J⁺ and the nearest repeatable inverse, each if it has a motion. None if
+    :func:`own_loop` returns None, no motion is shown, or a user-defined controller has a pane.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),
@@ -159,9 +158,9 @@ def study_loop(study: Study) -> _Numbers | None:
 def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
     """Round the proved closing radius of a design down to two digits, m.
 
-    Every closed path within it around the start q0 (n,) closes in joint space; the page says so of
-    a visitor's loop. A radius around a path holds around its start, too. None without a radius, or
-    if it is for another start.
+    Every closed path within this radius of the start q0 (n,) closes in joint space; the page states
+    this for a visitor's loop. A radius around a path is also valid around its start. None without a
+    radius, or if the radius belongs to another start.
     """
     if not closes or not np.allclose(closes.start, q0, rtol=0, atol=1e-9):
         return None
@@ -170,10 +169,10 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """List, for each frame, which of the drawn paths it follows; None for one that holds still.
+    """List, for each frame, which drawn path it follows; None for a frame that stands still.
 
-    From another start, the page follows the same path. None if a frame turns along its path, which
-    the page cannot compute.
+    From another start, the page follows the same path. The result is None if a frame rotates along
+    its path, because the page cannot compute that.
     """
     paths = paths_of(motion.path)
     if any(np.abs(path.twist(s)[3:]).max() > 1e-12 for path in paths for s in (0.1, 0.4, 0.7)):
@@ -192,7 +191,7 @@ def _finite(values: Array) -> list[float | None]:
 def _first_axis(task: Task) -> _Numbers | None:
     """Describe the axis of the first joint by direction, origin (m) and name; None if prismatic.
 
-    A loop that winds around it need not close, and the page tells the visitor.
+    A motion along a loop that winds around this axis need not close, and the page says so.
     """
     if not task.revolute[0]:
         return None
@@ -203,9 +202,9 @@ def _first_axis(task: Task) -> _Numbers | None:
 def _law(strategy: Strategy) -> list[_Numbers] | None:
     """Describe a controller for the page by its potentials, a list of dictionaries.
 
-    Potentials are functions of the joints that it holds constant. J⁺ has none: an empty list. None
-    if the page cannot compute the controller: it is of another class, its potentials are
-    user-defined, or they have more than 2000 terms.
+    Potentials are functions of the joints that the controller holds constant; for J⁺ the list is
+    empty. The result is None if the page cannot compute the controller: it is of another class, its
+    potentials are user-defined, or they have more than 2000 terms.
     """
     if type(strategy) is Pseudoinverse:
         return []
@@ -221,8 +220,7 @@ def _law(strategy: Strategy) -> list[_Numbers] | None:
 def _potentials(h: Potentials) -> list[_Numbers] | None:
     """Describe potentials as a sum of polynomials and Fourier series, one dictionary for each.
 
-    The page's script evaluates their gradients. None for any other potentials h, the functions of
-    the joints that a repeatable controller holds constant.
+    The page's script evaluates their gradients. The result is None for any other potentials h.
     """
     if isinstance(h, SumMap):
         found: list[_Numbers] = []

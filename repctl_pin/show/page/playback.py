@@ -1,8 +1,8 @@
-"""Motions of a whole robot for animation: playbacks of results or of CSV files.
+"""Motions of a whole robot for animation, from results or CSV files.
 
-A playback is one motion as the page shows it, of all joints of the robot. A traced chain is a
-kinematic chain, the joints that move a frame, whose frame and elbow leave traces. The elbow is the
-joint in the middle of the arm that self-motion moves most.
+A playback is one motion, as the page shows it, of all joints of the robot. A traced chain has the
+joints that move a frame; the page draws traces of its frame and elbow. The elbow is the joint in
+the middle of the arm that self-motion moves most.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Playback:
     Attributes
     ----------
     label, color : str
-        Title of its pane, and colour as ``#RRGGBB``.
+        Title of the pane, and colour as ``#RRGGBB``.
     Q : (T + 1, nq) array
         Configurations of the whole robot, rad or m; T = cycles · steps.
     cycles : int
@@ -66,7 +66,7 @@ class Playback:
     t : (T + 1,) array or None
         Time, s; None if unknown.
     motion : JointMotion or None
-        The motion itself, of a task of one frame or several; None for a motion read from a file.
+        The motion of the task's joints; None for a motion read from a file.
     """
 
     label: str
@@ -81,7 +81,7 @@ class Playback:
 
 @dataclass(frozen=True)
 class TracedChain:
-    """A kinematic chain, the joints that move a frame, whose frame and elbow leave traces.
+    """Kinematic chain (the joints that move a frame) whose frame and elbow leave traces.
 
     Attributes
     ----------
@@ -96,10 +96,7 @@ class TracedChain:
 
 
 def traced_chains(task: Task, q0: Array) -> list[TracedChain]:
-    """List the traced chains of a task, one per frame, with their elbows at q0 (n,).
-
-    A chain holds the joints that move a frame; the page draws the traces of its frame and elbow.
-    """
+    """List the traced chains of a task, one per frame, with their elbows at q0 (n,)."""
     if not isinstance(task, SeveralFrames):
         return [TracedChain(task, elbow(task, q0))]
     whole = task.to_robot(q0)
@@ -111,7 +108,7 @@ def traced_chains(task: Task, q0: Array) -> list[TracedChain]:
 def playback_of(label: str, motion: Motion, color: str) -> Playback:
     """Convert a motion of a task's joints to the playback of the whole robot.
 
-    Other joints stay at the reference pose. ``label`` is the title of its pane, ``color`` is
+    Other joints stay at the reference pose. ``label`` is the title of the pane, ``color`` is
     ``#RRGGBB``.
     """
     task, Q = motion.task, motion.task.to_robot(motion.q)
@@ -130,7 +127,7 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     robot
         The robot that moves.
     cycles
-        Number of cycles, used if the file does not give it; 1 if None.
+        Number of cycles, for a file that does not contain it; None means 1.
 
     Raises
     ------
@@ -179,8 +176,8 @@ def playback_page(
     stopped
         Sentences about motions that stopped.
     seconds
-        Time of a cycle at normal speed, s; by default that of the first motion, or 4 s if it is
-        unknown.
+        Time of a cycle at normal speed, s; by default the period of the first motion, or 4 s if the
+        period is unknown.
     headline
         Headline of the page; by default, which part has drifted, and how far.
     own
@@ -254,7 +251,7 @@ def _common_cycles(tracks: Sequence[Playback]) -> int:
 def _joint_origins(
     chains: Sequence[TracedChain], tracks: Sequence[Playback], base: Array
 ) -> list[Array]:
-    """Compute where the joints of every chain begin in each motion: (n, 3) arrays, m.
+    """Compute the joint origins of every chain at the start of each motion: (n, 3) arrays, m.
 
     ``base`` (1, 4, 4) places the base.
     """
@@ -277,12 +274,12 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 
 
 def _redundancy(task: Task) -> str:
-    """Write how many joints a task has, and how many are redundant, to follow its name."""
+    """Write how many joints a task has, and how many are redundant; the text follows its name."""
     return f", {task.n} joints, {task.r} redundant"
 
 
 def _cycle_time(track: Playback) -> float:
-    """Return the time of one cycle, s, at which the page plays it; 4 s if it is unknown."""
+    """Return the duration of one cycle on the page, s; 4 s if the times are unknown."""
     span = 0.0 if track.t is None else float(track.t[-1] - track.t[0])
     return span / track.cycles if span > 0 else 4.0
 
@@ -298,10 +295,10 @@ def _arm(
 ) -> Arm:
     """Make the arm of one pane of the page, which shows one motion.
 
-    ``played`` holds the motion of each chain, ``frames`` the samples to show. ``drawn`` are the
-    visuals, their corners, and the links of the arm, whose displacement counts. ``start`` (4, 4)
-    places the base when the paths are drawn. ``any_way`` is True if the page measures the
-    displacement of other motions, too, a visitor's own, for which more corners are kept.
+    ``played`` has the motion of each chain, and ``frames`` the samples to show. ``drawn`` has the
+    visuals, their corners, and the links of the arm, whose displacement counts. ``start`` (4, 4) is
+    the placement of the base for which the paths are drawn. ``any_way`` is True if the page also
+    measures the displacement of a visitor's own motions; more corners are then kept.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
@@ -337,8 +334,8 @@ def _arm(
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
     """Extract the motion of a chain's joints from a playback of the whole robot.
 
-    If its motion is known and of the same task, it is returned. If times are unknown, the
-    configurations are taken as 1 s apart.
+    If the playback has a motion of the same task, this motion is returned. If times are unknown,
+    configurations are assumed to be 1 s apart.
     """
     if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
@@ -352,18 +349,18 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
 def _is_of(chain: Task, task: Task) -> bool:
     """Test whether two tasks have the same robot, frame, kind and joints.
 
-    Two objects can describe the same task: a motion of one is then also a motion of the other.
+    Two objects can describe the same task, with the same motions.
     """
     same = ("robot", "frame", "kind", "joint_names")
     return all(getattr(chain, name) == getattr(task, name) for name in same)
 
 
 def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> FirstViolation | None:
-    """Find the first limit violation or collision of a motion, which the page marks; else None.
+    """Find the first limit violation or collision of a motion, for the page to mark; else None.
 
     ``played`` holds the motion of each chain, ``rows`` (T, nq) the shown configurations. Speed
-    limits count if the motion is timed, and collisions if it has one chain, or is that of a task
-    with all chains. The page marks the origin of a link: of the joint's child, or of the first link
+    limits count if the motion is timed. Collisions count if there is one chain, or if the motion's
+    task has all chains. The page marks the origin of the joint's child link, or of the first link
     that collides.
     """
     description = played[0].task.robot.description

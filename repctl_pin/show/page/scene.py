@@ -48,7 +48,7 @@ _CLOSE = 2e-4
 @dataclass(frozen=True, eq=False)
 @read_only
 class Frames:
-    """The samples of a motion that are shown, moments whose configurations the page holds.
+    """The samples of a motion that the page shows.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class FirstViolation:
 class Arm:
     """Arm in one pane of the page, and its motion under one controller.
 
-    The arrays hold T samples, the moments of the motion that the page shows.
+    The arrays hold the T samples of the motion that the page shows.
 
     Attributes
     ----------
@@ -140,8 +140,8 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    A page with all samples would be too large. If there are more than 24 cycles, the first and the
-    last are shown, and every k-th one before the last. Within a cycle, the samples are evenly
+    A page with all samples would be too large. If there are more than 24 cycles, only the first,
+    the last, and every k-th cycle before the last are shown. Within a cycle, the samples are evenly
     spaced if its number of steps has a suitable divisor, and nearly so otherwise.
 
     Parameters
@@ -170,12 +170,12 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
 @dataclass(frozen=True, eq=False)
 @read_only
 class JointRows:
-    """The joints of every arm over the shown cycles, for the page's plot of them over time.
+    """Joint positions of every arm over the shown cycles, for the page's plot over time.
 
     Attributes
     ----------
     task : Task
-        Task whose joints they are.
+        Task to which the joints belong.
     rows : tuple of (cycles · per_cycle, n) arrays
         Joint values of each arm, rad or m.
     per_cycle : int
@@ -212,10 +212,10 @@ class JointRows:
 
 
 def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
-    """Choose the samples to show of motions of one robot, more per cycle where they are needed.
+    """Choose the samples to show of motions of one robot, with more per cycle if necessary.
 
-    The page draws a cubic through neighbouring samples. Their number per cycle grows until the
-    cubic is within ``_CLOSE`` of every motion, or all samples are shown.
+    The page draws a cubic through neighbouring samples. The number of samples per cycle is
+    increased until the cubic is within ``_CLOSE`` of every motion, or all samples are shown.
 
     Parameters
     ----------
@@ -234,9 +234,9 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 
 
 def _missed(Q: Array, frames: Frames) -> float:
-    """Evaluate the largest error, rad or m, of the motion as the page draws it.
+    """Evaluate the largest error, rad or m, of a motion as the page draws it.
 
-    From it follows whether there are enough samples. The page draws a cubic through neighbouring
+    The error shows whether there are enough samples. The page draws a cubic through neighbouring
     samples; the error is evaluated half-way between them. ``Q`` (T + 1, nq) holds all
     configurations of the robot.
     """
@@ -281,16 +281,15 @@ def animation_page(
     paths : sequence of (P, 3) arrays
         The paths that the tips follow, closed or not, m.
     frames
-        The samples of the motions that the arrays of the arms hold.
+        Samples of the motions to which the arrays of the arms belong.
     surfaces
         Contents of the arms' mesh files.
     seconds
         Time of one cycle at normal speed.
     title, caption
-        Robot and task, in words; any text. Line breaks of the caption are kept.
+        Texts that name the robot and the task. Line breaks of the caption are kept.
     part : (str, str)
-        Link of the part at which the page points, usually the one that drifts most, and its display
-        name.
+        Link and display name of the part that the page points at, usually the one that drifts most.
     planar
         True if the arms are seen from above, as in a drawing.
     headline
@@ -344,7 +343,7 @@ def animation_page(
 
 
 def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
-    """List, for each shape, where its link is mounted: index of the joint and name of the part.
+    """List, for each shape, the index of the joint that carries its link, and the part's name.
 
     The index is −1 for a link fixed to the base; None stands for a shape of the surroundings.
     ``own`` holds the numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; without them
@@ -367,8 +366,8 @@ def _describe(
     part that the page points at. Shapes that ``rides`` marks (S,) can move, although they may not
     in this motion.
 
-    The arrays are the poses of M moving bodies (T, M, 7), last those of a workpiece that moves,
-    tips and elbows (T, K, 3), the origin of a violation (T, 3), if there is one, and the points
+    The first array has the poses of M moving bodies (T, M, 7), a moving workpiece last. Tips and
+    elbows (T, K, 3) follow, then the origin of a violation (T, 3), if there is one, and the points
     (P, 3) of each moving body.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
@@ -420,9 +419,10 @@ def _describe(
 
 
 def is_planar(points: Array) -> bool:
-    """Test if points (K, 3), m, lie in one horizontal plane, so that their z values agree.
+    """Test whether points (K, 3), m, lie in one horizontal plane.
 
-    The points are of a robot and its path; such a robot is shown from above, as in a drawing.
+    The points are those of a robot and its path; a planar robot is shown from above, as in a
+    drawing.
     """
     return bool(np.ptp(points[:, 2]) < 1e-9)
 
@@ -430,7 +430,7 @@ def is_planar(points: Array) -> bool:
 def moving_of(placements: Array) -> NDArray[np.bool_]:
     """Find which of S shapes move, from placements (T, S, 4, 4) at T samples: mask (S,).
 
-    Shapes that stand still are written with one pose, which keeps the page small.
+    For a shape that stands still, the page stores a single pose.
     """
     return (
         np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
@@ -440,9 +440,9 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
 def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    The page stores these, since they are shorter. The order is x y z, qx qy qz qw. A rotation has
-    two quaternions, ±q; the one nearer to that of the previous sample is taken, so that the page
-    can interpolate.
+    The page stores them because they are shorter. The order is x y z, qx qy qz qw. A rotation has
+    two quaternions, ±q; the one nearer to the previous sample's is used, so that the page can
+    interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

@@ -1,7 +1,7 @@
 """Still figure of motions: the arm as a stick figure at the start and at the end.
 
-It stands for the animation where a page is printed. Stations are points (P, 3), m, by which the
-view is chosen: the arm's joints and frame, and the path.
+The figure replaces the animation on a printed page. Stations are the points (P, 3), m, for which
+the view is chosen: the arm's joints and frame, and the path.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
 
 
 def viewed(figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat: bool) -> Figure:
-    """Label all axes of a figure, and give them one view in which the arm and path are seen best.
+    """Label all axes of a figure, and set the same view, in which arm and path are seen best.
 
     ``stations`` (P, 3), m, are points of the arm and of the path; ``flat`` is True for drawings of
     x and y only. All axes get equal limits, so that the panels can be compared.
@@ -109,10 +109,10 @@ def viewed(figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat:
 
 
 def _same_room(axes: list[Any], flat: bool) -> None:
-    """Set equal limits on all axes, with one scale for all directions, so that panels compare.
+    """Set equal limits on all axes, with one scale for all directions, to make panels comparable.
 
-    ``flat`` leaves out z. A direction in which little happens keeps a fifth of the largest range,
-    so that its numbers do not overlap.
+    ``flat`` leaves out z. Each direction has at least a fifth of the largest range, so that its
+    tick labels do not overlap.
     """
     names = "xy" if flat else "xyz"
     # (d, axes, 2)
@@ -139,7 +139,8 @@ def _same_room(axes: list[Any], flat: bool) -> None:
 def _azimuth(stations: NDArray[np.float64]) -> float:
     """Choose the azimuth of the view, degrees, from the side on which the arm works.
 
-    ``stations`` (P, 3) are points of the arm and the path; the last is taken as where it works.
+    ``stations`` (P, 3) are points of the arm and the path; the last one counts as the place where
+    the arm works.
     """
     tip = stations[-1]
     middle = stations.mean(axis=0)

@@ -1,8 +1,8 @@
 """Live viewer of a control loop, shown in the browser; keys and the mouse move its target.
 
-Configurations are sent over a websocket by a server that is a thread of this process on 127.0.0.1.
-Only this host can reach it. It ends with the process, and leaves no open port behind. Only a page
-that it served itself may connect.
+Configurations are sent over a websocket by a server on 127.0.0.1, in a thread of this process. Only
+this host can reach the server. It ends with the process, which closes its port. Only pages that the
+server itself sent may connect.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class Viewer:
             Configurations to compare with, one for each name, shown as ghosts; by default the first
             ones sent.
         out_of_reach
-            True if the page says that the target is out of reach.
+            True to show on the page that the target is out of reach.
         target : (3,) array, optional
             Target of the frame, m, base axes, which is drawn, and can be dragged.
         cycles
@@ -189,7 +189,7 @@ class Viewer:
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
         """Check that there is one configuration per controller; return them as an array (K, n).
 
-        InputError is raised for another number of configurations, or one of another size than n.
+        InputError is raised if the number of configurations, or the size of one, is wrong.
         """
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
@@ -232,8 +232,8 @@ class Viewer:
     def _page(self, q0: Array, path: TaskPath | None) -> str:
         """Write the HTML page of the viewer, and note which bodies move.
 
-        They are found from three configurations, the start q0 (n,) and two that are shifted by 0.3
-        in each joint. Only bodies that move are sent later.
+        Moving bodies are found from three configurations: the start q0 (n,), and two that are
+        shifted by 0.3 rad or m in each joint. Only these bodies are sent later.
         """
         task = self.task
         Q = np.array(
@@ -309,8 +309,8 @@ class Viewer:
     def _moved(self, message: str) -> None:
         """Move the target by a message of the page, in JSON: ``"home"``, or [x, y, z], m.
 
-        Each may be at most 0.1 m, and the target at most an arm's length away. An invalid message
-        is ignored.
+        Each move may be at most 0.1 m, and the target at most an arm's length away. An invalid
+        message is ignored.
         """
         try:
             move = json.loads(message)
@@ -327,9 +327,9 @@ class Viewer:
 
 
 def _only_this_host(request: RequestHandler) -> None:
-    """Refuse a request, with status 403, that names another host than this one.
+    """Refuse, with status 403, a request that names a host other than this one.
 
-    Another site's name may be made to point here, and its pages could then read the poses.
+    Otherwise another site could make its name point here, and its pages could read the poses.
     """
     if request.request.host_name not in (_HOST, "localhost"):
         request.send_error(403)
@@ -376,7 +376,7 @@ class _Poses(WebSocketHandler):
     def give(self, poses: bytes) -> None:
         """Send the newest poses to the browser, unless an earlier message is still on its way.
 
-        A slow browser skips some poses, but always gets the last. ``poses`` are the bytes of
+        A slow browser misses some poses, but always gets the last. ``poses`` are the bytes of
         :meth:`Viewer.show`.
         """
         if self.busy or poses is self.sent:

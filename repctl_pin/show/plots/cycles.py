@@ -1,7 +1,7 @@
 """Figures of cycles: joint speed, joint-limit margin, body distance, and orbits in joint space.
 
-An orbit is the curve of a motion in joint space, one joint drawn against another; it closes if the
-motion does. The joint-limit margin is the distance of a joint from its nearer limit.
+An orbit is the curve of a motion in joint space, one joint drawn against another. It is closed if
+the motion is. The joint-limit margin is the distance of a joint from its nearer limit.
 """
 
 from __future__ import annotations
@@ -19,9 +19,7 @@ from .motions import axis_label, legend_below, liveliest_joints, quiet, titled
 
 
 def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
-    """Draw the joint speed ‖q̇‖ over the first cycle, and dashed over the last.
-
-    The figure compares what the controllers ask of the joints.
+    """Draw the joint speed ‖q̇‖ over the first cycle, and as dashed lines over the last.
 
     Parameters
     ----------
@@ -48,7 +46,7 @@ def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
 def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the smallest joint-limit margin in each cycle; below 0 a limit is violated.
 
-    The margin is the distance, rad or m, of a joint from its nearer limit.
+    The margin of a joint is its distance, rad or m, from the nearer limit.
 
     Parameters
     ----------
@@ -118,8 +116,7 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure of joint speed, limit margins and, if there are bodies, body distance.
 
-    ``motions`` lists the label, motion and colour of each controller. The report of a study shows
-    it.
+    ``motions`` lists the label, motion and colour of each controller.
     """
     bodies = np.isfinite(motions[0][1].clearance.distance)
     figure = titled(12 if bodies else 10, 4.0, title)
@@ -135,9 +132,9 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 
 
 def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
-    """Draw one joint against another over all cycles: a view of the motion in joint space.
+    """Draw the position of one joint against that of another over all cycles.
 
-    A motion that repeats is a closed curve. A disc marks the end of each motion, and a cross the
+    The curve of a repeatable motion is closed. A disc marks the end of each motion, and a cross the
     start.
 
     Parameters
@@ -165,8 +162,8 @@ def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upw
 def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels.
 
-    ``motions`` lists the label, motion and colour of each controller. An orbit that is one closed
-    curve shows a motion that repeats.
+    ``motions`` lists the label, motion and colour of each controller. The orbit of a repeatable
+    motion is one closed curve.
     """
     i, j, k = liveliest_joints(motions)
     figure = titled(10, 3.9, title)
@@ -179,8 +176,8 @@ def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 def phase_figure(timed: TimedMotion) -> Figure:
     """Draw the figure of joint speed ‖q̇‖ against the length of the joint path, from rest to rest.
 
-    It shows where along the path the joints are slow or stop. If the motion has more than three
-    cycles, only the first three are shown.
+    The figure shows where along the path the joints are slow or stop. If the motion has more than
+    three cycles, only the first three are shown.
     """
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     ax = figure.add_subplot()

@@ -1,9 +1,9 @@
 """Figures of a design: cost against degree, distance from the desired inverse, and leaf margin.
 
-The desired inverse G_d, usually J⁺, is the one that the repeatable inverse G_r of the design comes
-near to; the cost is their mean squared distance over Ω, the region of the design. The leaf margin
-is the distance from an algorithmic singularity: 1 is best, 0 is singular. Maps show values over two
-joints, with the others at the centre of Ω.
+The desired inverse G_d, usually J⁺, is the one that the repeatable inverse G_r of the design
+approximates. The cost is their mean squared distance over Ω, the region of the design. The leaf
+margin is the distance from an algorithmic singularity: 1 is best, 0 is singular. Maps show values
+over two joints, with the others at the centre of Ω.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from .motions import axis_label, quiet, titled
 def cost_against_degree(
     ax: Axes, degrees: Sequence[tuple[int, float, float]], baselines: Sequence[Baseline] = ()
 ) -> Axes:
-    """Draw the cost of designs against the degree of their polynomials, with other inverses.
+    """Draw the cost of designs against the degree of their polynomials, and that of other inverses.
 
     The cost is the mean squared distance from the desired inverse on held-out nodes, configurations
-    that were not used in the fit. The figure shows whether a higher degree is worth its time.
+    that were not used in the fit. The figure shows whether a higher degree is worthwhile.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ _VARIATION = 0.05
 
 
 def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
-    """Check whether values over two joints vary enough to be drawn as a map: by 5 % of its scale.
+    """Check whether values over two joints vary enough to be drawn as a map: by 5 % of the scale.
 
-    A map of one colour would take space and say nothing.
+    A map of a single colour would show nothing.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def joint_map(
     label
         Label of the colour bar, with the unit.
     top
-        Upper end of the colour scale, for a quantity that is good if large. By default small is
-        good, and the scale ends at the largest value. It begins at 0.
+        Upper end of the colour scale, for a quantity of which large values are good. By default,
+        small values are good, and the scale ends at the largest value. The scale begins at 0.
     """
     across, upward = grid.joints
     shown = np.ma.masked_invalid(values)
@@ -147,15 +147,15 @@ def design_figure(
 ) -> Figure:
     """Draw the figure ``design.png``: cost against degree, and maps over two joints.
 
-    The maps show where in Ω, the region of joint space that it is made for, the design is far from
-    the desired inverse, and where it is nearly singular.
+    The maps show where in Ω, its region of joint space, the design is far from the desired inverse,
+    and where it is nearly singular.
 
     Parameters
     ----------
     design
         The design.
     grid
-        Its maps over two joints.
+        Maps of the design over two joints.
     degrees
         Degree, cost and standard error of designs to compare; if empty, that panel is left out.
     baselines
@@ -188,8 +188,8 @@ _Map = tuple[NDArray[np.float64], str, float | None]
 def maps_that_vary(*maps: _Map) -> list[_Map]:
     """Select the maps that vary enough to be drawn; the first one if none does.
 
-    Each map holds values over two joints, its label, and the best value if large is good, else
-    None.
+    Each map has its values over two joints, its label, and the best value; None as best value means
+    that small values are good.
     """
     return [one for one in maps if varies(one[0], one[2])] or [maps[0]]
 
@@ -197,7 +197,7 @@ def maps_that_vary(*maps: _Map) -> list[_Map]:
 def _plain_log_ticks(ax: Axes) -> None:
     """Label a log axis with plain numbers, and extend it upwards to make space for the legend.
 
-    It may span less than a decade, where powers of ten would leave it without labels.
+    The axis may span less than a decade; labels at powers of ten only would then be missing.
     """
     low, high = ax.get_ylim()
     ax.set_ylim(low, high * (high / low) ** 0.4)  # room for the legend

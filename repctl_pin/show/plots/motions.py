@@ -1,7 +1,7 @@
 """Figures of motions: drift and joint positions over the cycles.
 
-A figure shows several motions from one start: for each a label, the motion and a colour, listed as
-``motions``. The drift is the distance of the joints from the start after a cycle.
+A figure shows several motions from one start; ``motions`` lists a label, the motion and a colour
+for each. The drift is the distance of the joints from the start after a cycle.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 class _Curve(NamedTuple):
-    """Line of one motion in a figure, its name and its colour.
+    """Line of one motion in a figure, with its name and colour.
 
     ``values`` (cycles,) holds a value after each cycle, in the unit of the axis, and ``words`` the
     last value with its unit, for the label at the line's end.
@@ -84,7 +84,7 @@ def _drifts(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
 def _displacements(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
     """Make the curves of the displacement, cm, of the part that is farthest from its start.
 
-    They show the drift in space, which a reader can imagine better than a norm over the joints.
+    A displacement in space is easier to imagine than a norm over the joints.
     """
     curves = []
     for label, motion, colour in motions:
@@ -114,7 +114,7 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
 def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
     """Draw curves on a linear scale from 0, with name and last value at the end of each line.
 
-    The scale is cut if one large drift would flatten the others, see :func:`_top`.
+    The axis is cut off if one large drift would flatten the other curves; see :func:`_top`.
     """
     _drift_lines(ax, curves)
     ax.set_ylim(0, _top(curves) or ax.get_ylim()[1])
@@ -127,7 +127,8 @@ def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
 def _drift_lines(ax: Axes, curves: Sequence[_Curve], size: float = 4.0) -> None:
     """Draw the values of curves after each cycle, and crosses at the first violations.
 
-    A violation is a joint limit exceeded, or a collision. ``size`` is that of the markers, points.
+    A violation is an exceeded joint limit or a collision. ``size`` is the size of the markers,
+    points.
     """
     for curve, marker in zip(curves, "osD^vPX" * len(curves), strict=False):
         motion, values = curve.motion, curve.values
@@ -153,7 +154,7 @@ _LEAST = 1e-17
 def _top(curves: Sequence[_Curve]) -> float | None:
     """Choose the upper end of a linear axis so that one large drift does not flatten the rest.
 
-    Curves that :func:`_near` leaves out then rise above the axis. None if no curve is left out.
+    Curves that :func:`_near` leaves out then exceed the axis. None if no curve is left out.
     """
     kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
     if len(kept) == len(curves):
@@ -179,7 +180,7 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
 def _stays(drift: NDArray[np.float64]) -> bool:
     """Check whether nearly all of a drift (cycles,) occurs in the first of several cycles.
 
-    Such a motion goes to another configuration and closes there, instead of drifting on.
+    Such a motion moves to another configuration and is closed from there on.
     """
     return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
@@ -231,7 +232,7 @@ def _end_words(curve: _Curve, high: float) -> str:
 def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
     """Shift labels so that none covers another or leaves the axes; return their new positions.
 
-    ``rising`` are the heights at which their lines end, sorted, and ``heights`` those of their
+    ``rising`` has the sorted heights at which the lines end, and ``heights`` the heights of the
     texts, all as fractions of the axes.
     """
     places = []
@@ -249,8 +250,8 @@ def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
 def _joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
     """Draw the position of one joint against time in cycles, with nearby limits as dashed lines.
 
-    ``joint`` is its index, from 0. A cross marks where a motion first exceeds a joint limit, if it
-    is the limit of this joint.
+    ``joint`` is the joint's index, from 0. A cross marks where a motion first exceeds a joint
+    limit, if the limit is that of this joint.
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
@@ -283,9 +284,9 @@ def _joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joi
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
     """Draw the figure ``drift.png``: displacement of the arm after each cycle, cm.
 
-    The displacement is that of the part of the arm that is farthest from where it began. The joint
-    drift, a norm over the joints, is an inset on a log scale. ``motions`` lists the label, motion
-    and colour of each controller.
+    The displacement is that of the most displaced part of the arm. The joint drift, a norm over the
+    joints, is an inset on a log scale. ``motions`` lists the label, motion and colour of each
+    controller.
     """
     figure = Figure(figsize=(8.6, 4.4))
     ax, curves = figure.add_subplot(), _displacements(motions)
@@ -316,8 +317,8 @@ _INSET = (0.38, 0.3)
 def _free_corner(ax: Axes, curves: Sequence[_Curve]) -> tuple[float, float] | None:
     """Find a place for the inset in the figure of the drift where it covers no line.
 
-    It is the highest such place on the left, or else on the right. Returned is the inset's lower
-    left corner, as fractions of the axes; None if there is no such place, and then no inset.
+    The place is the highest one on the left, or else on the right. Returns the inset's lower left
+    corner, as fractions of the axes; None, for no inset, if there is no such place.
     """
     to_axes = ax.transData + ax.transAxes.inverted()
     shares = np.linspace(0, 1, 101)
@@ -364,8 +365,8 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
     """Find the joints that drift most at the ends of cycles; return their indices, sorted.
 
-    A figure has space for ``count`` of them. Motions that move away in the first cycle and then
-    stay count only if all motions do.
+    There are at most ``count``. Motions that move away in the first cycle and then stay are
+    ignored, unless all motions do so.
     """
     going = [motion for _, motion, _ in motions if not _stays(motion.drift)]
     ends = [
@@ -382,7 +383,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def _power_of_ten(value: float, _: object = None) -> str:
     """Write a power of ten as ``10⁻³``, the label of a tick of a log scale.
 
-    It is plain text, because matplotlib's parser of formulas is slow.
+    The label is plain text, because matplotlib's parser of formulas is slow.
     """
     return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS)
 
@@ -428,7 +429,7 @@ def _arrange(
     """Place a grid of axes (rows, columns) in a figure, with the given margins in inches.
 
     The space left of the axes fits their tick labels, and that on the right fits their notes.
-    Each is measured once; matplotlib's constrained layout, which measures everything four times,
+    Each text is measured once. matplotlib's constrained layout measures everything four times, and
     takes longer than all drawing.
 
     Parameters
@@ -480,7 +481,7 @@ def legend_below(figure: Figure, ax: Axes) -> Figure:
 def axis_label(task: Task, joint: int) -> str:
     """Write the label of an axis: a joint's name and its unit, as ``joint4 (rad)``.
 
-    ``joint`` is its index, from 0.
+    ``joint`` is the joint's index, from 0.
     """
     return f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
 

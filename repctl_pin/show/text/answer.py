@@ -2,8 +2,8 @@
 
 A span is a piece of text with a tone (``bad``, ``good``, ``near``), which a terminal shows as
 colour. A row is the result of one strategy, such as J⁺, in the study; a summary holds the numbers
-of its motion. The displacement of a part is the distance between its places at the start and after
-all cycles.
+of its motion. The displacement of a part is the distance between its positions at the start and
+after all cycles.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
 def _proved(study: Study) -> list[str]:
     """Write the line on the proved closing radius of the design: a list of one text.
 
-    Every closed path within that distance of the start, or of the path that was followed, is proved
+    Every closed path within that radius of the start, or of the path that was followed, is proved
     to close in joint space. The list is empty if nothing was proved.
     """
     closes = study.design.proof and study.design.proof.closes
@@ -96,7 +96,7 @@ def _title(row: Row) -> str:
 def _about(study: Study) -> str:
     """Write one line that names the arm, its task, its path and the number of cycles.
 
-    It follows the sentence with which the answer begins.
+    The line follows the first sentence of the answer.
     """
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
@@ -108,10 +108,10 @@ def _about(study: Study) -> str:
 
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
-    """Format the short table, with a column for each strategy, a compared controller such as J⁺.
+    """Format the short table, with a column for each compared strategy, such as J⁺.
 
-    Bad and good values have that tone, which is shown as colour. A line below the table counts the
-    bodies that are not checked for collisions, if there are any.
+    Values are spans with the tones ``bad`` and ``good``, which are shown as colours. A line below
+    the table counts the bodies that are not checked for collisions, if there are any.
     """
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = [[Span(name), *line] for name, line in _cells(study, rows)]
@@ -124,9 +124,9 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
     """Format the displacements of the hand and of the farthest part, for every controller.
 
-    The report puts these two rows above its table: the maximum distance of the hand from its path,
-    and the displacement at the end of the part that drifted most. Each is a name, and a text per
-    controller.
+    The report puts these two rows above its table. They have the maximum distance of the hand from
+    its path, and the final displacement of the part that drifted most. Each row is a name, and a
+    text per controller.
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
@@ -173,7 +173,7 @@ def _column(
     """Format the values of one controller, in the order of the rows of the short table.
 
     ``usual`` is the summary of J⁺, with which the joint speed is compared; None if J⁺ stopped.
-    ``ends`` holds the link of another end effector that is not back where it began, or nothing.
+    ``ends`` holds the link of another end effector that does not end where it began, or nothing.
     """
     off = float(motion.tracking_error.max())
     drift = number(float(motion.drift[-1]))
@@ -192,17 +192,17 @@ def _column(
 def _part(summaries: Sequence[MotionSummary | None]) -> str:
     """Name the part that is displaced most under every controller; "farthest part" if they differ.
 
-    Motions in which all parts return are left out, and None stands for a strategy that stopped.
+    Motions in which all parts return are ignored. A summary of None means that a strategy stopped.
     """
     names = {one.part for one in summaries if one is not None and not one.back}
     return names.pop() if len(names) == 1 else "farthest part"
 
 
 def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
-    """Format the extra joint speed relative to J⁺, as ``+3 %``; a dash where it means nothing.
+    """Format the extra joint speed relative to J⁺, such as ``+3 %``; a dash if it is meaningless.
 
-    That is so for J⁺ itself, whose summary is ``usual``, if J⁺ stopped, and if either motion leaves
-    its path.
+    It is meaningless for J⁺ itself, whose summary is ``usual``, if J⁺ stopped, and if either motion
+    leaves its path.
     """
     if usual is None or summary is usual or not usual.speed > 0:
         return Span("–")
@@ -212,9 +212,9 @@ def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
 
 
 def _limits(summary: MotionSummary) -> Span:
-    """Format in which cycle a motion first violates a joint limit, or by how much a speed limit.
+    """Format the cycle of the first joint-limit violation, or the factor of a speed violation.
 
-    The text is ``kept`` if it violates none.
+    The text is ``kept`` if no limit is violated.
     """
     if summary.limit_violation:
         return Span(f"cycle {summary.limit_violation[0]}!", "bad")
@@ -233,10 +233,11 @@ def _links(summary: MotionSummary) -> Span:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """List the notes of a study that are not already said in the sentence or in the lines above.
+    """List the notes of a study that the sentence and the lines above do not contain yet.
 
     First come the reasons of strategies that stopped, except J⁺ and the repeatable one, then the
-    others by :func:`_rank`: the last ones are left out if the terminal has no space for all.
+    others, sorted by :func:`_rank`. The last ones are left out if the terminal has no space for
+    all.
     """
     said = {f"{row.label}: {violation}" for row in rows for violation in violation_texts(row)}
     notes = [note for note in study.notes if note not in said]
@@ -249,9 +250,9 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
 
 
 def _rank(note: str) -> int:
-    """Rank a note by its first words: 0 for those that come first, 1, or 2 for the last.
+    """Rank a note by its first words: 0 is listed first, 2 last.
 
-    The last are left out first if the terminal has too few rows.
+    If the terminal has too few rows, the last notes are left out.
     """
     return 0 if note.startswith(_FIRST) else 2 if note.startswith(_LAST) else 1
 
@@ -265,7 +266,7 @@ def _meanings(study: Study) -> list[str]:
 
 
 def _as_many(notes: Sequence[str], rows: int) -> list[str]:
-    """Take as many notes as fit into a number of terminal rows, and say how many are left out.
+    """Select as many notes as fit into a number of terminal rows, and add how many are left out.
 
     Without this, the sentence and the table would scroll out of a small terminal.
     """
@@ -279,5 +280,5 @@ def _as_many(notes: Sequence[str], rows: int) -> list[str]:
 
 
 def _height_of(lines: Sequence[str]) -> int:
-    """Count the rows that lines of text take in a terminal of 80 columns, with those it wraps."""
+    """Count the rows of lines of text, with wrapping, in a terminal of 80 columns."""
     return sum(fitted(line, COLUMNS).count("\n") + 1 for line in lines)

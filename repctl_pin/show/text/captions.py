@@ -42,7 +42,7 @@ GLOSSARY = {
 
 
 def _amount(motion: Motion, cycle: int) -> str:
-    """Format the joint drift after a cycle with its unit, such as ``0.21 rad``; 0 if closed.
+    """Format the joint drift after a cycle with its unit, such as ``0.21 rad``; 0 if it is closed.
 
     ``cycle`` counts from 0, and −1 is the last.
     """
@@ -83,7 +83,7 @@ def joints_words(study: Study) -> str:
 
 
 def orbits_words(study: Study) -> str:
-    """Describe the figure of orbits, the motions in joint space: which close, and which drift.
+    """Describe the figure of orbits, the motions in joint space: which are closed, and which drift.
 
     The text is its alternative text, for readers who cannot see the figure.
     """

@@ -1,9 +1,9 @@
 """Headline of a page and of a terminal: which part of the arm has drifted, and how far.
 
 Its notes give the extra joint speed of the repeatable controller, the limits and the bodies. The
-displacement of a part is the distance between its places at the start and after all cycles; the
-part is back if that is less than 0.1 mm. A summary holds the numbers of one motion. A span is a
-piece of text with a tone (``bad``, ``good``), which is shown as colour.
+displacement of a part is the distance between its positions at the start and after all cycles. The
+part is back if its displacement is less than 0.1 mm. A summary holds the numbers of one motion. A
+span is a piece of text with a tone (``bad``, ``good``), which is shown as colour.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def hands_are(count: int) -> str:
 class Headline:
     """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
 
-    Both are spans, pieces of text with tones, since a page and a terminal colour them. As a text
-    they are joined, without colours.
+    Both are spans, pieces of text with tones, which a page and a terminal show as colours.
+    ``str()`` joins them without colours.
     """
 
     sentence: tuple[Span, ...]
@@ -84,7 +84,7 @@ NO_HEADLINE = Headline((), ())
 def under(label: str) -> str:
     """Return how a sentence names a controller: ``the usual control`` for the label J⁺.
 
-    A controller of the user keeps its label.
+    A user's controller is named by its label.
     """
     return _UNDER.get(label, label)
 
@@ -92,9 +92,9 @@ def under(label: str) -> str:
 def names_of(label: str) -> dict[str, str]:
     """Collect what a page writes about a controller, from its label, such as ``J⁺``.
 
-    The keys are ``title``, that of its pane; ``law``, the technical name that follows it in
-    brackets; ``about``, what the controller does; and ``under``, how a sentence names it. The
-    second and third can be empty.
+    ``title`` is the title of the pane, and ``law`` the technical name that follows in brackets.
+    ``about`` says what the controller does, and ``under`` is its name in a sentence. ``law`` and
+    ``about`` can be empty.
     """
     return {
         "title": _TITLES.get(label, label),
@@ -117,7 +117,7 @@ def stopped_words(label: str, failure: str) -> str:
 def stopped_cell(row: Row) -> str:
     """Write the cell of a table for a row without a motion: ``stopped``, or a dash.
 
-    The dash is for a motion that depends on the number of steps, and so is no result.
+    The dash marks a motion that depends on the number of steps, and so is not a result.
     """
     return "–" if row.stopped.startswith(UNRESOLVED) else "stopped"
 
@@ -140,8 +140,8 @@ def headline_of(
 ) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
-    A page and a terminal begin with it. The cost is the joint speed that the last motion takes more
-    than the first.
+    A page and a terminal begin with it. The cost is the extra joint speed of the last motion
+    relative to the first.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def headline_of(
 
 
 def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that bodies collide in the last motion, the one to be run, or in all of them."""
+    """Write that bodies collide in the last motion, which would be run, or in all motions."""
     hit = [one for one in summaries if one.collision_cycle and one.near]
     if len(summaries) < 2 or summaries[-1] not in hit:
         return []
@@ -195,14 +195,14 @@ def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _whole(text: str) -> str:
-    """Keep a text, such as "32 cm off", on one line, by no-break spaces in place of spaces."""
+    """Replace spaces by no-break spaces, to keep a text such as "32 cm off" on one line."""
     return text.replace(" ", "\u00a0")
 
 
 def _is_open(one: MotionSummary) -> bool:
     """Return whether the hand does not end where it began, although it does not leave its path.
 
-    The path is then not closed, or it is unknown, as for a motion that was read from a file.
+    The path is then not closed, or is unknown because the motion was read from a file.
     """
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
@@ -210,9 +210,9 @@ def _is_open(one: MotionSummary) -> bool:
 def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
     """Write which part or joint is displaced, and by how much under each controller.
 
-    The part is the one that is displaced most under any of them. If no part is displaced by 1 cm or
-    more, a joint is named that is displaced by 0.1 rad or more. ``after`` says after how many
-    cycles, if the sentence before does not say it; else it is empty.
+    The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
+    or more, a joint is named that is displaced by 0.1 rad or more. ``after`` is the text on the
+    number of cycles; empty if the sentence before has it.
     """
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
@@ -245,7 +245,7 @@ def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
 def _alone(one: MotionSummary) -> str:
     """Name a controller that a sentence does not compare with another one.
 
-    It is then "the repeatable control", because "the repeatable one" refers to another control.
+    The name is "the repeatable control", because "the repeatable one" would need another control.
     """
     return under(one.label).replace("repeatable one", "repeatable control")
 
@@ -265,7 +265,7 @@ def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def end_name(link: str) -> str:
-    """Name what a link at the end of another branch is: other hand, foot, head, or other end.
+    """Name the kind of a link at the end of another branch: other hand, foot, head, or other end.
 
     The task does not control that branch, but it may move with the arm. The word is found in the
     link's name.
@@ -348,9 +348,9 @@ def off_of(one: MotionSummary) -> Span:
 
 
 def _exact(one: MotionSummary) -> str:
-    """Write the link that is farthest from where it began, and how far, m, with three digits.
+    """Write the most displaced link, and its displacement, m, with three digits.
 
-    It is the exact value of a rounded text, for readers who want to know.
+    Readers can look up this exact value of a rounded text.
     """
     return f"{one.link}: {one.off:.3g} m"
 
@@ -360,8 +360,8 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
 
 
-    ``unit`` is the text after each value (" off"), except a 0 that is not the first. Where the
-    controllers differ in the most displaced part, the smaller values name theirs.
+    ``unit`` is the text after each value (" off"), except a 0 that is not the first. If the most
+    displaced part depends on the controller, the smaller values name their part.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -374,7 +374,7 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
 
 def _turned(one: MotionSummary) -> Span:
-    """Format by how much a joint is displaced at the end, rad, although parts are not, or hardly.
+    """Format the final displacement of a joint, rad, if the parts are hardly displaced.
 
     The tone is ``bad`` from 0.1 rad up.
     """
@@ -386,7 +386,7 @@ def _turned(one: MotionSummary) -> Span:
 def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Write the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
 
-    The limits are those violated in these ``cycles``, and those that will be if the drift goes on.
+    They name the limits violated in these ``cycles``, and those that a further drift will violate.
     """
     return [
         *_extra_speed(summaries[0], summaries[-1]),
@@ -397,10 +397,10 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
-    """Write how much more joint speed (rms, cycle 1) the last motion takes than the first.
+    """Write the extra joint speed (rms, cycle 1) of the last motion relative to the first.
 
-    This is what repeatability costs if the first motion is that of J⁺. Returned is a list of one
-    text; it is empty if there is one motion, or one of them leaves its path.
+    If the first motion is that of J⁺, this is the cost of repeatability. The list has one text. It
+    is empty for a single motion, or if one of the two leaves its path.
     """
     if last is first or not first.speed > 0 or first.path_loss or last.path_loss:
         return []
@@ -416,12 +416,12 @@ def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
 
 
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """Write which joint and speed limits are violated, and which will be if an arm drifts on.
+    """Write which joint and speed limits are violated, and which a further drift will violate.
 
     Each is one text, with a tone.
 
-    Without a violation, the text says that the joint limits are kept. If the drift will violate one
-    later, it says that they are kept in these ``cycles``.
+    Without a violation, the text says that the joint limits are kept. If the drift will violate a
+    limit later, it says that the limits are kept in these ``cycles``.
     """
     said = []
     for one in summaries:
@@ -487,9 +487,10 @@ def _distance(one: MotionSummary) -> str:
 
 
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write how many bodies without a shape are not checked for collisions, a list of one text.
+    """Write how many bodies without a shape are not checked for collisions.
 
-    Without it, the user could take such bodies for free of collisions. Empty if all are checked.
+    Otherwise the user could believe that such bodies are free of collisions. The list has one text;
+    it is empty if all bodies are checked.
     """
     texts = dict.fromkeys(one.unchecked for one in summaries if one.unchecked)
     return [Span(f"Collisions not checked: {text}.", "near") for text in texts]

@@ -22,8 +22,8 @@ _COLOURS = {"bad": "31", "good": "32"}
 class Span(NamedTuple):
     """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value.
 
-    A terminal and a page show a tone as colour. The exact value is that of a rounded text, such as
-    ``elbow_link: 0.0321 m``, or empty.
+    A terminal and a page show a tone as colour. The exact value belongs to a rounded text, such as
+    ``elbow_link: 0.0321 m``; it can be empty.
     """
 
     text: str
@@ -32,17 +32,17 @@ class Span(NamedTuple):
 
 
 def capital(text: str) -> str:
-    """Capitalise the first letter of a text, and change no other."""
+    """Capitalise the first letter of a text; all others are unchanged."""
     return text[:1].upper() + text[1:]
 
 
 def noted(text: str) -> str:
-    """Begin a note with ``note: ``; a warning, which begins with ``! ``, stands as it is."""
+    """Put ``note: `` before a note; a warning, which begins with ``! ``, is unchanged."""
     return text if text.startswith("! ") else f"note: {text}"
 
 
 def coloured(spans: Iterable[Span]) -> str:
-    """Join pieces of text; on a terminal with the colours of their tones.
+    """Join pieces of text; on a terminal, their tones become colours.
 
     ``bad`` is red and ``good`` green. The environment variable ``NO_COLOR``, and ``TERM=dumb``,
     switch colours off. Control sequences within a piece are escaped.
@@ -60,8 +60,8 @@ def coloured(spans: Iterable[Span]) -> str:
 def wrapped(spans: Sequence[Span]) -> list[Span]:
     """Wrap a sentence made of pieces to the width of the terminal, and return the pieces.
 
-    Each piece keeps its tone, although a line break may fall into it. A no-break space keeps two
-    words on one line.
+    A piece keeps its tone even if it contains a line break. A no-break space keeps two words on one
+    line.
     """
     text = "".join(span.text for span in spans).rstrip(" ")
     letters = list(text)
@@ -93,7 +93,7 @@ def on_terminal(stream: TextIO | None) -> bool:
 
 
 def fitted(text: str, width: int | None = None) -> str:
-    """Wrap lines that are wider than the terminal, or than a given width in characters.
+    """Wrap lines that are wider than ``width`` characters; by default, than the terminal.
 
     After a label such as ``note: `` or ``! ``, continuation lines are indented to the start of the
     text.
@@ -103,7 +103,7 @@ def fitted(text: str, width: int | None = None) -> str:
 
 
 def _wrapped(line: str, width: int) -> list[str]:
-    """Wrap one line to a width, as :func:`fitted` does; a line with a longer word stays whole.
+    """Wrap one line to a width, as :func:`fitted` does; a line with an overlong word stays whole.
 
     Such a word is usually a path, which the user wants to copy.
     """

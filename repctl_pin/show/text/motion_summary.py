@@ -1,7 +1,8 @@
 """Summaries of motions, for headlines and tables: displacement, speed, limits, bodies.
 
-The displacement of a part of the arm is the distance between its places at the start and at the end
-of all cycles. The outlook is where the drift leads if it goes on at this rate.
+The displacement of a part of the arm is the distance between its positions at the start and at the
+end of all cycles. The outlook is the cycle in which a joint leaves its range if the drift goes on
+at this rate.
 """
 
 from __future__ import annotations
@@ -32,8 +33,7 @@ TURNED = 0.1
 class MotionSummary:
     """The quantities of one motion that headlines and short tables report.
 
-    Each is evaluated once, for a page and for a terminal. The displacement of a part is the
-    distance between its places at the start and at the end of all cycles.
+    Each is evaluated once, for a page and for a terminal.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class MotionSummary:
     def back(self) -> bool:
         """True if every part of the arm is back where it began, within a tenth of a millimetre.
 
-        A headline then says so, and names no part.
+        A headline then states this, and names no part.
         """
         return self.off < NOTHING
 
@@ -113,7 +113,7 @@ class MotionSummary:
     def turned(self) -> bool:
         """True if a revolute joint is displaced by 0.1 rad or more although no part is by 1 cm.
 
-        A headline then names the joint, since the arm looks as if it had not drifted.
+        A headline then names the joint, because the drift of the arm can hardly be seen.
         """
         return self.off < SMALL and self.joint_displacement[0] >= TURNED
 
@@ -123,7 +123,7 @@ def motion_summary(
 ) -> MotionSummary:
     """Extract the quantities of a motion that a headline reports, without its outlook.
 
-    The outlook, in which cycle the drift will lead to a limit, is added by :func:`with_outlook`.
+    The outlook is added by :func:`with_outlook`.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def motion_summary(
 
 
 def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:
-    """Add to the summary of a motion its outlook, and the two links that come nearest.
+    """Add to the summary of a motion its outlook, and the two links with the minimum distance.
 
     The outlook is the cycle in which a joint leaves its range if it drifts on at this rate; it
     warns of a violation after the last cycle shown.

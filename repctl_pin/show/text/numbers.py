@@ -10,7 +10,7 @@ NOTHING = 1e-4
 
 
 def number(value: float) -> str:
-    """Format a number for a reader with three digits, or with one below 1e-3: 1.75, 0.0238, 2e-11.
+    """Format a number with three digits, or with one digit below 1e-3: 1.75, 0.0238, 2e-11.
 
     A dash stands for infinity or NaN.
     """
@@ -39,7 +39,7 @@ def metres(value: float) -> str:
 def displacement(value: float) -> str:
     """Format the displacement of a part, m, as :func:`metres` does, but as 0 below 0.1 mm.
 
-    So errors of the integrator do not read as drift.
+    So integration errors are not read as drift.
     """
     return "0" if value < NOTHING else metres(value)
 
@@ -50,7 +50,7 @@ def radians(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Format a change, a fraction, in per cent, with its sign: +0.3 %, −1 %; 0 % below 0.05 %."""
+    """Format a fraction as a change in per cent: +0.3 %, −1 %; 0 % below 0.05 %."""
     if abs(share) < 5e-4:
         return "0 %"
     text = f"{100 * share:+.1f}" if abs(share) < 0.1 else f"{100 * share:+.0f}"

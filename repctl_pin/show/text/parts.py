@@ -17,10 +17,9 @@ _WORD = 3
 
 
 def redundant_part(task: Task) -> str:
-    """Write what a task leaves free to drift: the elbow position of an arm with one spare joint.
+    """Write what can drift under a task: "elbow position" for a pose task with r = 1.
 
-    It is "configuration" for any other task than a pose with r = 1, since more than the elbow is
-    free.
+    For any other task, it is "configuration", because more than the elbow can move.
     """
     return "elbow position" if (task.m, task.r) == (6, 1) else "configuration"
 
@@ -29,10 +28,10 @@ def part_name(task: Task, q: Array, link: str) -> str:
     """Find a readable name for a link, for sentences about the part of the arm that drifts.
 
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
-    returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Else the
-    words of its name are returned, without the robot's name and without a prefix that most links
-    share: ``link 4``. If they are no words, the name in the file is: ``link arm_2``. With several
-    frames, the word says on which side the link is: ``left wrist``.
+    returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Otherwise
+    the words of the link's name are returned, without the robot's name and a prefix that most links
+    share: ``link 4``. If the name does not consist of words, it is returned as in the file:
+    ``link arm_2``. With several frames, the result includes the side: ``left wrist``.
 
     Parameters
     ----------
@@ -62,7 +61,8 @@ def part_name(task: Task, q: Array, link: str) -> str:
 def hand_names(task: Task) -> list[str]:
     """Name the frames of a task as hands, by their sides: ``left hand``, ``right hand``.
 
-    A task of one frame has a ``hand``. Frames whose names tell no side keep their own names.
+    The frame of a task of one frame is called ``hand``. Frames without a side in their names keep
+    their own names.
     """
     if len(task.frames) == 1:
         return ["hand"]
@@ -73,7 +73,7 @@ def hand_names(task: Task) -> list[str]:
 def _side(link: str) -> str:
     """Write on which side a link is, from its name: ``left ``, ``right ``, or an empty text.
 
-    ``l_hand`` counts as left, too. With two arms the word tells equal parts apart.
+    ``l_hand`` counts as left, too. With two arms, the side distinguishes equal parts.
     """
     words = set(re.split("[^a-z]+", _words(link).lower()))
     sides = (side for side in ("left", "right") if words & {side, side[0]})
@@ -89,8 +89,8 @@ def _words(name: str) -> str:
 def _without_prefix(link: str, links: Sequence[str]) -> str:
     """Drop the part of a link's name before the first underscore if most links share it.
 
-    It is usually the robot's name: ``panda_link4`` becomes ``link4``. A letter must follow the
-    underscore. ``links`` are the names of all links.
+    That prefix is usually the robot's name: ``panda_link4`` becomes ``link4``. A letter must follow
+    the underscore. ``links`` are the names of all links.
     """
     first, _, rest = link.partition("_")
     shared = sum(name.startswith(f"{first}_") for name in links)
@@ -100,7 +100,8 @@ def _without_prefix(link: str, links: Sequence[str]) -> str:
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
     """Find the links before and after the elbow joint at q (n,), which are displayed as "elbow".
 
-    They are the parent and child of that joint. Empty if no joint is in the middle of the arm.
+    They are the parent and the child of that joint. The result is empty if no joint is in the
+    middle of the arm.
     """
     joint = elbow(task, q)
     if not in_the_middle(task, q)[joint]:

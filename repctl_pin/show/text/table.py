@@ -1,7 +1,7 @@
-"""Tables as aligned plain text for a terminal: of any cells, and of a whole study.
+"""Tables as aligned plain text for a terminal, for any cells and for a whole study.
 
-A span is a piece of text with a tone, which a terminal shows as colour. A strategy is one of the
-controllers that a study compares; each has a column.
+A span is a piece of text with a tone, which a terminal shows as colour. A strategy is a controller
+that a study compares; each strategy has a column.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 
 
 def table_spans(header: Sequence[str], rows: Sequence[Sequence[Span]], left: int = 1) -> list[Span]:
-    """Align a table, as :func:`table`, whose cells are spans and keep their tones.
+    """Align a table as :func:`table` does, but with spans as cells, which keep their tones.
 
-    ``left`` is the number of columns that are aligned to the left. Returned are spans to print one
-    after the other; they contain the line breaks.
+    ``left`` is the number of columns that are aligned to the left. Returns spans to print one after
+    the other; they include the line breaks.
     """
     high = max(cell.count("\n") for cell in header)
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
@@ -67,7 +67,7 @@ def table_spans(header: Sequence[str], rows: Sequence[Sequence[Span]], left: int
 def _blocks(widths: Sequence[int]) -> list[list[int]]:
     """Divide the columns of a table into blocks that fit into the terminal, as lists of indices.
 
-    Each block begins with the first column, which names the rows. ``widths`` are those of the
+    Each block begins with the first column, which names the rows. ``widths`` are the widths of the
     columns, in characters.
     """
     blocks = [[0]]
@@ -168,7 +168,7 @@ def _cell(quantity: Quantity, row: Row) -> str:
     """Format the value of a quantity for one controller, with a mark if it is bad.
 
     ``!`` marks a bad value, and ``≠`` the time of a cycle that does not close. A missing value is
-    shown as the word that the quantity has for it, such as ``not checked``.
+    shown by a text of the quantity, such as ``not checked``.
     """
     motion = row.motion
     if quantity.of is None:
@@ -191,7 +191,7 @@ def study_legend(study: Study) -> str:
 
     The marks are ``!`` for a bad value and ``≠`` for a motion that does not close.
 
-    Marks that do not occur in it are left out.
+    Marks that do not occur in the table are left out.
     """
     desired = _desired(study)
     cells = " ".join(value for _, values in study_cells(study) for value in values)
@@ -224,14 +224,14 @@ def study_notes(study: Study) -> list[str]:
 
 
 def _desired(study: Study) -> str:
-    """Return the letters of the desired inverse, to which the design comes near: J⁺ or G_d."""
+    """Return the symbol of the desired inverse, which the design approximates: J⁺ or G_d."""
     return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
 
 
 def _unchecked(study: Study) -> list[tuple[str, list[str]]]:
-    """Make the table's row that counts the bodies without a shape, not checked for collisions.
+    """Make the table's row on bodies that are not checked for collisions, as they have no shape.
 
-    It is a list of one name and its values; empty if all bodies are checked.
+    The list has one row, a name and its values; it is empty if all bodies are checked.
     """
     count = len(bodies_of(study.task).unchecked)
     return [("bodies without a shape", [f"{count}"] * len(study.rows))] * (count > 0)

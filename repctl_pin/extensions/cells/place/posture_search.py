@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ....base.arguments import Array, read_only, vector
 from ....base.errors import InputError, RepctlError
 from ....model.bodies import bodies_of
+from ....model.task import unit_of
 from ....motion import solve_ik
 from ....motion.solve_ik import random_configurations
 from ....redundancy.inverses import inverse_condition_number
@@ -132,10 +133,11 @@ def _configurations(cell: Cell, seed: int) -> Array:
     margins = _margins(cell, Q)
     if not margins.max() > 0:
         own = task.limit_margin(Q[margins.argmax()])
-        joint = task.joint_names[int(own.argmin())]
+        j = int(own.argmin())
+        beyond = f"{-own[j]:.3g} {unit_of(task.revolute[j : j + 1])}"
         raise InputError(
             f"{where} is reached only outside the limits of "
-            f"{joint!r}, at best {-own.min():.3g} rad (or m) beyond them; move the cell, or turn it"
+            f"{task.joint_names[j]!r}, at best {beyond} beyond them; move the cell, or turn it"
         )
     Q = Q[(margins > 0) & _regular(cell, Q)]
     if not len(Q):
