@@ -273,7 +273,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     schemes(driver, width=900, height=700)
     open_page(driver, page)
     boxes = (
-        "return JSON.stringify(['header', '#stage', 'footer', '#readings', '#tools'].map((name) =>"
+        "return JSON.stringify(['footer', '#readings', '#tools'].map((name) =>"
         " document.querySelector(name).getBoundingClientRect()))"
     )
     before = driver.execute_script(boxes)
@@ -313,6 +313,44 @@ def test_a_loop_is_drawn_by_a_pointer(
     assert driver.execute_script("return repctl.time") == 10
     assert said(driver).partition(". ")[2] == told
     assert errors(driver) == []
+
+
+_ROOM = """
+const top = document.getElementById("panes").getBoundingClientRect().top;
+const notes = document.getElementById("notes"), range = document.createRange();
+range.selectNodeContents(notes);
+return [top, notes.getBoundingClientRect().bottom - range.getBoundingClientRect().bottom];
+"""
+
+
+def test_notes_take_the_room_of_what_they_say(driver: Any, page: Path) -> None:
+    """No band is empty under a study's notes, and nothing moves while a hand is led; from the
+    first loop on there is room for the words of every loop."""
+    from selenium.webdriver import ActionChains
+
+    schemes(driver, width=768, height=1024)
+    open_page(driver, page)
+    study, empty = driver.execute_script(_ROOM)
+    assert empty < 8
+    for again in (False, True):
+        before, _ = driver.execute_script(_ROOM)
+        x, y = hand(driver)
+        led = ActionChains(driver, duration=5)
+        led.w3c_actions.pointer_action.move_to_location(x, y).pointer_down()
+        for dx, dy in ARC:
+            led.w3c_actions.pointer_action.move_to_location(round(x + dx), round(y + dy))
+        led.perform()
+        driver.execute_script("repctl.picture()")
+        assert driver.execute_script("return repctl.own.state") == "leading"
+        assert driver.execute_script(_ROOM)[0] == before
+        ActionChains(driver).release().perform()
+        assert said(driver).startswith("After one cycle of your loop")
+        tops = [driver.execute_script(_ROOM)[0]]
+        driver.execute_script("repctl.seek(10); repctl.own.report(10)")
+        tops.append(driver.execute_script(_ROOM)[0])
+        assert np.ptp(tops) == 0 and (tops[0] == before if again else tops[0] >= study)
+    driver.execute_script("repctl.own.leave()")
+    assert driver.execute_script(_ROOM)[0] == study and errors(driver) == []
 
 
 _OPENING = """

@@ -40,8 +40,10 @@ export class Panes {
   layout() {
     const { clientWidth: width, clientHeight: height } = byId("panes");
     const count = this.arms.length;
+    // a pane's label and what is said of the part take some of its height
+    const kept = 3 * this.frames[0].firstChild.clientHeight;
     const size = (columns) =>
-      Math.min(width / columns / this.ratio, height / Math.ceil(count / columns));
+      Math.min(width / columns / this.ratio, height / Math.ceil(count / columns) - kept);
     const stacked = height > width || width < NARROW * count;
     let best = stacked && count < 4 ? 1 : count;
     for (let columns = best; columns >= 1; columns--)
@@ -86,10 +88,11 @@ export class Panes {
     const low = this.frames[0].clientHeight < LOW;
     const box = this.frames[0].querySelector(".callout:not(.hand)");
     const above = box ? box.offsetHeight : 0;
-    const legend = byId("below").offsetHeight;
+    const stage = byId("panes");
+    const legend = stage.offsetTop + stage.offsetHeight - byId("below").offsetTop;
     return {
       above: this.beside ? Math.max(label, above + 12) : label + above,
-      below: low ? (legend ? legend + 12 : 14) : label,
+      below: low ? Math.max(legend, 10) + 4 : label,
     };
   }
 

@@ -39,6 +39,9 @@ export class Own {
       sine: law.sine(),
     }));
     this.stride = this.chain.size / 250;
+    this.elbows = this.chain.frames.map(
+      ({ elbow }) => new MeshCat.THREE.Vector3(...this.chain.places[elbow].p),
+    );
     this.studied =
       data.path && data.path.map((k) => k !== null && paths[k].map((p) => p.toArray()));
     this.texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
@@ -600,6 +603,7 @@ export class Own {
     this.points = points;
     const paths = this.paths();
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
+    yield;
     this.endGesture();
     const lead = paths.find(Boolean);
     const shape = {
@@ -609,6 +613,10 @@ export class Own {
     };
     Object.assign(this, { result, length: result.length, also, shape, state: "own" });
     document.body.classList.add("own");
+    if (!this.looped) {
+      this.looped = true;
+      this.reserve();
+    }
     byId("own").hidden = false;
     byId("loop-csv").hidden = !points;
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
@@ -711,11 +719,12 @@ export class Own {
   leave(words) {
     this.endGesture();
     this.stand(0, 0);
-    Object.assign(this, { state: "study", points: null });
+    Object.assign(this, { state: "study", points: null, looped: false });
     document.body.classList.remove("own");
     byId("own").hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
     if (words) this.write(words, null, null);
+    this.reserve();
     this.player.study();
   }
 
@@ -824,14 +833,16 @@ export class Own {
   }
 
   // Give sentence and notes the room of their longest words, so that nothing moves when they
-  // change.
+  // change: of a gesture, and from the first loop on of all loops.
   reserve() {
     const [[ring]] = this.rings;
     // there the words are shorter
-    ring.classList.remove("under");
+    ring.classList.remove("under", "above");
     const words = ring.firstChild.offsetWidth;
     this.wide = words ? ring.offsetWidth / 2 + 4 + words : this.wide;
-    for (const [id, text] of Object.entries(LONGEST_WORDS)) {
+    const proved = this.chain.proved ? PROVED_WORDS : "";
+    for (const id of ["verdict", "notes"]) {
+      const text = this.looped ? LOOP_WORDS[id] + (id === "notes" ? proved : "") : LEAD_WORDS[id];
       const node = byId(id);
       node.style.minHeight = "";
       // no words, or folded
@@ -843,10 +854,10 @@ export class Own {
       const [, children] = this.texts.find(([one]) => one === node);
       const now = [...node.childNodes];
       node.replaceChildren(...children);
-      const tall = Math.max(sample.offsetHeight, node.offsetHeight);
+      const heights = [sample, node].map((one) => one.getBoundingClientRect().height);
       node.replaceChildren(...now);
       sample.remove();
-      node.style.minHeight = `${tall}px`;
+      node.style.minHeight = `${Math.ceil(Math.max(...heights))}px`;
     }
   }
 
@@ -860,11 +871,20 @@ export class Own {
         const { x, y } = panes.seen(k, hand);
         ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
         ring.classList.toggle("away", this.clock.playing && this.isAway(k, f, hand));
+        // where the words find no room on the right: above a hand that is beside its elbow
         const over = x + this.wide > panes.place(k).width;
-        ring.classList.toggle("left", over && x > this.wide);
-        ring.classList.toggle("under", over && x <= this.wide);
+        const above = over && this.isBesideElbow(k, f, { x, y });
+        ring.classList.toggle("above", above);
+        ring.classList.toggle("left", over && !above && x > this.wide);
+        ring.classList.toggle("under", over && !above && x <= this.wide);
       }),
     );
+  }
+
+  // Whether a hand is seen beside its elbow rather than below it, at the start.
+  isBesideElbow(k, f, hand) {
+    const elbow = this.panes.seen(k, this.elbows[f]);
+    return Math.abs(elbow.x - hand.x) > Math.abs(elbow.y - hand.y);
   }
 
   isAway(k, f, hand) {
@@ -875,7 +895,14 @@ export class Own {
   }
 }
 
-const LONGEST_WORDS = {
+const LEAD_WORDS = {
+  verdict:
+    "The arm comes near a singularity, where its joints would race. Go another way, or let go.",
+  notes:
+    "The dotted line closes the loop. You are more than 1.1 cm from the start: there, closing is " +
+    "not proved.",
+};
+const LOOP_WORDS = {
   verdict:
     "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the " +
     "usual control, 0 under the repeatable one.",
@@ -883,10 +910,10 @@ const LONGEST_WORDS = {
     "The joints move 0.8 % slower under the repeatable one (root mean square over cycle 1). " +
     "The usual control has the smallest joint speed at each instant, not over a whole cycle. " +
     "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
-    "best, 0 fails). Collisions are not checked. Closing is proved within 1.1 cm of the start; " +
-    "this loop was computed. Can you draw one, 25 cm or longer, under which the usual arm drifts " +
-    "less? Your best: 0.88 mm off after 10 cycles.",
+    "best, 0 fails). Collisions are not checked. Can you draw one, 25 cm or longer, under which " +
+    "the usual arm drifts less? Your best: 0.88 mm off after 10 cycles.",
 };
+const PROVED_WORDS = " Closing is proved within 1.1 cm of the start; this loop was computed.";
 
 // The largest joint speed of a control for a hand that moves by 1 m/s along an axis, at q.
 function maxJointSpeed(law, q) {

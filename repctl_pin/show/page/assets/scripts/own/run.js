@@ -38,6 +38,8 @@ export function* computed(laws, arms, paths, wanted) {
   const runs = [];
   for (const [k, motion] of motions.entries())
     runs.push(yield* runOf(laws[k], arms[k], motion, rows, cycles));
+  yield;
+  // all at once: an arm that was measured shows another run
   runs.forEach((run, k) => measure(run, laws[k], arms[k], motions[k], cycles));
   return { cycles, perCycle: F, seconds: (slower * length) / chain.speed, length, runs, motions };
 }
