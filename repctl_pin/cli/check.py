@@ -17,7 +17,8 @@ from ..base.defaults import REGION
 from ..base.errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
-from .given import Options, box_within_limits, cut_note, integer, natural, positive, proof_code
+from .endings import proof_code
+from .given import Options, box_within_limits, cut_note, integer, natural, positive
 from .options import Parser
 from .terminal import in_percent, progress, report
 

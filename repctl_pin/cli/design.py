@@ -19,6 +19,7 @@ from ..base.errors import InputError
 from ..base.files import write_whole, written_together
 from ..show.text.lines import fitted, noted
 from ..show.text.numbers import row
+from .endings import proof_code
 from .given import (
     Options,
     box_within_limits,
@@ -26,7 +27,6 @@ from .given import (
     integer,
     natural,
     positive,
-    proof_code,
     proved,
     require_proofs,
     with_options,

@@ -13,12 +13,20 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..base.errors import RepctlError
 from .terminal import clear_line, say_line
 
+if TYPE_CHECKING:
+    from ..base.certificate import Proof
+
 REFUSED, FAULT, INTERRUPTED, NOT_PROVED = 2, 1, 130, 3
+
+
+def proof_code(proof: Proof | None) -> int:
+    """Return the exit code of a command: 3 if a requested proof was not reached, else 0."""
+    return 0 if proof is None or proof else NOT_PROVED
 
 
 class _Stopped(BaseException):

@@ -19,7 +19,6 @@ import repctl_pin as rp
 
 from ..base.errors import InputError
 from ..base.files import check_folder, not_left_empty
-from .endings import NOT_PROVED
 from .terminal import in_percent, say_line
 
 if TYPE_CHECKING:
@@ -346,11 +345,6 @@ def require_proofs(asked: bool) -> None:
         from ..native import required_library  # loads NumPy
 
         required_library("a proof")
-
-
-def proof_code(proof: rp.Proof | None) -> int:
-    """Return the exit code of a command: 3 if a requested proof was not reached, else 0."""
-    return 0 if proof is None or proof else NOT_PROVED
 
 
 def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:

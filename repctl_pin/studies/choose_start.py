@@ -19,7 +19,7 @@ from ..base.errors import InputError, RepctlError, SingularityError, unknown
 from ..model.bodies import bodies_of
 from ..model.task import Task
 from ..motion import Motion, check_reach, followed, reach_start
-from ..motion.displacement import farthest_link
+from ..motion.body_displacement import farthest_link
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
 from ..paths import ClosedPath, TaskPath, closed_path

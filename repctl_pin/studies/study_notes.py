@@ -119,7 +119,7 @@ def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
     task = plain.task
     if motion is None or task.m < 3:
         return []
-    from ..motion.displacement import farthest_link
+    from ..motion.body_displacement import farthest_link
 
     _, off = farthest_link(task, motion.q[[0, -1]])
     found = _other_circle(plain, q0, motion) if off < _HARDLY else None
@@ -147,7 +147,7 @@ def _other_circle(plain: Pseudoinverse, q0: Array, motion: Motion) -> tuple[str,
     Returns the plane (``yz``), the link that is displaced most at the end of all cycles, and by how
     far, m. None if the path is not a circle, or the arm can follow no such circle from q0.
     """
-    from ..motion.displacement import farthest_link
+    from ..motion.body_displacement import farthest_link
 
     task, path = plain.task, motion.path
     kind, _, size = path.spec.partition(":")

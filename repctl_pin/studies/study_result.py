@@ -336,7 +336,7 @@ def _row_dict(row: Row) -> dict[str, Any]:
 
     Without a motion, only its label and the reason, ``stopped``, are given.
     """
-    from ..motion.displacement import end_displacements, farthest_link
+    from ..motion.body_displacement import end_displacements, farthest_link
 
     motion = row.motion
     if motion is None:

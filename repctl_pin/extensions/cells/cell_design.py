@@ -27,7 +27,7 @@ from ...studies.choose_start import PathOf
 from ...studies.problem import Problem
 from .chart.chart import Chart
 from .evaluate.cell_evaluation import Evaluation, sampled
-from .evaluate.failures import FailureReason
+from .evaluate.cell_failures import FailureReason
 from .evaluate.margins import CandidateFunction
 from .evaluate.turning import turn_at
 from .function import InverseFunction

@@ -47,7 +47,7 @@ from .cell_design import CellDesign, function_of
 from .chart.chart import Chart
 from .chart.monomials import Monomials
 from .evaluate.cell_evaluation import Evaluation
-from .evaluate.failures import FailureReason
+from .evaluate.cell_failures import FailureReason
 from .evaluate.turning import Turn
 from .geometry.cell import Cell
 from .geometry.sector import SPIN, Sector
@@ -59,7 +59,7 @@ _MOST_DEGREE = 64
 class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
-    See :class:`repctl_pin.extensions.cells.evaluate.failures.FailureReason`.
+    See :class:`repctl_pin.extensions.cells.evaluate.cell_failures.FailureReason`.
     """
 
     cause: str

@@ -11,7 +11,7 @@ from ...base.arguments import Array
 from ...base.errors import InputError
 from ...model.bodies import bodies_of
 from ..cells.function import InverseFunction
-from .messages import target_of
+from .servo_inputs import target_of
 
 SUCCESS, NO_SOLUTION, IN_COLLISION, WRONG_LINK, WRONG_FRAME = 1, -31, -12, -18, -21
 """Values of ``moveit_msgs/MoveItErrorCodes``."""

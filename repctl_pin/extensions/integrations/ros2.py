@@ -35,9 +35,9 @@ from ...motion.limits import Limits
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
 from ..runtime.clutch import Clutch
-from .messages import placement_of
 from .position_ik import answer
 from .servo import Servo, State
+from .servo_inputs import placement_of
 
 _ANY = ParameterDescriptor(dynamic_typing=True)
 _STATUS_PERIOD = 0.1

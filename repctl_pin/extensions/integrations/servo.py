@@ -26,7 +26,7 @@ from ...motion.limits import Limits, joint_limits
 from ..cells.cell_design import CellDesign
 from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status
-from .messages import SAME, JointReadings, SteadyTime, clock_difference, target_of
+from .servo_inputs import SAME, JointReadings, SteadyTime, clock_difference, target_of
 
 _REST = 4
 """Number of equal commands after which the arm counts as at rest."""

@@ -19,7 +19,7 @@ from ...base.errors import InputError
 from ...model.length import elbow, joint_scale
 from ...model.robot import Robot
 from ...model.task import Task
-from ...motion.displacement import LinkPoints
+from ...motion.body_displacement import LinkPoints
 from ...motion.motion import CLOSED
 from ...studies.task_choice import choose_task
 from .joint_log import JointLog, joint_log, read_joint_log
@@ -57,7 +57,7 @@ class Audit:
     found : Verdict or None
         Verdict on the configurations at the visits; None with fewer than two returns.
     part : int
-        Index, among ``links``, of the link that is displaced most; see :mod:`.displacement`.
+        Index, among ``links``, of the link that is displaced most; see :mod:`.body_displacement`.
     rate : float
         Speed at which the point of that link creeps, m/s; 0 with fewer than two returns.
     error : float

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import Array
-from ...motion.displacement import displacements
+from ...motion.body_displacement import displacements
 
 
 def body_drift(

@@ -23,8 +23,8 @@ from ...model.surfaces import read_surfaces
 from ...model.task import Task, unit_of
 from ...model.visuals import Visuals
 from ...motion import Motion, elbow
+from ...motion.body_displacement import farthest
 from ...motion.csv_file import read_motions
-from ...motion.displacement import farthest
 from ...motion.joint_motion import JointMotion, cycle_of
 from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION

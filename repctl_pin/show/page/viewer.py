@@ -33,7 +33,7 @@ from ...model.surfaces import read_surfaces
 from ...model.task import Task, require_task
 from ...model.visuals import Visuals
 from ...motion import elbow
-from ...motion.displacement import farthest
+from ...motion.body_displacement import farthest
 from ...paths import TaskPath
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from ..text.parts import part_name

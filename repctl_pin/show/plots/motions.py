@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...model.task import Task
 from ...motion import Motion
-from ...motion.displacement import cycle_displacements
+from ...motion.body_displacement import cycle_displacements
 from ...motion.joint_motion import violations_of
 from ...motion.motion import CLOSED
 from ...studies.study_result import Study

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...design.design_map import ReportMaps
 from ...motion import Motion
-from ...motion.displacement import cycle_displacements
+from ...motion.body_displacement import cycle_displacements
 from ...studies.study_result import Study
 from .headline import names_of
 from .numbers import displacement, number

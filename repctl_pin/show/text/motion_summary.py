@@ -14,7 +14,7 @@ import numpy as np
 
 from ...model.bodies import bodies_of
 from ...model.length import arm_length
-from ...motion.displacement import end_displacements, farthest_link, leaves_range
+from ...motion.body_displacement import end_displacements, farthest_link, leaves_range
 from ...motion.joint_motion import JointMotion, checked_words, cycle_of
 from ...motion.motion import Motion
 from ...paths.winding import winding
@@ -40,7 +40,7 @@ class MotionSummary:
     label : str
         Name of the controller.
     off : float
-        Displacement of the most displaced part at the end, m, see :mod:`.displacement`.
+        Displacement of the most displaced part at the end, m, see :mod:`.body_displacement`.
     speed : float
         Joint speed ‖q̇‖ over the first cycle, rms.
     limit_violation : (int, str) or None

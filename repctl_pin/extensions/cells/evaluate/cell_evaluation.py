@@ -20,7 +20,7 @@ from ....strategies.strategy import Inverse
 from ..chart.chart import Chart, Points
 from ..geometry.cell import Cell
 from ..geometry.kinematics import joined, null_bases, rows_of, solved
-from .failures import FailureReason, broken_limit, folded, touching, unreached
+from .cell_failures import FailureReason, broken_limit, folded, touching, unreached
 from .margins import (
     CandidateFunction,
     LeafMargin,

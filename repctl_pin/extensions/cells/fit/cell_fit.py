@@ -22,7 +22,7 @@ from ..cell_design import CellDesign
 from ..chart.chart import Chart
 from ..chart.monomials import Monomials
 from ..evaluate.cell_evaluation import evaluate_cell
-from ..evaluate.failures import FailureReason, broken_limit, unreached
+from ..evaluate.cell_failures import FailureReason, broken_limit, unreached
 from ..evaluate.margins import (
     CandidateFunction,
     Margin,

@@ -27,7 +27,7 @@ from ....base.fit_options import FitOptions, fit_options
 from ....base.threads import one_blas_thread
 from ....strategies.strategy import AN_INVERSE, Inverse
 from ..cell_design import CellDesign
-from ..evaluate.failures import FailureReason, round_the_base
+from ..evaluate.cell_failures import FailureReason, round_the_base
 from ..evaluate.reach import rays
 from ..evaluate.turning import reduced
 from ..geometry.cell import Cell

@@ -28,7 +28,7 @@ from ....model.task import Task, require_task
 from ....strategies import Pseudoinverse
 from ....strategies.strategy import Inverse
 from ..cell_design import CellDesign
-from ..evaluate.failures import FailureReason
+from ..evaluate.cell_failures import FailureReason
 from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 from ..fit.cell_fit import CellFit
 from ..geometry.cell import Cell
