@@ -48,8 +48,9 @@ repctl COMMAND --help lists the options of a command.
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code.
 
-    The code is 0 for success, 1 for an internal error, 2 for invalid input, 3 if a proof requested
-    by ``--prove`` was not reached, and 128 plus the number of the signal that ended the command.
+    The code is 0 for success, 1 for an internal error, 2 for invalid input, and 3 if a proof
+    requested by ``--prove`` was not reached. If a signal ended the command, it is 128 plus the
+    number of the signal.
     """
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:

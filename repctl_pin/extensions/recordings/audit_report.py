@@ -281,7 +281,8 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
         Output folder.
 
     Returns
-    ------- Paths of the two files, in this order.
+    -------
+    Paths of the two files, in this order.
     """
     contents: dict[str, str | bytes] = {
         "audit.html": _audit_page(audit),

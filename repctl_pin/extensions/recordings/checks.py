@@ -105,10 +105,10 @@ def require_limits(task: Task, Q: Array) -> None:
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
-    A constant offset of the tool or of the base is refused if it exceeds both the noise that
-    remains when the offset is subtracted, and the usual corrections by the calibration of an arm.
-    Other differences are refused above 0.05 m or 0.2 rad. If a mistake in the numbers would explain
-    the difference, the message names the mistake.
+    A constant offset of the tool or of the base is refused if it exceeds the noise that remains
+    without it, and also exceeds the usual corrections by the calibration of an arm. Other
+    differences are refused above 0.05 m or 0.2 rad. If a mistake in the numbers would explain the
+    difference, the message names the mistake.
 
     Parameters
     ----------

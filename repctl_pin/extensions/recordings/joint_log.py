@@ -259,7 +259,8 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
     differ in the joint only, such as ``j1.pos`` and ``j2.pos``, belong together.
 
     Returns
-    ------- Names of the columns, empty if not found; and True if these name the joints.
+    -------
+    Names of the columns, empty if not found; and True if these name the joints.
 
     Raises
     ------

@@ -373,7 +373,8 @@ def _average(task: Task, Q: Array, target: pin.SE3, noise: Array) -> tuple[Array
     same mean in both directions, and hide their difference.
 
     Returns
-    ------- Configuration (n,); its derivative A (n, n) with respect to errors of the rows, in units
+    -------
+    Configuration (n,); its derivative A (n, n) with respect to errors of the rows, in units
     of the standard deviation of one row; and the error (n,) of the regression, which is at most the
     change that it makes to the mean.
     """
@@ -406,7 +407,8 @@ def _interpolated(
     are used.
 
     Returns
-    ------- Configuration (n,); its derivative A (n, n) with respect to errors of the rows, which
+    -------
+    Configuration (n,); its derivative A (n, n) with respect to errors of the rows, which
     also shift the time; and the error (n,) of interpolation.
     """
     low = min(int(at), len(Q) - 2)
