@@ -19,6 +19,7 @@ from cell_functions import f_in_numpy, panda, tour
 from commands import main, without_pictures
 from controls import in_numpy
 from design_file import checksum
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from page_file import read
 from sectors import WIDTHS, found, sector_of
@@ -968,6 +969,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[rp.CellDesign, Path
     text = re.sub(
         "<origin [^>]*/><axis [^>]*/>", '<axis xyz="0 0 1"/>', spatial_urdf(6, 7), count=1
     )
+    text = text.replace('name="spatial"', f'name="spatial_{"with_a_long_name_" * 3}"', 1)
     (folder / "arm.urdf").write_text(text, encoding="utf-8")
     arm = ["cell", str(folder / "arm.urdf"), "--frame", "tool", "--task", "axis"]
     sizes = ["--radius", "0.02", "--height", "0.03", "--half-angle", "0.15"]
@@ -1007,6 +1009,10 @@ def test_the_maps_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None
         own, wanted, _ = speeds_of(design, U[4:5])
         extra = 100 * (np.sqrt(own / wanted) - 1)
         assert maps[1][row, column] == pytest.approx(extra[0], rel=1e-5)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    assert figure.get_suptitle().count("\n") == 1  # too long for one line
+    assert figure._suptitle.get_window_extent().x1 <= figure.bbox.x1
     assert len(maps) == 3
 
 

@@ -101,7 +101,7 @@ def _verdict(audit: Audit) -> list[Span]:
         return [
             Span(f"Your arm {start}: {fastest} "),
             Span(rate.replace(" ", "\u00a0"), "bad"),
-            Span(f" {interval}."),
+            Span(f" {_unbroken(interval)}."),
         ]
     if audit.verdict == REPEATS:
         error = f"{metres(audit.error * seconds)} per {unit}"
@@ -170,7 +170,12 @@ def _distance(audit: Audit) -> str:
         return ": no pose is left and visited again"
     nearest, allowed = metres(audit.visits.nearest), metres(audit.visits.tolerance)
     said = f": no pose is visited again nearer than {nearest} ({allowed} would count)"
-    return re.sub(r"(\d) (\w+)", "\\1\u00a0\\2", said)
+    return _unbroken(said)
+
+
+def _unbroken(text: str) -> str:
+    """Keep numbers and their units on one line, by no-break spaces."""
+    return re.sub(r"(\d) (\w+)", "\\1\u00a0\\2", text)
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:

@@ -7,6 +7,7 @@ for each. The drift is the distance of the joints from the start after a cycle.
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -415,9 +416,14 @@ def titled(
     """Make an empty figure of a width and height in inches, with a title at its left."""
     figure = Figure(figsize=(width, height), layout=layout)
     place = {} if layout else {"y": 1 - _PAD / height}  # the layout moves it up
+    if layout:  # which makes room for more lines
+        title = textwrap.fill(title, int(_LETTERS * width))
     figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left", **place)
     return figure
 
+
+_LETTERS = 12
+"""Letters of a title per inch."""
 
 _PAD = 0.045
 """Space between the contents of a figure and its edge, inches."""
