@@ -152,7 +152,7 @@ def per_joint(
         )
     if finite and (array < _MIN_LENGTH).any():
         raise InputError(
-            f"must be at least {_MIN_LENGTH:g}, the rounding of a joint position; "
+            f"must be at least {_MIN_LENGTH:g}, to exceed the rounding error of a joint position; "
             f"got {shown(values)}",
             argument=name,
         )

@@ -101,7 +101,7 @@ class Table(ABC):
         return values
 
     def where(self, row: int) -> str:
-        """Name a row for a message, counted from 0: the line of a CSV file, else the frame."""
+        """Name a row, counted from 0, for a message: its line in a CSV file, else its frame."""
         return f"{self.file}, frame {row}"
 
 

@@ -1,8 +1,8 @@
 """``repctl check``: test whether a controller is repeatable on an arm; if not, find its drift.
 
 A controller is repeatable if every closed path of the frame ends in the configuration it began in.
-Repeatability is tested in the region Ω, a part of joint space. A controller that is not repeatable
-in Ω can be so on a stable surface: a set of configurations that its motions do not leave.
+Repeatability is tested in the region Ω, a part of joint space. If the test fails, the controller
+may still be repeatable on a stable surface: a set of configurations that its motions do not leave.
 """
 
 from __future__ import annotations

@@ -318,9 +318,9 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
 def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
     """Make the potentials of ``--fourier``: polynomials, sines and cosines of the joints.
 
-    Potentials are functions of the joints that the controller holds constant. ``degree`` is the
-    degree of the polynomials, ``fourier`` the highest order of sines and cosines of the revolute
-    joints. Without that option, return None: the design then makes polynomials itself.
+    A potential is a function of the joints; the controller holds its value constant. ``degree`` is
+    the degree of the polynomials, ``fourier`` the highest order of sines and cosines of the
+    revolute joints. Without ``--fourier``, return None: the design then makes polynomials itself.
     """
     if fourier is None:
         return None

@@ -148,7 +148,8 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
         k, _, j = np.argwhere(~np.isfinite(D))[0]
         raise InputError(
             f"the gradient of potential {potentials.names[int(j)]} is not finite "
-            f"at {named(task, Q[k])}"
+            f"at {named(task, Q[k])}",
+            remedy="omit this potential, or choose a region where its gradient is finite",
         )
     return N, G, D
 

@@ -143,8 +143,8 @@ class Robot(Mechanism):
     ) -> None:
         """Set limits, types and poses of the movable joints.
 
-        They are selected from those of ``free``: all joints that mimic no other, locked ones
-        included.
+        ``free`` lists all joints that mimic no other, including locked ones. ``ranges`` and the
+        values of ``poses`` are in its order.
         """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]

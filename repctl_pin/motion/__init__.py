@@ -1,7 +1,7 @@
 """Motions of a strategy on closed paths: integration, limits and files.
 
-The best leaf, the start of minimum joint speed and the files are not imported here, because a study
-does not need them.
+The modules ``best_leaf``, ``least_start``, ``csv_file`` and ``write_motion`` are not imported here,
+because a study does not need them.
 """
 
 from ..model.length import elbow as elbow

@@ -276,10 +276,12 @@ def _per_joint(
     """
     n = len(task.joint_names)
     if isinstance(given, str):
-        given = np.array(known[given][0], dtype=float)
+        name, given = given, np.array(known[given][0], dtype=float)
         if len(given) != n:
-            moved = f"{task.frame!r} is moved by {n}: give {n} numbers"
-            raise InputError(f"these {what}s are of {len(given)} joints, but {moved}")
+            raise InputError(
+                f"{name!r} has {what}s of {len(given)} joints, but {task.frame!r} is moved by {n}",
+                remedy=f"give {n} numbers",
+            )
     return per_joint(given, n, what)
 
 

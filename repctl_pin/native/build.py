@@ -81,7 +81,11 @@ def compiler(zig: bool = True) -> list[str]:
     if zig and importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc", "-s", "-target", target()]
     tried = ", ".join(shlex.join(command) for command in found)
-    raise NoCompilerError(f"no C compiler works (tried {tried or 'none'})")
+    if not found:
+        raise NoCompilerError("REPCTL_TARGET requires ziglang; run `pip install ziglang`")
+    raise NoCompilerError(
+        f"no C compiler works (tried {tried}); install ziglang, or set CC to one that works"
+    )
 
 
 def _works(command: list[str]) -> bool:

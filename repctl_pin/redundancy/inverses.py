@@ -102,10 +102,10 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
 
 
 def null_component(G: ArrayLike, N: ArrayLike) -> Array:
-    """Evaluate the null-space component ``W = Gᵀ N`` (..., m, r) of ``G = J⁺ + N Wᵀ`` (21), (22).
+    """Evaluate the null-space component ``W = Gᵀ N``, (..., m, r), of an inverse G of J.
 
-    G (..., n, m) is a generalized inverse of J, N (..., n, r) an orthonormal null-space basis. W is
-    the part in which inverses of one J differ.
+    G (..., n, m) is a generalized inverse, and N (..., n, r) is an orthonormal null-space basis.
+    Inverses of one J differ only in W: ``G = J⁺ + N Wᵀ``, equations (21) and (22).
     """
     G, N = as_matrices(("G", G, "n m"), ("N", N, "n r"))
     return np.swapaxes(G, -1, -2) @ N

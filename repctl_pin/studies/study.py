@@ -364,9 +364,11 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
     if all(getattr(control.task, part) == getattr(task, part) for part in same):
         return control
     raise InputError(
-        f": {name!r} is for a {control.task.kind} task of {control.task.frame!r}, but the study is "
-        f"of a {task.kind} task of {task.frame!r} with {task.n} joints",
+        f": {name!r} is for a {control.task.kind} task of {control.task.frame!r} "
+        f"({', '.join(control.task.joint_names)}), but the study is for a {task.kind} task of "
+        f"{task.frame!r} ({', '.join(task.joint_names)})",
         argument="controls",
+        remedy="make the controller for the task of the study",
     )
 
 

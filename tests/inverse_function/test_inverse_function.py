@@ -248,7 +248,8 @@ def test_arrays_of_a_cell_are_lists_of_poses_of_which_some_may_be_missing() -> N
         ({"half_width": 0.0}, "above 0"),
         (
             {"half_width": 1e-300},
-            "half_width must be 0, which holds the coordinate, or from 1e-06 to 1000 m; got 1e-300",
+            "half_width must be 0, which holds the coordinate constant, or from 1e-06 to 1000 m; "
+            "got 1e-300",
         ),
         ({"half_width": (0.1, 1e300, 0.1)}, "from 1e-06 to 1000 m"),
         ({"half_angle": 1e-12}, "half_angle must be 0"),

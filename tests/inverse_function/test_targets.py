@@ -86,7 +86,10 @@ def test_a_leaf_without_a_configuration_is_refused_by_number(function: rp.Invers
     joint = int(np.argmin(task.limit_margin(beyond)))
     said = f"{task.joint_names[joint]} = {beyond[joint]:.4g} would be outside its limits"
     none = f"no configuration exists on this leaf at {function.cell.where(U[2])}"
-    for c, words in ((5.0, f"at {function.cell.where(U[2])}, {said}"), (50.0, none)):
+    for c, words in (
+        (5.0, f"no configuration at {function.cell.where(U[2])}: {said}"),
+        (50.0, none),
+    ):
         with pytest.raises(rp.InputError) as one:
             function(x[2], leaf=[c])
         with pytest.raises(rp.InputError) as batch:

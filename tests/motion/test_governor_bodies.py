@@ -311,7 +311,7 @@ def test_a_distance_without_a_pair_is_said(lacking: rp.Task) -> None:
         assert rp.Bodies(planar).distances([Q0]).tolist() == [np.inf]
     path = rp.circle(lacking, Q0, radius=0.02)
     motion = rp.follow(rp.Pseudoinverse(lacking), path, Q0, cycles=1, steps=40)
-    with pytest.warns(UserWarning, match="collisions are not checked: no shape of l2"):
+    with pytest.warns(UserWarning, match="without a shape are not checked for collisions: l2"):
         rp.approach(Q0 + 0.1, motion, LIMITS)
 
 

@@ -234,7 +234,10 @@ BAD = [
     ({"acceleration": 1, "velocity": [1, np.nan, 1]}, "velocity must be"),
     ({"jerk": 10}, "acceleration= is missing.*jerk= requires it too"),
     ({"acceleration": 1, "jerk": "ur"}, "no jerks of 'ur' are known, only of panda, fr3"),
-    ({"acceleration": 1, "jerk": "panda"}, "these jerks are of 7 joints, but 'tool' is moved by 3"),
+    (
+        {"acceleration": 1, "jerk": "panda"},
+        "'panda' has jerks of 7 joints, but 'tool' is moved by 3",
+    ),
     ({"acceleration": 1, "jerk": 0}, "jerk must be"),
     ({"acceleration": 1, "jerk": [1, 2]}, "jerk must be"),
     ({"acceleration": 1, "jerk": np.inf}, "jerk must be finite"),

@@ -329,8 +329,8 @@ def test_controls_that_cannot_be_used_are_named() -> None:
         (other.velocity, r"controls must be a dictionary .*\{'mine': control\}"),
         (
             {"mine": other},
-            "'mine' is for a position task of 'panda_hand_tcp', but the study is of a pose task "
-            "of 'panda_hand_tcp'",
+            "'mine' is for a position task of 'panda_hand_tcp' .*, but the study is for a "
+            "pose task of 'panda_hand_tcp'",
         ),
         ({"mine": 3}, "a function"),
         ({"mine": lambda q, xdot: q[:3]}, "must be 7 finite numbers"),

@@ -123,8 +123,7 @@ class _CellFigures(Part):
 
     A margin is null if there are no joint limits, ``body_distance`` if there are no collision
     bodies. Figures with a default are missing in older files. The leaf margin is stored as
-    ``least_leaf_margin``, because ``leaf_margin`` is another figure in older files, which is not
-    read.
+    ``least_leaf_margin``. In older files, ``leaf_margin`` is a different figure; it is not read.
     """
 
     cost: float

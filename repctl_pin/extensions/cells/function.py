@@ -374,7 +374,9 @@ class InverseFunction:
             return InputError(f"no configuration exists on this leaf at {where}")
         joint = int(np.argmin(self.task.limit_margin(q)))
         name = self.task.joint_names[joint]
-        return InputError(f"at {where}, {name} = {q[joint]:.4g} would be outside its limits")
+        return InputError(
+            f"no configuration at {where}: {name} = {q[joint]:.4g} would be outside its limits"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(type(self), keep_limits=self.keep_limits), (self.chart,)

@@ -93,7 +93,7 @@ class MotionBetween(TimedMotion):
         return float(part), "motion between two rests"
 
     def at(self, t: ArrayLike) -> Array:
-        """Evaluate the configuration at a time, (n,), or at times (T,), (T, n), s.
+        """Evaluate the configuration (n,) at a time, s, or the configurations (T, n) at times (T,).
 
         Before the start and after the end, the arm is at rest.
         """

@@ -1,4 +1,4 @@
-"""Certificate of a study's design: margins that are proved in a small part of the study's time."""
+"""Certificate of a study's design; its proof gets a fraction of the study's processor time."""
 
 from __future__ import annotations
 

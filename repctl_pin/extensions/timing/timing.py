@@ -434,7 +434,11 @@ def _check_bodies(task: Task, line: Array) -> None:
         )
     if known.unchecked:
         lacking = named_links(known.unchecked)
-        warnings.warn(f"collisions are not checked: no shape of {lacking}", stacklevel=3)
+        warnings.warn(
+            f"links without a shape are not checked for collisions: {lacking}; "
+            "give the missing shapes (package_dirs=)",
+            stacklevel=3,
+        )
 
 
 def with_cycle_time(row: Row) -> Row:

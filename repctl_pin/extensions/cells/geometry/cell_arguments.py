@@ -83,7 +83,8 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
     if wrong.any():
         between = f"from {LEAST_WIDTH:g} to {_MOST_WIDTH:g} {unit}"
         raise InputError(
-            f"must be 0, which holds the coordinate, or {between}; got {array[wrong][0]:g}",
+            f"must be 0, which holds the coordinate constant, or {between}; "
+            f"got {array[wrong][0]:g}",
             argument=name,
         )
     return array

@@ -244,7 +244,7 @@ class Sector(Cell):
 
         Offsets are in m and rad, in the order radius, angle, height, two tilts, spin. The spin is
         at most half a turn from its middle. p (K, 3), m, and R (K, 3, 3) are positions and rotation
-        matrices. A coordinate u is an offset relative to its half-width.
+        matrices.
         """
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
