@@ -13,7 +13,7 @@ from wrong_arguments import Call, all_wrong, outcome, right_calls
 
 import repctl_pin as rp
 
-SLOW = ("animation", "best_leaf", "nearest_", "study", "stable_", "export_c")
+SLOW = ("animation", "best_cell", "best_leaf", "nearest_", "study", "stable_", "export_c")
 """What is left to the slow test: a call that is taken, though one of its arguments is odd, takes
 its time."""
 

@@ -28,7 +28,7 @@ import pinocchio as pin
 
 import repctl_pin as rp
 
-PATIENCE = 20.0
+PATIENCE = 60.0
 """Seconds after which a call counts as hung."""
 
 RESULTS = {
@@ -375,6 +375,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Governor, "keeps_distance"): {"Q": q0[None]},
         (rp.Clutch, "engage"): {"hand": target, "at": target},
         (rp.Clutch, "target"): {"hand": target},
+        (rp.Clutch, "elbow"): {"elbow": [0.3, 0.5, 0.0]},
         (rp.Clutch, "release"): {},
         (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
@@ -532,7 +533,7 @@ ODD: list[tuple[str, Any]] = [
     ("a function of nothing", lambda: None),
     ("a function to None", lambda *_: None),
     ("a function to NaN", lambda *_: np.nan),
-    ("a path", Path("/nowhere/there")),
+    ("a path", Path("nowhere/there")),
     ("an SE3", pin.SE3.Identity()),
     ("an SE3 of NaN", pin.SE3(np.eye(3), np.full(3, np.nan))),
 ]

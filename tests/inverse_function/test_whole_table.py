@@ -217,7 +217,7 @@ def test_an_approach_axis_is_said_and_checked(
 def test_what_cannot_be_is_refused(capsys: pytest.CaptureFixture[str], panda: rp.Robot) -> None:
     with pytest.raises(rp.InputError, match="leaves the rotation free"):
         rp.best_cell(panda.task(None, "position"))
-    with pytest.raises(rp.InputError, match="must rise"):
+    with pytest.raises(rp.InputError, match="two increasing numbers"):
         rp.best_cell(panda.task(), orientation="down", heights=(1, 0))
     with pytest.raises(rp.InputError, match="at requires size"):
         rp.best_cell(panda.task(), orientation="down", at=(0, 0, 0))

@@ -195,8 +195,11 @@ def _cost(design: CellDesign) -> Span:
         for share in (design.extra_speed, design.extra_speed_worst)
     )
     plain = type(design.desired) is Pseudoinverse
-    than = "" if plain else ", relative to the desired control"
-    return Span(f"It costs {mean} of joint speed, {worst} at worst{than}. ")
+    control = "usual" if plain else "desired"
+    return Span(
+        f"Its joint speed is {mean} above that of the {control} control on average, "
+        f"{worst} at worst. "
+    )
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:

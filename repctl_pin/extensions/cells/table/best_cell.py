@@ -83,7 +83,7 @@ class BestCell:
     posture : (n,) array
         Configuration in the middle of the box, from which J⁺ reaches all corners, rad or m.
     factor : float
-        Length of the edges relative to the requested size; 1 if the box fits at that size.
+        Length of the edges relative to the requested size, m per m; 1 if the box fits.
     margin : float
         Smallest limit margin on the straight ways to the corners, rad or m.
     reason : str
