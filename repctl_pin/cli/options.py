@@ -40,6 +40,16 @@ class _Base(argparse.Action):
         setattr(namespace, self.dest, value)
 
 
+class _Frames(argparse.Action):
+    """Store the frames of --frame; frames of a repeated option are joined: ``a,b``."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: Any, value: Any, option: str | None = None
+    ) -> None:
+        before = getattr(namespace, self.dest)
+        setattr(namespace, self.dest, value if before is None else f"{before},{value}")
+
+
 class Parser(argparse.ArgumentParser):
     """Parser of a command: errors are one line that suggests the closest valid names and --help.
 
@@ -194,7 +204,7 @@ class Parser(argparse.ArgumentParser):
         """Add the options of the task and the start: --frame, --task and --start."""
         kinds = f"{KINDS} (default: the first that leaves redundancy)"
         add = self.add_argument
-        add("--frame", help="link to move, or several: a,b (default: arm's end)")
+        add("--frame", action=_Frames, help="link to move, or several: a,b (default: arm's end)")
         add("--task", metavar="KIND", help=kinds)
         add("--start", metavar="Q", help="joint positions q1,q2,…, rad or m")
 

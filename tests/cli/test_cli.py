@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from arms import heed_interrupts
-from commands import computed_once, main
+from commands import computed_once, main, parsers
 
 import repctl_pin as rp
 
@@ -285,3 +285,11 @@ def test_a_start_in_degrees_is_guessed(capsys: pytest.CaptureFixture[str]) -> No
     said = capsys.readouterr().err
     assert "panda_joint3 = 90 rad is outside its limits [-2.8973, 2.8973] rad" in said
     assert "give 0,0,1.571,-2.094,0,1.571,0.7854" in said
+
+
+def test_a_repeated_frame_is_another_frame() -> None:
+    """``--frame a --frame b`` is ``--frame a,b``; no frame is dropped."""
+    parse = parsers()[""].parse_args
+    assert parse(["check", "baxter", "--frame", "a", "--frame", "b"]).frame == "a,b"
+    assert parse(["check", "baxter", "--frame", "a"]).frame == "a"
+    assert parse(["check", "baxter"]).frame is None
