@@ -15,6 +15,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -174,8 +176,10 @@ def no_tours(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Look for the place of a box among fewer middles, and judge fewer designs there."""
+    """Look for the place of a box among fewer middles, and judge fewer, simple designs there."""
+    place = import_module(rp.best_cell.__module__)
     for name, value in (
+        ("CellFit", partial(place.CellFit, degree=2, samples=128)),
         ("_DRAWN", 1024),
         ("_PARENTS", 6),
         ("_TRIED", 6),
@@ -183,7 +187,11 @@ def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
         ("_CONFIRMED", 1),
         ("_HELD_OUT", 256),
     ):
-        monkeypatch.setattr(import_module(rp.best_cell.__module__), name, value)
+        monkeypatch.setattr(place, name, value)
+    evaluate = "repctl_pin." + "extensions.cells.evaluate."
+    monkeypatch.setattr(import_module(evaluate + "cell_evaluation"), "_SPEED_STARTS", 2)
+    margins = import_module(evaluate + "margins")
+    monkeypatch.setattr(margins, "_LENGTHS", replace(margins._LENGTHS, steps=5))
 
 
 @pytest.fixture(scope="session")

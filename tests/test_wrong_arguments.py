@@ -44,7 +44,7 @@ def tried(
 
 def test_a_sample_is_refused_by_name(calls: list[Call], tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    counts, mishandled = tried(calls, 300, 0, quick=True)
+    counts, mishandled = tried(calls, 100, 0, quick=True)
     assert mishandled == []
     assert counts["refused"] > 0.7 * counts.total()
 
@@ -58,7 +58,7 @@ def test_ten_thousand_are_refused_by_name(calls: list[Call], tmp_path: Path, mon
 
 
 def test_the_right_calls_are_right(
-    calls: list[Call], tmp_path: Path, monkeypatch, quick_choices: None
+    calls: list[Call], tmp_path: Path, monkeypatch, quick_choices: None, quick_places: None
 ) -> None:
     """Else what is refused would say nothing."""
     monkeypatch.chdir(tmp_path)

@@ -174,7 +174,7 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:
 
 def test_a_reader_of_a_file_that_is_stdout_may_leave_early(tmp_path: Path) -> None:
     """Item 26.18: ``repctl follow … --csv /dev/stdout | head -1`` ends without a message."""
-    words = ["follow", "planar3r", "--strategy", "pseudoinverse", "--steps", "4000"]
+    words = ["follow", "planar3r", "--strategy", "pseudoinverse", "--steps", "1500"]
     words += ["--csv", "/dev/stdout"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     command = [sys.executable, "-m", "repctl_pin", *words]

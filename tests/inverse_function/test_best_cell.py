@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arms import planar_task
 from commands import refused, told
+from controls import some
 
 import repctl_pin as rp
 
@@ -25,7 +26,12 @@ def reaches_all(place: rp.BestCell, count: int = 40) -> bool:
     return True
 
 
-def test_a_box_with_the_tool_down_fits_and_has_a_function(panda_pose: rp.Task) -> None:
+@pytest.mark.parametrize("search", some(["quick_places", "panda"], "quick_places"))
+def test_a_box_with_the_tool_down_fits_and_has_a_function(
+    search: str, panda_pose: rp.Task, request: pytest.FixtureRequest
+) -> None:
+    """By a short search, and by the whole one (slow)."""
+    request.getfixturevalue(search)
     place = rp.best_cell(panda_pose, (0.3, 0.3, 0.2), orientation="down")
     assert place.factor == 1 and place.reason == "" and place.margin > 0.1
     assert np.allclose(place.cell.half_width, [0.15, 0.15, 0.1])
@@ -143,9 +149,9 @@ def test_a_planar_box_near_a_place_shrinks_with_the_reason(
 ) -> None:
     """Closed form: the corners of the largest box lie within the sum of the lengths."""
     task = planar_task([0.5, 0.4, 0.3], tmp_path)
-    place = rp.best_cell(task, (2.0, 1.2))
+    place = rp.best_cell(task, (1.5, 0.9))
     assert 0.5 < place.factor < 1 and "corner" in place.reason
-    assert np.allclose(place.cell.half_width, place.factor * np.array([1.0, 0.6]))
+    assert np.allclose(place.cell.half_width, place.factor * np.array([0.75, 0.45]))
     near = rp.best_cell(task, 0.2, at=[0.6, -0.5, 0.0])
     assert np.linalg.norm(near.cell.placement.translation - [0.6, -0.5, 0]) < 0.02
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_task, sliding_task, spatial_task
+from controls import some as chosen
 from inside import boxes, chain, leaf_margin_bounds
 from kernels import columns, expanded, expansion, kernels, remainders
 from mimic_arm import MIMICS, arm
@@ -37,7 +38,9 @@ TASKS: dict[str, Callable[[Path], rp.Task]] = {
 }
 
 
-@pytest.mark.parametrize("case", TASKS)
+@pytest.mark.parametrize(
+    "case", chosen(TASKS, "pose, r = 1", "axis", "two coordinates", "mimic joints")
+)
 def test_every_box_s_bounds_hold_at_its_corners_and_inside(case: str, tmp_path: Path) -> None:
     task = TASKS[case](tmp_path)
     q = regular_start(task)

@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 from arms import planar_task, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, panda
+from controls import some
 from inside import cells, chain
 from kernels import at, kernels, screws
 from mutants import CELL_C, COMMUTATOR
@@ -136,7 +137,7 @@ def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
 KINDS = ("axis", "position", "yz")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", some(KINDS, "position"))
 def test_two_solutions_of_other_tasks_are_apart_as_bounded(kind: str, tmp_path: Path) -> None:
     used = np.zeros(3)
     for task in (panda(kind), spatial_task(7, tmp_path, kind=kind, seed=3)):

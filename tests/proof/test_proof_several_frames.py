@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from controls import some
 from kernels import expanded, expansion, kernels
 from mutants import EXPANSION
 from proofs import design_of, margins, near_null_space, smallest_singular_values
@@ -80,15 +81,16 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(tmp_path: Path) -> No
                 assert (found.leaf_margin > 0.8 * true - 1e-6).all()
 
 
-def test_whole_boxes_are_proved_and_samples_do_not_contradict(tmp_path: Path) -> None:
-    for task in tasks(tmp_path):
-        design = design_over(task, 0.02)
-        corners = Q0 + 0.02 * np.array(list(product((-1.0, 1.0), repeat=7)))
-        Q = np.concatenate([design.region.random(2000, 3), corners])
-        least = margins(design, Q).min()
-        proof = rp.prove(design, margin=0.8 * least, closes=False)
-        assert proof and 0.8 * least <= proof.leaf_margin < least, proof.reason
-        assert 0 < proof.sigma_min < smallest_singular_values(task, Q).min()
+@pytest.mark.parametrize("k", some(range(3), 2))
+def test_whole_boxes_are_proved_and_samples_do_not_contradict(k: int, tmp_path: Path) -> None:
+    task = tasks(tmp_path)[k]
+    design = design_over(task, 0.02)
+    corners = Q0 + 0.02 * np.array(list(product((-1.0, 1.0), repeat=7)))
+    Q = np.concatenate([design.region.random(2000, 3), corners])
+    least = margins(design, Q).min()
+    proof = rp.prove(design, margin=0.8 * least, closes=False)
+    assert proof and 0.8 * least <= proof.leaf_margin < least, proof.reason
+    assert 0 < proof.sigma_min < smallest_singular_values(task, Q).min()
 
 
 @pytest.mark.parametrize(
@@ -131,7 +133,7 @@ FRAMES = {
 """What is wrong with several frames: a piece of leaf_margin_bounds.c, and what is put instead."""
 
 
-@pytest.mark.parametrize("mutant", FRAMES)
+@pytest.mark.parametrize("mutant", some(FRAMES, "one frame's rows", "the first frame only"))
 def test_wrong_rows_are_noticed(mutant: str, tmp_path: Path) -> None:
     problem = problem_of(design_over(tasks(tmp_path)[1], 0.1))
     library = kernels("leaf_margin_bounds.c", *FRAMES[mutant])

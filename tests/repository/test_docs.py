@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 import re
 import runpy
@@ -28,6 +30,7 @@ PAGES = [
 ]
 
 
+@pytest.mark.slow
 def test_the_site_builds_strictly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Dead links and names that do not exist are warnings, and warnings are errors."""
     pytest.importorskip("mkdocs")
@@ -48,6 +51,31 @@ def test_the_site_builds_strictly(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     )
     pages = (file.read_text(encoding="utf-8") for file in tmp_path.rglob("*.html"))
     assert not any(re.search("<!-- (live: |robots)", page) or "](../" in page for page in pages)
+
+
+def test_links_between_pages_lead_to_files_and_headings() -> None:
+    """Quickly, what the strict build of the site checks of them."""
+    checked = 0
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for link in re.findall(r"\]\(([^)\s]+)\)", text):
+            name, _, part = link.partition("#")
+            if ":" in name:
+                continue
+            file = (page.parent / name).resolve() if name else page
+            made = ROOT / "examples" / f"{file.stem}.py", ROOT / "examples" / "pictures" / file.name
+            assert file.exists() or any(source.exists() for source in made), link
+            if part and file.suffix == ".md" and ROOT / "docs" in file.parents:
+                heads = re.findall(r"^#+ (.*)$|\bid=\"([^\"]+)\"", file.read_text("utf-8"), re.M)
+                words = {re.sub(r"[^\w\s-]", "", head.lower()).strip() for head, _ in heads}
+                ids = {re.sub(r"[\s-]+", "-", word) for word in words} | {own for _, own in heads}
+                ids |= {
+                    f"live-{name}"
+                    for name in re.findall("<!-- live: (\\w+) -->", file.read_text("utf-8"))
+                }
+                assert part in ids or "<!-- commands -->" in file.read_text("utf-8"), link
+            checked += 1
+    assert checked > 100
 
 
 def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
@@ -113,7 +141,8 @@ def python_of(page: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), flags=re.DOTALL)
 
 
-LONG = {"proof", "cell", "pick-and-place", "learning"}
+LONG = {"proof", "cell", "pick-and-place", "learning", "bodies", "two-hands", "pink", "audit"}
+LONG |= {"paths-and-time", "architecture", "own-urdf", "surveys", "which", "robot", "mujoco"}
 """Pages whose Python takes seconds: among the slow tests."""
 
 
@@ -137,6 +166,21 @@ def test_the_python_of_a_page_runs(
         code = compile(block, str(page), "exec")
         if "import jax" not in block:
             exec(code, names)
+
+
+@pytest.mark.parametrize("page", [*filter(python_of, PAGES)], ids=lambda page: page.stem)
+def test_the_python_of_a_page_uses_names_that_exist(page: Path) -> None:
+    """Quickly, of the pages whose Python runs in the slow test too."""
+    for node in ast.walk(ast.parse("\n".join(python_of(page)))):
+        if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "rp":
+            assert hasattr(rp, node.attr), node.attr
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            if getattr(node.func.value, "id", "") != "rp":
+                continue
+            taken = inspect.signature(getattr(rp, node.func.attr)).parameters.values()
+            if not any(one.kind is one.VAR_KEYWORD for one in taken):
+                given = {word.arg for word in node.keywords if word.arg}
+                assert given <= {one.name for one in taken}, ast.unparse(node)
 
 
 @pytest.mark.slow
@@ -175,12 +219,12 @@ def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
         r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     )
     assert len(linked) == 6 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)
-    redraw(["drift", "ring", "states"], tmp_path)
+    redraw(["states"], tmp_path)
 
 
 @pytest.mark.slow
 def test_the_dear_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
-    redraw(["cell", "proofs", "survey"], tmp_path)
+    redraw(["cell", "drift", "proofs", "ring", "survey"], tmp_path)
 
 
 def test_version_and_date_are_the_same_wherever_they_stand() -> None:

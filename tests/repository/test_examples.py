@@ -102,12 +102,24 @@ def test_every_picture_of_the_pages_is_there_and_small() -> None:
     assert all(file.stat().st_size <= 150_000 for file in kept)
 
 
+@pytest.mark.slow  # its lines for ppr are held below
 def test_survey(run: Run) -> None:
     """The short form's lines are those of docs/survey.md."""
     _, told = run("python examples/survey.py ppr planar3r")
     table = (ROOT / "docs" / "survey.md").read_text(encoding="utf-8").split("<!-- survey -->")[1]
     assert len(told.splitlines()) == 4
     assert all(line in steady(table) for line in steady(told))
+
+
+def test_a_short_survey_has_the_columns_and_the_arm_of_the_page(
+    capsys: pytest.CaptureFixture[str], quick_choices: None
+) -> None:
+    """Columns, arm, task, r and circle, which few steps do not change; the slow test holds all."""
+    lines = example("survey").main(["ppr"], cycles=1, steps=40)
+    table = (ROOT / "docs" / "survey.md").read_text(encoding="utf-8").split("<!-- survey -->")[1]
+    (row,) = (row for row in steady(table) if row.startswith("| ppr |"))
+    assert lines[0] in table and lines[2].split("|")[1:5] == row.split("|")[1:5]
+    assert steady(capsys.readouterr().out) == steady("\n".join(lines))
 
 
 @pytest.mark.slow

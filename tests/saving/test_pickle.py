@@ -16,6 +16,7 @@ from wrong_arguments import ARM_URDF
 import repctl_pin as rp
 
 Q0 = np.array([0.3, 0.8, 0.8])
+FEW = {"cycles": 2, "steps": 60, "degree": 1}
 ARM = Path(__file__).parents[2] / "examples" / "my_arm.urdf"
 
 
@@ -79,20 +80,36 @@ def test_paths_of_several_frames_pickle() -> None:
 
 
 def test_surveys_send_whole_results_from_another_process(task: rp.Task) -> None:
-    """Issue 56, item 8: a fresh process makes a study, an audit and a best cell."""
+    """Issue 56, item 8: a fresh process makes a study and an audit."""
     arm = rp.Robot.load("planar3r").task("tool", "xy")
     t = np.arange(0.0, 40.0, 0.01)
     q = Q0 + 0.2 * np.sin(2 * np.pi * t / 5.0)[:, None] + 0.002 * t[:, None] * [1, -2, 1]
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        study = pool.submit(rp.study, "planar3r")
+        study = pool.submit(rp.study, "planar3r", **FEW)
         audit = pool.submit(rp.audit, (t, q), arm)
-        best = pool.submit(rp.best_cell, arm, 0.1)
-        study, audit, best = (one.result(timeout=300) for one in (study, audit, best))
-    ours = rp.study("planar3r")
+        study, audit = (one.result(timeout=300) for one in (study, audit))
+    ours = rp.study("planar3r", **FEW)
     assert study.summary() == ours.summary()
     assert np.array_equal(study.rows[-1].motion.q, ours.rows[-1].motion.q)
     assert audit.summary() == rp.audit((t, q), arm).summary()
+
+
+@pytest.mark.slow
+def test_a_survey_sends_best_cells_from_another_process() -> None:
+    """As above; the quick twin pickles a cell that was not searched for."""
+    arm = rp.Robot.load("planar3r").task("tool", "xy")
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        best = pool.submit(rp.best_cell, arm, 0.1).result(timeout=300)
     assert repr(best) == repr(rp.best_cell(arm, 0.1))
+
+
+def test_a_best_cell_pickles(task: rp.Task) -> None:
+    cell = rp.Cell(task, task.placement(Q0), 0.1)
+    best = rp.BestCell(cell, Q0, 0.5, 0.1, "a corner")
+    again = pickle.loads(pickle.dumps(best))
+    assert repr(again) == repr(best) and again.reason == best.reason
+    assert np.array_equal(again.posture, Q0)
+    assert np.array_equal(again.cell.at([1, 1]).homogeneous, cell.at([1, 1]).homogeneous)
 
 
 def test_bodies_pickle_and_measure_the_same(tmp_path: Path) -> None:

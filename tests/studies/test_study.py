@@ -44,7 +44,7 @@ REDUNDANT = [
 
 MY_ARM = Path(__file__).parents[2] / "examples" / "my_arm.urdf"
 
-QUICK = {("z1", "position"): {"degree": 1}, ("ppr", "xy"): {}}
+QUICK = {("planar4r", "xy"): {"degree": 1}, ("ppr", "xy"): {}}
 """Beside the panda, whose table the README shows; what is not at its default."""
 
 

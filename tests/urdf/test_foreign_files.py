@@ -95,7 +95,7 @@ def test_a_narrowed_axis_is_told_by_inspect_and_study(tmp_path: Path, capsys) ->
     assert main(["inspect", path]) == 0
     assert "\n! j2 narrowed from [-2, 2] to [-2, 1.2] by rod" in capsys.readouterr().out
     assert said in rp.Problem(robot).warnings
-    few = ["--task", "position", "--cycles", "1", "--steps", "100"]
+    few = ["--task", "position", "--cycles", "1", "--steps", "40", "--degree", "1"]
     assert main(["study", path, *few, "--out", str(tmp_path)]) == 0
     assert "\n! j2 narrowed from [-2, 2] to [-2, 1.2] by rod" in capsys.readouterr().out
     # not of an arm that the joint does not move
@@ -112,7 +112,7 @@ def test_a_narrowed_axis_is_told_by_design_cell_follow_and_move(tmp_path: Path, 
     assert f"\n{said}" in capsys.readouterr().out
     assert main(["follow", path, "--task", "position", "--cycles", "1", "--steps", "60"]) == 0
     assert f"\n{said}" in capsys.readouterr().out
-    small = ["--half-width", "0.02", "--out", str(tmp_path)]
+    small = ["--half-width", "0.02", "--degree", "1", "--held-out", "64", "--out", str(tmp_path)]
     assert main(["cell", path, "--task", "position", *small]) == 0
     assert f"\n{said}" in capsys.readouterr().out
     cell = next(tmp_path.rglob("cell.json"))
@@ -137,7 +137,7 @@ def test_notes_on_the_file_are_warnings_of_the_robot(tmp_path: Path, capsys) -> 
     assert any("quat_xyzw" in note for note in notes)
     assert robot.warnings[: len(notes)] == notes
     path = str(tmp_path / "made.urdf")
-    few = ["--task", "position", "--cycles", "1", "--steps", "100", "--full"]
+    few = ["--task", "position", "--cycles", "1", "--steps", "40", "--degree", "1", "--full"]
     assert main(["study", path, *few, "--out", str(tmp_path)]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert all(" ".join(note.split()) in out for note in notes)
@@ -361,9 +361,9 @@ def test_a_cell_says_which_bodies_are_not_checked_as_a_study_does(tmp_path: Path
     assert len(bodies.unchecked) == 7
     words = "not checked: 7 bodies without a shape; meshes missing: --package-dir DIR"
     path, out = str(tmp_path / "made.urdf"), ["--task", "position", "--out", str(tmp_path)]
-    assert main(["study", path, *out, "--cycles", "1", "--steps", "100"]) == 0
+    assert main(["study", path, *out, "--cycles", "1", "--steps", "40", "--degree", "1"]) == 0
     assert words in " ".join(capsys.readouterr().out.split())
-    assert main(["cell", path, *out, "--half-width", "0.02"]) == 0
+    assert main(["cell", path, *out, *["--half-width", "0.02", "--degree", "1", "--held-out", "64"]]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert words in said and "no collision bodies" not in said.lower()
     page = next(tmp_path.rglob("cell.html")).read_text(encoding="utf-8")
