@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -52,6 +53,10 @@ _KEPT = 256
 _hulls: dict[tuple[Path, int], Array] = {}
 """Cache of mesh hulls, by file path and modification time; the terminal and the page share it."""
 
+
+_corners_of: WeakKeyDictionary[Mechanism, tuple[object, list[Array]]] = WeakKeyDictionary()
+"""Cache of the corners of each robot's shapes, with the times of its mesh files; the rows of a
+study, its page and its report share it."""
 
 _Placed = tuple[Shape, pin.SE3]
 """A shape and its placement on its link."""
@@ -137,6 +142,15 @@ class Visuals:
         surfaces
             Contents of the mesh files; if None, the files are read.
         """
+        times = _file_times(self._robot, self.shapes)
+        known, found = _corners_of.get(self._robot, (None, []))
+        if known != times:
+            found = self._confirmed_corners(surfaces)
+            _corners_of[self._robot] = times, found
+        return [*found]
+
+    def _confirmed_corners(self, surfaces: Surfaces | None) -> list[Array]:
+        """Collect the corners of :meth:`corners` from the meshes, without stray points."""
         found = _corners(self.shapes, surfaces)
         hulls: dict[str, Array | None] = {}
         for k, (shape, place) in enumerate(zip(self.shapes, self._on_frame, strict=True)):
@@ -264,6 +278,23 @@ def _turn_z_to(direction: ArrayLike) -> Array:
 
 
 # ---- corners of the drawn bodies ----
+
+
+def _file_times(robot: Mechanism, shapes: Sequence[Shape]) -> list[tuple[Shape, int]]:
+    """List the drawn shapes and the collision shapes, each with the time of its mesh file, ns.
+
+    The time is 0 without a mesh, or if its file is missing.
+    """
+    solid = robot.description.collisions
+    found = [replace(shape, path=_mesh_file(shape, robot.description, robot)) for shape in solid]
+    times = []
+    for shape in [*shapes, *found]:
+        time = 0
+        if shape.path is not None:
+            with contextlib.suppress(OSError):
+                time = shape.path.stat().st_mtime_ns
+        times.append((shape, time))
+    return times
 
 
 def _corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:

@@ -65,9 +65,9 @@ def away(panda_pose: rp.Task) -> np.ndarray:
 
 
 def test_with_our_task_pink_closes_its_cycles(panda_design, away) -> None:
-    repeatable, speed = drive(panda_design, away, 10, RepeatableTask(panda_design.inverse))
+    repeatable, speed = drive(panda_design, away, 3, RepeatableTask(panda_design.inverse))
     assert np.linalg.norm(repeatable - away, axis=1).max() < 1e-5
-    plain, plain_speed = drive(panda_design, away, 10)
+    plain, plain_speed = drive(panda_design, away, 3)
     assert np.linalg.norm(plain[-1] - away) > 0.1
     # No jump: neither at the start nor anywhere else does it move faster than pink alone, give or
     # take.

@@ -1329,7 +1329,7 @@ def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
         middle = task.placement(q).translation
         t = (middle[flat] - point[flat]) / axis[flat]
         gap = np.abs(point + t * axis - middle)
-        if not 0.3 < np.delete(gap, flat).min() < gap.max() < 1.5:
+        if tried >= 4 or not 0.3 < np.delete(gap, flat).min() < gap.max() < 1.5:
             continue
         for factor in (1.02, np.where(gap == gap.max(), 1.02, 0.98)):
             widths = np.where(np.arange(3) == flat, 1e-5, gap * factor)
@@ -1337,7 +1337,7 @@ def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
             said = "contains the axis of q1," in refused(cell, q)
             assert said == np.isscalar(factor)
             tried += 1
-    assert tried >= 6
+    assert tried >= 4
 
 
 def test_a_cell_round_the_base() -> None:

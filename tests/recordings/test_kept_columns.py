@@ -17,7 +17,7 @@ import repctl_pin as rp
 Q0 = np.array([0.3, 0.8, 0.8])
 NAMES = ("theta1", "theta2", "theta3")
 K = 12
-FILES = 200
+FILES = 40
 CELLS = (
     "1764288000148456789",
     "000001",
@@ -53,7 +53,7 @@ def relabeled(file: Path, design: rp.CellDesign, **how) -> rp.Relabeled:
 def test_each_other_cell_of_a_csv_file_is_the_same_text(
     design: rp.CellDesign, tmp_path: Path
 ) -> None:
-    """Issue 52, 26.21: 200 random files; put back the old joints, and the file is the old one."""
+    """Issue 52, 26.21: 40 random files; put back the old joints, and the file is the old one."""
     for seed in range(FILES):
         rng = np.random.default_rng(seed)
         Q = [[repr(v) for v in row] for row in joints(rng).tolist()]
@@ -79,7 +79,7 @@ def test_each_other_cell_of_a_csv_file_is_the_same_text(
 def test_each_other_column_of_a_parquet_file_has_its_type_and_metadata(
     design: rp.CellDesign, tmp_path: Path
 ) -> None:
-    """Issue 52, 26.21: 200 random files of twelve types, joints in columns or in one list."""
+    """Issue 52, 26.21: 40 random files of twelve types, joints in columns or in one list."""
     f32, stamp = pa.float32(), pa.timestamp("ns", "UTC")
     kinds = [pa.int64(), pa.uint8(), f32, pa.string(), pa.bool_(), stamp, pa.binary()]
     kinds += [pa.list_(f32), pa.list_(f32, 2), pa.large_list(pa.int16()), pa.decimal128(20, 3)]
@@ -126,7 +126,7 @@ def test_each_other_column_of_a_parquet_file_has_its_type_and_metadata(
 def test_each_other_array_of_an_npz_file_has_its_type(
     design: rp.CellDesign, tmp_path: Path
 ) -> None:
-    """Issue 52, 26.21: 200 random files, single numbers and odd names among the arrays."""
+    """Issue 52, 26.21: 40 random files, single numbers and odd names among the arrays."""
     for seed in range(FILES):
         rng = np.random.default_rng(seed)
         kind = rng.choice(["f4", "f8"])

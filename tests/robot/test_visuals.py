@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from functools import cache
 from pathlib import Path
@@ -324,3 +325,19 @@ def test_a_missing_texture_is_no_traceback(
     assert not rp.Bodies(task).missing
     said = capfd.readouterr()
     assert not said.out and not said.err and not caplog.records
+
+
+def test_corners_are_computed_once_per_robot_and_mesh_file(tmp_path: Path) -> None:
+    """The rows of a study, its page and its report ask for the same; a file that changes is read
+    anew."""
+    mesh = tmp_path / "link.stl"
+    trimesh.creation.box([0.1, 0.1, 0.4]).export(mesh)
+    robot = arm(tmp_path, upper='<mesh filename="link.stl"/>')
+    first = Visuals.of(robot).corners()
+    again = Visuals.of(robot).corners()
+    assert all(one is other for one, other in zip(first, again, strict=True))
+    assert [np.ptp(points, axis=0).max() for points in first].count(pytest.approx(0.4)) >= 1
+    trimesh.creation.box([0.1, 0.1, 0.6]).export(mesh)
+    os.utime(mesh, ns=(1, 1))  # however coarse the clock of the files is
+    longest = [np.ptp(points, axis=0).max() for points in Visuals.of(robot).corners()]
+    assert longest.count(pytest.approx(0.6)) >= 1 and pytest.approx(0.4) not in longest

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from controls import some
 from design_file import checksum
 from designs import Cycle, with_potentials
 from mimic_arm import MIMICS, arm
@@ -151,7 +152,7 @@ def loaded(file: Path, saved: Path, frame: str, kind: str) -> rp.Design | rp.Cel
         return rp.load(saved, rp.Robot.load(file).task(frame, kind))
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", some(ARMS, "kinova-like", "mimic", "rail"))
 def test_every_number_that_a_design_depends_on_is_checked(name: str, tmp_path: Path) -> None:
     """Issue 37, item 3: one number at a time, of each joint from base to frame. All are detected:
     limits of a mimic joint only where they narrow those of its leader."""
@@ -190,7 +191,7 @@ def test_every_number_that_a_design_depends_on_is_checked(name: str, tmp_path: P
     loaded(file, saved, frame, kind)
 
 
-@pytest.mark.parametrize("name", ["panda", "kinova-like"])
+@pytest.mark.parametrize("name", some(["panda", "kinova-like"], "kinova-like"))
 def test_a_moved_marker_of_an_arm_angle_is_named(name: str, tmp_path: Path) -> None:
     """Issue 37, item 3: the frame of a marker is on no joint of the chain; ∂ψ/∂q depends on it."""
     make, frame, kind, frames = ARMS[name]

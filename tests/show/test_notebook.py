@@ -190,6 +190,7 @@ def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
         inline(study.design)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_kernel_shows_the_scene_and_the_figures(
     notebook: Any, study: rp.Study, cell: tuple[Any, list[Figure]], full: str
 ) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import asleep, errors, open_page, schemes, wait_until_drawn
+from controls import some
 from page_file import read
 
 import repctl_pin as rp
@@ -141,7 +142,7 @@ def evaluated(folder: Path, own: Any, Q: Any, X: Any, paths: list[Any]) -> Any:
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", some([False, True], True))
 def test_the_page_computes_two_hands_as_python_does(mirrored: bool, tmp_path: Path) -> None:
     """Of Talos: one hand on a loop, the other still or mirroring it; J, ẋ and ten cycles' ends."""
     if NODE is None:
@@ -265,7 +266,7 @@ return motions.map(({ Q, perCycle }) => Array.from({ length: 11 }, (_, c) => end
 ARC = [(30 * (np.cos(a) - 1), 30 * np.sin(a)) for a in np.linspace(0, 5, 14)[1:]]
 
 
-@pytest.mark.parametrize("kind", ["mouse", "touch"])
+@pytest.mark.parametrize("kind", some(["mouse", "touch"], "mouse"))
 def test_a_loop_is_drawn_by_a_pointer(
     driver: Any, page: Path, study: rp.Study, kind: str, tmp_path: Path
 ) -> None:
@@ -596,7 +597,7 @@ def two_hands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return rp.animation(rp.study(wanted, cycles=2, steps=60, degree=1)).save(folder / "page.html")
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", some([False, True], True))
 def test_a_loop_is_drawn_with_either_hand(
     driver: Any, two_hands: Path, mirrored: bool, tmp_path: Path
 ) -> None:

@@ -42,7 +42,7 @@ class Tags(HTMLParser):
 
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
-    return rp.study("planar3r", cycles=2, steps=100)
+    return rp.study("planar3r", cycles=2, steps=100, degree=1)
 
 
 @pytest.fixture(scope="module")

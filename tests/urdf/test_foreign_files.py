@@ -363,7 +363,8 @@ def test_a_cell_says_which_bodies_are_not_checked_as_a_study_does(tmp_path: Path
     path, out = str(tmp_path / "made.urdf"), ["--task", "position", "--out", str(tmp_path)]
     assert main(["study", path, *out, "--cycles", "1", "--steps", "40", "--degree", "1"]) == 0
     assert words in " ".join(capsys.readouterr().out.split())
-    assert main(["cell", path, *out, *["--half-width", "0.02", "--degree", "1", "--held-out", "64"]]) == 0
+    small = ["--half-width", "0.02", "--degree", "1", "--held-out", "64"]
+    assert main(["cell", path, *out, *small]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert words in said and "no collision bodies" not in said.lower()
     page = next(tmp_path.rglob("cell.html")).read_text(encoding="utf-8")
