@@ -33,6 +33,11 @@ import repctl_pin as rp
 TESTS = Path(__file__).parent
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let long runs be done in parts: ``-m slow --part 2/4``."""
+    parser.addoption("--part", default="1/1", metavar="K/N", help="files K, K + N, … of the tests")
+
+
 def pytest_configure() -> None:
     """Search for garbage more rarely, which took a tenth of the time."""
     gc.set_threshold(100_000, 20, 20)
@@ -61,8 +66,11 @@ def pytest_collection(session: pytest.Session) -> None:
         time.sleep(0.05)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest, mypy and the README, so that no worker is left alone with one."""
+@pytest.hookimpl(trylast=True)  # after -m and -k
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Begin with the longest, mypy and the README, so that no worker is left alone with one.
+
+    Of a part, only every N-th file with tests that are selected is left."""
     longest = ("test_house.py", "repository")
 
     def place(item: pytest.Item) -> int:
@@ -70,6 +78,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return len(longest) if name is None else longest.index(name)
 
     items.sort(key=place)
+    part, _, parts = config.getoption("part").partition("/")
+    if not (part.isdecimal() and parts.isdecimal() and 1 <= int(part) <= int(parts)):
+        raise pytest.UsageError(f"--part requires K/N with 1 ≤ K ≤ N; got {part}/{parts}")
+    files = sorted({item.path for item in items})
+    left = set(files[int(part) - 1 :: int(parts)])
+    config.hook.pytest_deselected(items=[item for item in items if item.path not in left])
+    items[:] = [item for item in items if item.path in left]
 
 
 def pytest_collection_finish() -> None:

@@ -66,16 +66,26 @@ def test_links_between_pages_lead_to_files_and_headings() -> None:
             made = ROOT / "examples" / f"{file.stem}.py", ROOT / "examples" / "pictures" / file.name
             assert file.exists() or any(source.exists() for source in made), link
             if part and file.suffix == ".md" and ROOT / "docs" in file.parents:
-                heads = re.findall(r"^#+ (.*)$|\bid=\"([^\"]+)\"", file.read_text("utf-8"), re.M)
-                words = {re.sub(r"[^\w\s-]", "", head.lower()).strip() for head, _ in heads}
-                ids = {re.sub(r"[\s-]+", "-", word) for word in words} | {own for _, own in heads}
-                ids |= {
-                    f"live-{name}"
-                    for name in re.findall("<!-- live: (\\w+) -->", file.read_text("utf-8"))
-                }
-                assert part in ids or "<!-- commands -->" in file.read_text("utf-8"), link
+                assert part in headings(file), link
             checked += 1
     assert checked > 100
+
+
+def headings(page: Path) -> set[str]:
+    """The names of the places of a page to which links lead."""
+    text = page.read_text(encoding="utf-8")
+    heads = [
+        re.sub(r"[^\w\s-]", "", h.lower()).strip() for h in re.findall(r"^#+ (.*)$", text, re.M)
+    ]
+    found = {re.sub(r"[\s-]+", "-", head) for head in heads}
+    found |= {f"live-{name}" for name in re.findall(r"<!-- live: (\w+) -->", text)}
+    if "<!-- robots -->" in text:
+        robots = runpy.run_path(str(ROOT / "docs" / "hooks" / "live.py"))["ROBOTS"]
+        found.add(f"live-{next(iter(robots))}")
+    found |= set(re.findall(r'\bid="([^"]+)"', text)) | set(re.findall(r"\{ *#([\w-]+)", text))
+    if "<!-- commands -->" in text:
+        found |= set(runpy.run_path(str(ROOT / "docs" / "hooks" / "commands.py"))["commands"]())
+    return found
 
 
 def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
@@ -245,5 +255,10 @@ def test_the_slow_tests_run_on_a_schedule() -> None:
     assert workflow[True]["schedule"]  # YAML reads the key "on" as true
     (job,) = workflow["jobs"].values()
     command = "python -m pytest -m slow -n 0"
-    assert any(command in step.get("run", "") for step in job["steps"])
+    parts = job["strategy"]["matrix"]["part"]
+    assert [part.split("/") for part in parts] == [
+        [str(k), str(len(parts))] for k in range(1, len(parts) + 1)
+    ]
+    last = f"{command} --part ${{{{ matrix.part }}}}"
+    assert any(last in step.get("run", "") for step in job["steps"])
     assert f"`{command}`" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
