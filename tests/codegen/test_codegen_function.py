@@ -69,7 +69,7 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
 
 
 @NEEDS_C
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", some(CELLS, "poses", "positions"))
 def test_its_control_steps_as_pythons(name: str) -> None:
     function = function_of(name)
     worst, _ = disagreement(function.inverse, function(function.cell.placement), 24, spread=0.1)
@@ -170,7 +170,7 @@ def test_f_refuses_in_the_same_words_in_c_and_numpy() -> None:
         assert said[0] == said[1] and "\n" not in said[0]
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", some(CELLS, "poses"))
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_bad_number_is_named_by_the_control_of_a_cell(name: str, bad: float) -> None:
     """The logarithm of a rotation that is no number is none; it is not numpy's LinAlgError."""

@@ -139,7 +139,7 @@ def test_it_commands_the_joints_that_the_library_does(
 LEVELS = [
     pytest.param(planar, id="planar"),
     pytest.param(both_hands, id="both hands"),
-    pytest.param(lambda: panda("axis"), id="axis"),
+    pytest.param(lambda: panda("axis"), id="axis", marks=SLOW),
     pytest.param(lambda: panda("position"), id="position", marks=SLOW),
     pytest.param(cell, id="cell", marks=SLOW),
 ]

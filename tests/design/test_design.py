@@ -42,7 +42,7 @@ def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **opt
     "kind, width, degree, most",
     [
         ("pose", 0.4, 2, 0.2475),
-        ("pose", 0.4, 3, 0.2003),
+        pytest.param("pose", 0.4, 3, 0.2003, marks=pytest.mark.slow),
         pytest.param("pose", 0.8, 2, 1.96, marks=pytest.mark.slow),
         ("position", 0.4, 2, 0.3455),
         pytest.param("position", 0.8, 2, 3.70, marks=pytest.mark.slow),
@@ -414,7 +414,10 @@ def test_a_design_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("robot", "center", "half_width", "most"),
-    [("planar3r", [0.3, 1.0, 0.8], 0.7, 8), ("planar4r", [0.3, 0.7, 0.5, 0.4], 0.5, 6)],
+    [
+        ("planar3r", [0.3, 1.0, 0.8], 0.7, 8),
+        pytest.param("planar4r", [0.3, 0.7, 0.5, 0.4], 0.5, 6, marks=pytest.mark.slow),
+    ],
 )
 def test_degree_auto_goes_to_six_and_to_eight_for_three_joints(
     robot: str, center: list[float], half_width: float, most: int
@@ -439,7 +442,7 @@ def test_degree_auto_goes_to_six_and_to_eight_for_three_joints(
         ("panda", "axis", 2, 0.3, 2),
         ("panda", "position", 4, 0.3, 1),
         pytest.param("tiago", "position", 5, 0.2, 1, marks=pytest.mark.slow),
-        ("talos", "position", 6, 0.1, 1),
+        pytest.param("talos", "position", 6, 0.1, 1, marks=pytest.mark.slow),
         pytest.param("panda", "position", 4, 0.3, 2, marks=pytest.mark.slow),
         pytest.param("tiago", "position", 5, 0.2, 2, marks=pytest.mark.slow),
         pytest.param("talos", "position", 6, 0.1, 2, marks=pytest.mark.slow),

