@@ -177,7 +177,7 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
         ("motion.solve_ik", "_POINTS", 12),
         ("studies.choose_start", "followed", briefly),
         ("studies.around_motion", "FitOptions", few),
-        ("extensions.proof.closing_radius", "_MOST", {"start": 5000, "path": 1000}),
+        ("extensions.proof.closing_radius", "_MOST", {"start": 1000, "path": 200}),
     ):
         monkeypatch.setattr(import_module(package + module), name, value)
 

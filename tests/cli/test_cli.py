@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from arms import heed_interrupts
 from commands import computed_once, main, parsers
+from controls import some
 
 import repctl_pin as rp
 
@@ -205,7 +206,7 @@ def test_interrupt_ends_with_a_word(tmp_path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("asked", [None, 2])
+@pytest.mark.parametrize("asked", some([None, 2], None))
 def test_one_blas_thread_unless_a_person_says_otherwise(asked: int | None, tmp_path: Path) -> None:
     code = """
 import sys

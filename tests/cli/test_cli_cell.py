@@ -90,6 +90,7 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert scene["paths"][0] == 16  # the edges of the cell
 
 
+@pytest.mark.slow
 def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
     """One load, at two sizes; what the tour's frame draws is looked at elsewhere."""
     schemes(driver, width=390, height=480)
@@ -244,14 +245,15 @@ def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, cap
 def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "planar.urdf").write_text(planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8")
-    options = ["--start", "0.2,0.8,0.8", "--degree", "2", "--held-out", "64", "--out", "out"]
+    options = ["--start", "0.2,0.8,0.8", "--degree", "1", "--held-out", "64", "--out", "out"]
     sector = ["--sector", "--radius", "0.1", "--json"]
     axis = ["--axis", "0,0,0.3,0,0,2"]  # the base's own axis: another point, another length
     assert main(["cell", "planar.urdf", "--task", "xy", *sector, *axis, *options]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["turns"][0]["reach"] == pytest.approx(2 * np.pi)
     assert said["sector"] == pytest.approx({"radius": 0.1, "angle": np.pi})
-    assert main(["follow", "out/cell.json", "--robot", "planar.urdf", "--cycles", "1"]) == 0
+    few = ["--cycles", "1", "--steps", "100"]
+    assert main(["follow", "out/cell.json", "--robot", "planar.urdf", *few]) == 0
     assert "tour 0 of the cell" in capsys.readouterr().out
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from arms import planar_task
 from commands import refused, told
-from controls import some
 
 import repctl_pin as rp
 
@@ -26,12 +25,8 @@ def reaches_all(place: rp.BestCell, count: int = 40) -> bool:
     return True
 
 
-@pytest.mark.parametrize("search", some(["quick_places", "panda"], "quick_places"))
-def test_a_box_with_the_tool_down_fits_and_has_a_function(
-    search: str, panda_pose: rp.Task, request: pytest.FixtureRequest
-) -> None:
-    """By a short search, and by the whole one (slow)."""
-    request.getfixturevalue(search)
+@pytest.mark.slow  # by default, the docstring's example finds this place
+def test_a_box_with_the_tool_down_fits_and_has_a_function(panda_pose: rp.Task) -> None:
     place = rp.best_cell(panda_pose, (0.3, 0.3, 0.2), orientation="down")
     assert place.factor == 1 and place.reason == "" and place.margin > 0.1
     assert np.allclose(place.cell.half_width, [0.15, 0.15, 0.1])
