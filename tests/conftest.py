@@ -198,6 +198,7 @@ def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
         ("_DRAWN", 1024),
         ("_PARENTS", 6),
         ("_TRIED", 6),
+        ("_BATCHES", 1),
         ("_JUDGED", 1),
         ("_CONFIRMED", 1),
         ("_HELD_OUT", 256),

@@ -185,3 +185,17 @@ def test_a_search_that_ends_at_a_singularity_says_so(tmp_path: Path) -> None:
     assert len(found.singular) == 8 and np.isnan(found.rate).all()
     with pytest.raises(rp.InputError, match="2 joints, but the task has 3"):
         rp.stable_surface(rp.Pseudoinverse(task), rp.Box([0, 0], 1))
+
+
+@pytest.mark.parametrize("length", [1e-3, 10.0])
+def test_relative_defects_do_not_depend_on_the_size_of_an_arm(
+    length: float, tmp_path: Path
+) -> None:
+    """An arm with a prismatic joint, also in another unit of length, with the same weight."""
+    found = []
+    for unit in (1.0, length):
+        inverse = rp.WeightedInverse(slide_task(unit, tmp_path), np.diag([unit**-2, 1.0, 1.0]))
+        q = np.array([0.3 * unit, 0.5, 0.8])
+        found.append(rp.bracket_defect(inverse, q, relative=True))
+    assert np.abs(found[0]).max() > 1e-2
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-9)

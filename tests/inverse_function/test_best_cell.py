@@ -144,9 +144,9 @@ def test_a_planar_box_near_a_place_shrinks_with_the_reason(
 ) -> None:
     """Closed form: the corners of the largest box lie within the sum of the lengths."""
     task = planar_task([0.5, 0.4, 0.3], tmp_path)
-    place = rp.best_cell(task, (1.5, 0.9))
+    place = rp.best_cell(task, (2.0, 1.2))
     assert 0.5 < place.factor < 1 and "corner" in place.reason
-    assert np.allclose(place.cell.half_width, place.factor * np.array([0.75, 0.45]))
+    assert np.allclose(place.cell.half_width, place.factor * np.array([1.0, 0.6]))
     near = rp.best_cell(task, 0.2, at=[0.6, -0.5, 0.0])
     assert np.linalg.norm(near.cell.placement.translation - [0.6, -0.5, 0]) < 0.02
 
