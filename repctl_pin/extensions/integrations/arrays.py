@@ -3,7 +3,7 @@ r"""F and G_r as functions of arrays: NumPy, JAX, torch, CuPy, and others of the
 A cell is a box of poses over which a function F gives one configuration per pose; G_r is the
 control law of a repeatable inverse. Both are pure functions of arrays with any leading axes. Their
 results have the type and the device of their input. Inside, the K poses of a batch are the last
-axis, and a rotation matrix is the array of its columns, ``R[column, row]``.
+axis, and a placement is the list of its columns (3, K): three of the rotation, and the position.
 """
 
 from __future__ import annotations
@@ -94,18 +94,18 @@ def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers
         x = _floats(xp, x, "x", 4, 4)
         c = _zeros(xp, (r,), x) if leaf is None else _floats(xp, leaf, "leaf", r)
         lead = _broadcast(x.shape[:-2], c.shape[:-1])
-        rows = xp.reshape(_last(xp, xp.broadcast_to(x, (*lead, 4, 4)), 2), (4, 4, -1))
+        rows = _last(xp, xp.broadcast_to(x, (*lead, 4, 4)), 2)
         c = _last(xp, xp.broadcast_to(xp.astype(c, x.dtype), (*lead, r)), 1)
         # Solve at poses of the cell; the others are replaced by its middle
-        X = xp.permute_dims(rows[:3], (1, 0, 2))
-        good = _rigid(xp, task.kind, rows) & xp.all(xp.abs(c) < _FAR, axis=0)
+        X = [xp.stack([rows[j], rows[4 + j], rows[8 + j]]) for j in range(4)]
+        good = _rigid(xp, task.kind, rows) & xp.all(xp.abs(xp.stack(c)) < _FAR, axis=0)
         good = good & _inside(xp, F.cell, X)
-        c = xp.where(good, c, 0.0)
-        q, found = solve(xp.where(good, X, _middle(xp, F.cell, X)), c)
+        X = [xp.where(good, *pair) for pair in zip(X, _middle(xp, F.cell, X), strict=True)]
+        q, found = solve(X, xp.where(good, xp.stack(c), 0.0))
         # Check the limits
         within = _within(xp, task, q)
         if not F.keep_limits:
-            within = within | xp.all(c == 0, axis=0)
+            within = within | xp.all(xp.stack(c) == 0, axis=0)
         return _first(xp, xp.where(good & found & within, q, xp.nan), lead)
 
     return _compiled(xp, function)
@@ -138,14 +138,14 @@ def pose_and_leaf(
 
     def back(q: Numbers) -> tuple[Numbers, Numbers]:
         q = _floats(xp, q, "q", n)
-        lead, q = q.shape[:-1], _last(xp, q, 1)
+        lead, q = q.shape[:-1], xp.stack(_last(xp, q, 1))
         X, _ = kinematics(q)
         _, _, q_ref, n_ref = reference(X)
-        c = xp.sum(n_ref * _away(xp, F.chart.cell, q - q_ref)[:, None], axis=0)
+        c = xp.sum(n_ref * _away(xp, F.chart.cell, q - q_ref)[:, None, :], axis=0)
         c = xp.where(_inside(xp, F.cell, X), c, xp.nan)
-        last = xp.zeros_like(X[:, :1]) + _like(xp, np.eye(4)[3], X)[:, None, None]
-        x = xp.permute_dims(xp.concat([X, last], axis=1), (2, 1, 0))
-        return xp.reshape(x, (*lead, 4, 4)), _first(xp, c, lead)
+        x = xp.stack([xp.permute_dims(column, (1, 0)) for column in X], axis=2)
+        last = xp.broadcast_to(_like(xp, np.eye(4)[3:], q), (x.shape[0], 1, 4))
+        return xp.reshape(xp.concat([x, last], axis=1), (*lead, 4, 4)), _first(xp, c, lead)
 
     return _compiled(xp, back)
 
@@ -188,13 +188,13 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
     def law(q: Numbers, xdot: Numbers) -> Numbers:
         q, xdot = _floats(xp, q, "q", task.n), _floats(xp, xdot, "xdot", task.m)
         lead = _broadcast(q.shape[:-1], xdot.shape[:-1])
-        q = _last(xp, xp.broadcast_to(q, (*lead, task.n)), 1)
+        q = xp.stack(_last(xp, xp.broadcast_to(q, (*lead, task.n)), 1))
         xdot = _last(xp, xp.broadcast_to(xp.astype(xdot, q.dtype), (*lead, task.m)), 1)
         good = _within(xp, task, q)
         q = xp.where(good, q, _like(xp, task.reference, q)[:, None])
         X, J = kinematics(q)
         V, rate, inside = held(q, X, xdot)
-        qdot, regular = _solved(xp, xp.concat([J, V], axis=1), xp.concat([xdot, rate]))
+        qdot, regular = _solved(xp, xp.concat([J, V], axis=1), xp.concat([xp.stack(xdot), rate]))
         return _first(xp, xp.where(good & inside & regular, qdot, xp.nan), lead)
 
     return _compiled(xp, law)
@@ -233,7 +233,7 @@ def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: f
         new, size = step(q)
         return xp.where(moving, new, q), moving & ~(size <= near), count + 1
 
-    state = (q, q[0] == q[0], 0)
+    state = (q, xp.all(q == q, axis=0), 0)
     if is_jax_namespace(xp):
         import jax
 
@@ -283,11 +283,11 @@ def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
         ) from None
 
 
-def _last(xp: Namespace, a: Numbers, axes: int) -> Numbers:
-    """Move the leading axes to the end, as one: (..., s) → (s, K), with s of one or two axes."""
+def _last(xp: Namespace, a: Numbers, axes: int) -> list[Numbers]:
+    """Split the last axes of an array: one array (K,) per number, for K leading indices."""
     size = int(np.prod(a.shape[-axes:]))
     rows = xp.reshape(a, (-1, size))
-    return xp.stack([rows[:, i] for i in range(size)])
+    return [rows[:, i] for i in range(size)]
 
 
 def _first(xp: Namespace, a: Numbers, lead: Sequence[int]) -> Numbers:
@@ -318,28 +318,31 @@ def _eps(xp: Namespace, a: Numbers) -> float:
 # ---- F and G_r
 
 
-def _solution(xp: Namespace, chart: Chart) -> Callable[[Numbers, Numbers], Any]:
-    """Create the function from placements X (4, 3, K) and levels c (r, K) to q (n, K), by Newton.
+def _solution(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers]]:
+    """Create the function from a placement and levels c (r, K) to q (n, K), by Newton's method.
 
     Its second result (K,) is True where the method converged.
     """
     kind = chart.cell.task.kind
     kinematics, reference = _kinematics(xp, chart.cell.task), _reference(xp, chart)
 
-    def newton(q: Numbers, X: Numbers, c: Numbers, q_ref: Numbers, n_ref: Numbers) -> Any:
+    def newton(
+        q: Numbers, X: list[Numbers], c: Numbers, q_ref: Numbers, n_ref: Numbers
+    ) -> tuple[Numbers, Numbers]:
         here, J = kinematics(q)
-        level = c - xp.sum(n_ref * (q - q_ref)[:, None], axis=0)
-        g = xp.concat([_displacement(xp, kind, here, X), level])
+        level = c - xp.sum(n_ref * (q - q_ref)[:, None, :], axis=0)
+        g = xp.concat([xp.stack(_displacement(xp, kind, here, X)), level])
         dq, _ = _solved(xp, xp.concat([J, n_ref], axis=1), g)
         size = xp.max(xp.abs(dq), axis=0)
         return q + dq * (_STEP / xp.where(size > _STEP, size, _STEP)), size
 
-    def solution(X: Numbers, c: Numbers) -> tuple[Numbers, Numbers]:
+    def solution(X: list[Numbers], c: Numbers) -> tuple[Numbers, Numbers]:
         _, _, q_ref, n_ref = reference(X)
         given = X, c, q_ref, n_ref
-        start, *held = _constant(xp, q_ref + xp.sum(n_ref * c, axis=1), *given)
-        least = (_ROUNDINGS * _eps(xp, X)) ** 0.5
-        q = _repeated(xp, lambda q: newton(q, *held), start, max(_NEAR, least))
+        start, *held = _constant(xp, q_ref + xp.sum(n_ref * c, axis=1), c, q_ref, n_ref, *X)
+        still = held[3:], *held[:3]
+        least = (_ROUNDINGS * _eps(xp, c)) ** 0.5
+        q = _repeated(xp, lambda q: newton(q, *still), start, max(_NEAR, least))
         for _ in range(_LAST):
             q, size = newton(q, *given)
         return q, size < max(_CONVERGED, least)
@@ -353,90 +356,90 @@ def _solved(xp: Namespace, A: Numbers, b: Numbers) -> tuple[Numbers, Numbers]:
     The second result (K,) is True where the matrix is regular: the sine of the angle between each
     equation and those before it exceeds 1e-6.
     """
-    A, x, regular = xp.permute_dims(A, (1, 0, 2)), xp.zeros_like(b), b[0] == b[0]
-    before = xp.sum(A * A, axis=1)
-    for i in range(b.shape[0]):
-        square = xp.sum(A[0] * A[0], axis=0)
-        regular = regular & (square > before[i] * RANK_TOLERANCE**2)
-        length = xp.sqrt(xp.where(square > 0, square, 1.0))
-        a, y = A[0] / length, b[0] / length
-        x = x + a * y
-        along = xp.sum(A[1:] * a, axis=1)
-        A, b = A[1:] - along[:, None] * a, b[1:] - along * y
+    rows = xp.permute_dims(xp.concat([A, b[None, ...]]), (1, 0, 2))  # [a, b] (n, n + 1, K)
+    x, regular = 0.0, True
+    least = xp.unstack(xp.sum(rows[:, :-1, :] ** 2, axis=1) * RANK_TOLERANCE**2)
+    for tiny in least:
+        a = rows[0, :-1, :]
+        square = xp.sum(a * a, axis=0)
+        regular = (square > tiny) & regular
+        one = rows[0, ...] / xp.sqrt(xp.where(square > 0, square, 1.0))
+        x = x + one[:-1, :] * one[-1, :]
+        along = xp.sum(rows[1:, :-1, :] * one[:-1, :], axis=1)
+        rows = rows[1:, ...] - along[:, None, :] * one
     return x, regular
 
 
-def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Create the function from q (n, K) to the frame's placement (4, 3, K) and Jᵀ (n, m, K).
-
-    The columns of a placement are those of its rotation, and its position, m.
-    """
+def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Numbers], Numbers]]:
+    """Create the function from q (n, K) to the frame's placement, and Jᵀ (n, m, K)."""
     chain, kind = joint_chain(task), task.kind
     R, p = along_z(chain)  # each joint moves about or along its own z axis
     links = np.concatenate([R, p[:, :, None]], axis=2).swapaxes(1, 2)
     coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
 
-    def kinematics(q: Numbers) -> tuple[Numbers, Numbers]:
-        theta, table = q, _like(xp, links, q)
+    def kinematics(q: Numbers) -> tuple[list[Numbers], Numbers]:
+        S, theta = _like(xp, chain.S, q), q
         if coupled:
-            S = _like(xp, chain.S, q)
-            theta = S @ q + _like(xp, chain.offset, q)[:, None]
-        cos, sin = xp.cos(theta), xp.sin(theta)
+            theta = S @ q + _like(xp, chain.offset[:, None], q)
+        angles = [xp.unstack(each) for each in (theta, xp.cos(theta), xp.sin(theta))]
         # Go from link to link; z and o are the axis and origin of each joint
-        R = xp.broadcast_to(_like(xp, np.eye(3), q)[:, :, None], (3, 3, q.shape[1]))
-        p, z, o = _zeros(xp, (3, 1), q), [], []
-        for j in range(len(links)):
-            link = xp.reshape(table[j] @ xp.reshape(R, (3, -1)), (4, 3, -1))
-            R, p = link[:3], p + link[3]
+        R = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
+        p, z, o = 0.0, [], []
+        for j, link in enumerate(links):
+            x, y, along, step = xp.unstack(
+                xp.reshape(_like(xp, link, q) @ xp.reshape(R, (3, -1)), (4, 3, -1))
+            )
+            p = p + step
             if j == len(chain.axes):
                 break
-            z.append(R[2])
+            t, cos, sin = (each[j] for each in angles)
+            z.append(along)
             o.append(p)
             if chain.revolute[j]:
-                x, y = R[0], R[1]
-                R = xp.stack([cos[j] * x + sin[j] * y, cos[j] * y - sin[j] * x, R[2]])
+                x, y = cos * x + sin * y, cos * y - sin * x
             else:
-                p = p + theta[j] * R[2]
+                p = p + t * along
+            R = xp.stack([x, y, along])
         # Twists (v, ω) per joint
         omega = xp.stack(z)
-        v = _cross(xp, omega, p - xp.stack(o))
+        v = _cross(xp, omega, p - xp.stack(o), 1)
         if not chain.revolute.all():
             turns = xp.asarray(chain.revolute[:, None, None], device=_device(xp, q))
             v, omega = xp.where(turns, v, omega), xp.where(turns, omega, 0.0)
-        rows = [v[:, i] for i in range(3)] + [omega[:, i] for i in range(3)]
-        rows = [rows[i] for i in kind.rows]
         if kind.tool_axes:
-            rows[3:] = [xp.sum(omega * R[i], axis=1) for i in range(2)]
-        J = xp.stack(rows, axis=1)
+            omega = xp.stack([xp.sum(omega * each, axis=1) for each in (x, y)], axis=1)
+        twists = [*xp.unstack(v, axis=1), *xp.unstack(omega, axis=1)]
+        J = xp.stack([twists[i] for i in kind.rows.tolist()], axis=1)
         if coupled:
-            J = xp.reshape(S.T @ xp.reshape(J, (J.shape[0], -1)), (task.n, task.m, -1))
-        return xp.concat([R, p[None]]), J
+            J = xp.reshape(xp.matrix_transpose(S) @ xp.reshape(J, (len(z), -1)), (-1, *J.shape[1:]))
+        return [x, y, along, p], J
 
     return kinematics
 
 
-def _reference(xp: Namespace, chart: Chart) -> Callable[[Numbers], tuple[Numbers, ...]]:
-    """Create the function from a placement (4, 3, K) to the reference of F there.
+def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[Any, ...]]:
+    """Create the function from a placement to the reference of F there.
 
-    It returns the offsets y (m, K) in the cell, the monomials T (N, K) of its coordinates u, and
-    their polynomials q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
+    It returns the offsets y in the cell, m arrays (K,), the monomials T (N, K) of its coordinates
+    u, and their polynomials q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
     symmetries of the arm, such as a turn about its base, add to the polynomials.
     """
     cell, monomials = chart.cell, chart.monomials
     blocks = list(zip(monomials.starts[1:], monomials.starts[2:], strict=False))
 
-    def reference(X: Numbers) -> tuple[Numbers, ...]:
+    def reference(X: list[Numbers]) -> tuple[Any, ...]:
         y = _measured(xp, cell, X)
-        T = _monomials(xp, _scaled(xp, cell, y), monomials.parent, monomials.variable, blocks)
-        both = _polynomials(xp, chart.coefficients, T)
-        return y, T, both[:, 0] + _shift(xp, cell, y), both[:, 1:]
+        u = xp.stack(_scaled(cell, y))
+        T = _monomials(xp, u, monomials.parent, monomials.variable, blocks)
+        q_ref, *n_ref = xp.unstack(_polynomials(xp, chart.coefficients, T), axis=1)
+        return y, T, q_ref + _shift(xp, cell, y), xp.stack(n_ref, axis=1)
 
     return reference
 
 
 def _monomials(xp: Namespace, u: Numbers, parent: Array, factor: Array, blocks: Any) -> Numbers:
     """Evaluate monomials (N, K) of u (k, K), degree by degree: each is its parent times one u."""
-    T = xp.ones_like(u[:1])
+    T = xp.ones_like(u[:1, :])
     for first, end in blocks:
         of, by = (xp.asarray(each[first:end], device=_device(xp, u)) for each in (parent, factor))
         T = xp.concat([T, xp.take(T, of, axis=0) * xp.take(u, by, axis=0)])
@@ -460,13 +463,13 @@ def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Number
     maps = potentials.maps if isinstance(potentials, SumMap) else [potentials]
     if not all(isinstance(each, PolynomialMap | FourierMap) for each in maps):
         raise InputError(
-            "potentials of this inverse contain Python functions",
-            remedy="use polynomials, Fourier series, their sums, or a function of a cell",
+            "the potentials of this inverse are functions in Python",
+            remedy="use polynomials, Fourier series, their sums, or the function of a cell",
         )
 
-    def held(q: Numbers, X: Numbers, xdot: Numbers) -> tuple[Numbers, Numbers, Any]:
+    def held(q: Numbers, X: list[Numbers], xdot: list[Numbers]) -> tuple[Numbers, Numbers, Any]:
         V = sum(_gradients(xp, each, q) for each in maps)
-        return V, xp.zeros_like(V[0]), True
+        return V, 0.0 * V[0, ...], True
 
     return held
 
@@ -477,13 +480,14 @@ def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Nu
         phase, waves = _like(xp, one.waves, q) @ q, one.waves[:, :, None]
         rising = _polynomials(xp, waves * one.sines[:, None], xp.cos(phase))
         return rising - _polynomials(xp, waves * one.cosines[:, None], xp.sin(phase))
-    of = zip(one.joints, one.center, one.scale, strict=True)
-    u = xp.stack([(q[int(j)] - float(center)) / float(scale) for j, center, scale in of])
+    joints, of = one.joints.tolist(), zip(one.center, one.scale, strict=True)
+    u = [(q[j, :] - float(center)) / float(scale) for j, (center, scale) in zip(joints, of)]
     blocks = [(rows.start, rows.stop) for rows in one._rising]
     count, r, k = one._weight[:, :, 1:].shape
     slopes = np.zeros((count, one.n, r))
-    slopes[:, one.joints] = one._slopes.reshape(count, k, r)
-    return _polynomials(xp, slopes, _monomials(xp, u, one._parent, one._factor, blocks))
+    slopes[:, joints] = one._slopes.reshape(count, k, r)
+    T = _monomials(xp, xp.stack(u), one._parent, one._factor, blocks)
+    return _polynomials(xp, slopes, T)
 
 
 def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers, Any]]:
@@ -491,15 +495,16 @@ def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, N
     reference, cell = _reference(xp, chart), chart.cell
     _, slopes = chart._differentiated
 
-    def held(q: Numbers, X: Numbers, xdot: Numbers) -> tuple[Numbers, Numbers, Any]:
+    def held(q: Numbers, X: list[Numbers], xdot: list[Numbers]) -> tuple[Numbers, Numbers, Any]:
         y, T, q_ref, n_ref = reference(X)
         dy = _rates(xp, cell, X, y, xdot)
         du = xp.stack([dy[i] / float(cell.widths[i]) for i in cell.moved.tolist()])
-        d = xp.sum(_polynomials(xp, slopes, T[: len(slopes)]) * du, axis=2)
-        dq_ref = d[:, 0] + _shift(xp, cell, dy)
-        away = _away(xp, cell, q - q_ref)
-        rate = xp.sum(n_ref * dq_ref[:, None] - d[:, 1:] * away[:, None], axis=0)
-        return n_ref, rate, _inside(xp, cell.whole, X)
+        d = xp.sum(_polynomials(xp, slopes, T[: len(slopes), :]) * du, axis=2)
+        dq_ref, *dn_ref = xp.unstack(d, axis=1)
+        dq_ref = dq_ref + _shift(xp, cell, dy)
+        away = _away(xp, cell, q - q_ref)[:, None, :]
+        rate = n_ref * dq_ref[:, None, :] - xp.stack(dn_ref, axis=1) * away
+        return n_ref, xp.sum(rate, axis=0), _inside(xp, cell.whole, X)
 
     return held
 
@@ -507,25 +512,27 @@ def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, N
 # ---- coordinates of cells and sectors
 
 
-def _displacement(xp: Namespace, kind: Kind, here: Numbers, goal: Numbers) -> Numbers:
-    """Evaluate the task error (m, K), m and rad, from one placement (4, 3, K) to another.
+def _displacement(
+    xp: Namespace, kind: Kind, here: list[Numbers], goal: list[Numbers]
+) -> list[Numbers]:
+    """Evaluate the task error, m arrays (K,), m and rad, from one placement to another.
 
     It has only the components that the kind of task commands.
     """
-    away = goal[3] - here[3]
+    away = xp.unstack(goal[3] - here[3])
     if not kind.turns:
-        return xp.stack([away[i] for i in kind.rows.tolist()])
+        return [away[i] for i in kind.rows.tolist()]
     if kind.tool_axes:
-        turn = _tilt(xp, xp.sum(here[:3] * goal[2], axis=1))
-    else:  # log(R* Rᵀ), from Σ r_c × r*_c and Σ r_c · r*_c over the columns
-        sine = xp.sum(_cross(xp, here[:3], goal[:3]), axis=0) / 2
-        cosine = (xp.sum(here[:3] * goal[:3], axis=(0, 1)) - 1) / 2
-        turn = sine * _angle_over_sine(xp, xp.sum(sine * sine, axis=0), cosine)
-    return xp.concat([away, turn])
+        return [*away, *_tilt(xp, [xp.sum(each * goal[2], axis=0) for each in here[:3]])]
+    # log(R* Rᵀ), from Σ r_c × r*_c and Σ r_c · r*_c over the columns
+    columns = list(zip(here[:3], goal[:3], strict=True))
+    sine = sum(_cross(xp, *pair) for pair in columns) / 2
+    cosine = (sum(xp.sum(a * b, axis=0) for a, b in columns) - 1) / 2
+    return [*away, *xp.unstack(sine * _angle_over_sine(xp, xp.sum(sine**2, axis=0), cosine))]
 
 
-def _measured(xp: Namespace, cell: Cell, X: Numbers) -> Numbers:
-    """Compute the offsets (m, K) of placements from the cell's middle, m and rad, not scaled.
+def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
+    """Compute the offsets of a placement from the cell's middle, m arrays (K,), not scaled.
 
     They are those components of the position, and of a rotation vector or the tilts of the tool,
     that the task commands. For a sector, which is a cell around an axis, they are the radius, angle
@@ -535,71 +542,77 @@ def _measured(xp: Namespace, cell: Cell, X: Numbers) -> Numbers:
         return _displacement(xp, cell.task.kind, _middle(xp, cell, X), X)
     m, (rho, z) = cell.task.m, cell.middle
     angle, back = _about_axis(xp, cell, X)
-    p = back(X[3] - _like(xp, cell.axis[0], X)[:, None])
-    y = xp.stack([p[0] - rho, angle, p[2] - z][:m])
+    radius, _, height = xp.unstack(back(X[3] - _like(xp, cell.axis[0][:, None], X[3])))
+    y = [radius - rho, angle, height - z][:m]
     if m <= 3:
         return y
-    t = _tilt(xp, _from_middle(xp, cell, back(X[2])))
-    if m == 5:
-        return xp.concat([y, t])
-    x = _tilted_back(xp, t, _from_middle(xp, cell, back(X[0])))
-    spin = xp.atan2(x[1], x[0])
+    t = _tilt(xp, xp.unstack(_from_middle(xp, cell, back(X[2]))))
+    a, b, _ = _tilted_back(xp, t, _from_middle(xp, cell, back(X[0])))
+    spin = xp.atan2(b, a)
     spin = spin - 2 * np.pi * xp.round((spin - cell.spin_middle) / (2 * np.pi))
-    return xp.concat([y, t, spin[None]])
+    return [*y, *t, spin][:m]
 
 
-def _rates(xp: Namespace, cell: Cell, X: Numbers, y: Numbers, xdot: Numbers) -> Numbers:
-    """Compute the rates (m, K) of the offsets y of :func:`_measured`, at the task velocity ẋ."""
-    kind, round_about = cell.task.kind, isinstance(cell, Sector)
-    v, omega, turn, back = xdot[:3], xdot[3:], 0.0, lambda w: w
-    if round_about:  # in the axes radial, tangential, along the axis
+def _rates(
+    xp: Namespace, cell: Cell, X: list[Numbers], y: list[Numbers], xdot: list[Numbers]
+) -> list[Numbers]:
+    """Compute the rates of the offsets y of :func:`_measured` at the task velocity ẋ."""
+    kind, m, sector, back = cell.task.kind, cell.task.m, isinstance(cell, Sector), _same
+    v, omega = xdot[:3], xdot[3:]
+    if sector:  # in the directions radial, tangential, and along the axis
         _, back = _about_axis(xp, cell, X)
-        rows = dict(zip(kind.rows.tolist(), range(cell.task.m), strict=True))
-        v = back(xp.stack([xdot[rows[i]] if i in rows else 0 * xdot[0] for i in range(3)]))
-        v = xp.stack([v[0], v[1] / (y[RADIUS] + cell.middle[0]), v[2]][: cell.task.m])
+        given = dict(zip(kind.rows.tolist(), xdot, strict=True))
+        none = xp.zeros_like(xdot[0])
+        v = list(xp.unstack(back(xp.stack([given.get(i, none) for i in range(3)]))))
+        v = [v[RADIUS], v[ANGLE] / (y[RADIUS] + cell.middle[0]), v[HEIGHT]][:m]
     if not kind.turns:
         return v
-    if not round_about and not kind.tool_axes:
-        return xp.concat([v, _log_rate(xp, y[3:], omega)])
-    # The velocity in the tool's axes, spun back, without the turn about the axis
     if not kind.tool_axes:
-        omega = xp.stack([xp.sum(X[i] * omega, axis=0) for i in range(3)])
-    t, x = y[3:5], _from_middle(xp, cell, back(X[0]))
-    x = _tilted_back(xp, t, x)
-    spun = [x[0] * omega[0] - x[1] * omega[1], x[1] * omega[0] + x[0] * omega[1], omega[2:]]
-    w = xp.concat([xp.stack(spun[:2]), spun[2]])
-    if round_about:
-        axis = _from_middle(xp, cell, xp.stack([0 * x[0], 0 * x[0], v[ANGLE]]))
-        w = w - _tilted_back(xp, t, axis)[: w.shape[0]]
+        if not sector:
+            return [*v, *_log_rate(xp, xp.stack(y[3:]), xp.stack(omega))]
+        omega = [xp.sum(each * xp.stack(omega), axis=0) for each in X[:3]]
+    # Spin the velocity from the tool's axes back, and leave out the turn about the axis
+    t = y[3:5]
+    a, b, _ = _tilted_back(xp, t, _from_middle(xp, cell, back(X[0])))
+    w = [a * omega[0] - b * omega[1], b * omega[0] + a * omega[1], *omega[2:]]
+    if sector:
+        about = xp.stack([none, none, v[ANGLE]])
+        around = _tilted_back(xp, t, _from_middle(xp, cell, about))
+        w = [one - other for one, other in zip(w, around, strict=False)]
     # ω = J_r(t) dt + dψ e_z
-    square, across = xp.sum(t * t, axis=0), xp.sum(t * w[:2], axis=0)
+    square, across = t[0] ** 2 + t[1] ** 2, t[0] * w[0] + t[1] * w[1]
     e = _by_angle(xp, square, 1 / 6 + 7 * square / 360, lambda a: (a / xp.sin(a) - 1) / a**2)
-    dt = w[:2] + e * (square * w[:2] - t * across)
-    if kind.tool_axes:
-        return xp.concat([v, dt])
-    dpsi = w[2] + _versine(xp, square) * (t[0] * dt[1] - t[1] * dt[0])
-    return xp.concat([v, dt, dpsi[None]])
+    dt = [w[i] + e * (square * w[i] - t[i] * across) for i in range(2)]
+    spin = [each + _versine(xp, square) * (t[0] * dt[1] - t[1] * dt[0]) for each in w[2:]]
+    return [*v, *dt, *spin]
 
 
-def _middle(xp: Namespace, cell: Cell, X: Numbers) -> Numbers:
-    """Return the placement (4, 3, 1) in the middle of a cell."""
-    return _like(xp, cell.placement.homogeneous[:3].T[:, :, None], X)
+def _same(v: Numbers) -> Numbers:
+    """Return vectors as they are."""
+    return v
 
 
-def _about_axis(xp: Namespace, cell: Any, X: Numbers) -> tuple[Numbers, Any]:
-    """Compute the angle (K,) of placements about the axis of a sector.
+def _middle(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
+    """Return the placement in the middle of a cell."""
+    return [_like(xp, each[:3, None], X[3]) for each in cell.placement.homogeneous.T]
+
+
+def _about_axis(
+    xp: Namespace, cell: Any, X: list[Numbers]
+) -> tuple[Numbers, Callable[[Numbers], Numbers]]:
+    """Compute the angle (K,) of a placement about the axis of a sector.
 
     Return also a function that converts vectors (3, K) from base axes to the directions at the
-    placements: radial, tangential, and along the axis.
+    placement: radial, tangential, and along the axis.
     """
-    B = _like(xp, cell.directions, X)
-    away = B @ (X[3] - _like(xp, cell.axis[0], X)[:, None])
-    angle = xp.atan2(away[1], away[0])
+    B = _like(xp, cell.directions, X[3])
+    a, b, _ = xp.unstack(B @ (X[3] - _like(xp, cell.axis[0][:, None], X[3])))
+    angle = xp.atan2(b, a)
     cos, sin = xp.cos(angle), xp.sin(angle)
 
     def back(v: Numbers) -> Numbers:
-        a = B @ v
-        return xp.stack([cos * a[0] + sin * a[1], cos * a[1] - sin * a[0], a[2]])
+        a, b, height = xp.unstack(B @ v)
+        return xp.stack([cos * a + sin * b, cos * b - sin * a, height])
 
     return angle, back
 
@@ -613,13 +626,13 @@ def _from_middle(xp: Namespace, cell: Cell, v: Numbers) -> Numbers:
     return _like(xp, (cell.directions @ R_0 if isinstance(cell, Sector) else R_0).T, v) @ v
 
 
-def _scaled(xp: Namespace, cell: Cell, y: Numbers) -> Numbers:
-    """Convert offsets y (m, K) to the cell's coordinates u (k, K), in [−1, 1] inside the cell."""
+def _scaled(cell: Cell, y: list[Numbers]) -> list[Numbers]:
+    """Convert offsets y to the cell's coordinates u, k arrays (K,), in [−1, 1] inside the cell."""
     moved = zip(cell.moved.tolist(), cell._offset[cell.moved], cell._active_widths, strict=True)
-    return xp.stack([(y[i] - float(offset)) / float(width) for i, offset, width in moved])
+    return [(y[i] - float(offset)) / float(width) for i, offset, width in moved]
 
 
-def _shift(xp: Namespace, cell: Cell, y: Numbers) -> Numbers | float:
+def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
     """Evaluate the joint angles (n, K) to add to q_ref for the coordinates that u leaves out.
 
     Because of a symmetry of the arm, F changes by these angles only: to turn a pose around the
@@ -627,80 +640,82 @@ def _shift(xp: Namespace, cell: Cell, y: Numbers) -> Numbers | float:
     """
     if not cell.removed:
         return 0.0
-    return _like(xp, cell.along, y) @ xp.stack([y[i] for i in cell._removed])
+    return _like(xp, cell.along, y[0]) @ xp.stack([y[i] for i in cell._removed])
 
 
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
     """Leave out whole turns (n, K) of the joints that move the frame along removed coordinates."""
-    turning = np.zeros((len(away), 1))
+    turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi
     return away - _like(xp, turning, away) * xp.round(away / (2 * np.pi))
 
 
-def _rigid(xp: Namespace, kind: Kind, x: Numbers) -> Numbers:
-    """Test whether matrices (4, 4, K), by rows, are rigid transforms, as F does, to about 1e-6.
+def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
+    """Test whether matrices, given by 16 arrays (K,), are rigid transforms, as F does, to 1e-6.
 
     Rotations are tested only if the task commands them, but all numbers must be finite.
     """
-    off = [x[3, :3], x[3, 3:] - 1]
+    off = [*rows[12:15], rows[15] - 1]
     if kind.turns:
-        a, b, c = x[0, :3], x[1, :3], x[2, :3]
-        products = [xp.sum(a * a, axis=0) - 1, xp.sum(b * b, axis=0) - 1, xp.sum(a * b, axis=0)]
-        off += [xp.stack(products), _cross(xp, a, b, 0) - c]
-    near = xp.all(xp.abs(xp.concat(off)) < max(ROTATION, 8 * _eps(xp, x)), axis=0)
-    return near & xp.all(xp.isfinite(x), axis=(0, 1))
+        a, b, c = (xp.stack(rows[i : i + 3]) for i in (0, 4, 8))
+        off += [xp.sum(a * a, axis=0) - 1, xp.sum(b * b, axis=0) - 1, xp.sum(a * b, axis=0)]
+        off += xp.unstack(_cross(xp, a, b) - c)
+    near = xp.all(xp.abs(xp.stack(off)) < max(ROTATION, 8 * _eps(xp, rows[0])), axis=0)
+    return near & xp.all(xp.isfinite(xp.stack(rows)), axis=0)
 
 
-def _inside(xp: Namespace, cell: Cell, X: Numbers) -> Numbers:
-    """Test which placements (4, 3, K) lie in a cell with all its coordinates (``cell.whole``).
+def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
+    """Test whether a placement lies in a cell with all its coordinates (``cell.whole``).
 
     Coordinates of width 0, which are constant in the cell, are also tested. The tolerance depends
     on the floating-point type.
     """
-    y, rounding = _measured(xp, cell, X), 8 * _eps(xp, X)
-    bounds = _like(xp, cell._bounds + max(EDGE, rounding), X)
-    inside = xp.all(xp.abs(_scaled(xp, cell, y)) <= bounds[:, None], axis=0)
-    for i in np.flatnonzero(cell.widths == 0).tolist():
-        inside = inside & (xp.abs(y[i]) <= max(TURNED, rounding))
-    return inside
+    y, rounding = _measured(xp, cell, X), 8 * _eps(xp, X[3])
+    most = (cell._bounds + max(EDGE, rounding)).tolist()
+    off = [xp.abs(u) / bound for u, bound in zip(_scaled(cell, y), most, strict=True)]
+    held = np.flatnonzero(cell.widths == 0).tolist()
+    off += [xp.abs(y[i]) / max(TURNED, rounding) for i in held]
+    return xp.all(xp.stack(off) <= 1, axis=0)
 
 
 def _within(xp: Namespace, task: Task, q: Numbers) -> Numbers:
-    """Test which configurations (n, K) lie within the joint limits."""
-    lower, upper = _like(xp, task.lower, q)[:, None], _like(xp, task.upper, q)[:, None]
+    """Test whether configurations (n, K) lie within the joint limits."""
+    lower, upper = (_like(xp, each[:, None], q) for each in (task.lower, task.upper))
     return xp.all((q >= lower) & (q <= upper), axis=0)
 
 
 # ---- rotations
 
 
-def _cross(xp: Namespace, a: Numbers, b: Numbers, axis: int = 1) -> Numbers:
+def _cross(xp: Namespace, a: Numbers, b: Numbers, axis: int = 0) -> Numbers:
     """Evaluate cross products along one axis of three."""
-    return xp.linalg.cross(a, b, axis=axis)
+    a, b = xp.unstack(a, axis=axis), xp.unstack(b, axis=axis)
+    turns = ((1, 2), (2, 0), (0, 1))
+    return xp.stack([a[i] * b[j] - a[j] * b[i] for i, j in turns], axis=axis)
 
 
-def _tilt(xp: Namespace, aim: Numbers) -> Numbers:
-    """Compute the rotation (2, K), rad, about x and y that turns z to a direction (3, K)."""
-    turn = xp.stack([-aim[1], aim[0]])
-    return turn * _angle_over_sine(xp, xp.sum(turn * turn, axis=0), aim[2])
+def _tilt(xp: Namespace, aim: Sequence[Numbers]) -> list[Numbers]:
+    """Compute the rotation, rad, about x and y that turns z to a direction, three arrays (K,)."""
+    ratio = _angle_over_sine(xp, aim[0] ** 2 + aim[1] ** 2, aim[2])
+    return [-aim[1] * ratio, aim[0] * ratio]
 
 
-def _tilted_back(xp: Namespace, t: Numbers, v: Numbers) -> Numbers:
-    """Rotate vectors v (3, K) by exp(−t̂), t (2, K) being rotation vectors in the x-y plane."""
-    square = xp.sum(t * t, axis=0)
+def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Numbers]:
+    """Rotate vectors v (3, K) by exp(−t̂), with rotation vectors t in the x-y plane."""
+    square = t[0] ** 2 + t[1] ** 2
     sine = _by_angle(xp, square, 1 - square / 6, lambda a: xp.sin(a) / a)
-    w = -xp.stack([t[0], t[1], 0 * t[0]])
-    once = _cross(xp, w, v, 0)
-    return v + sine * once + _versine(xp, square) * _cross(xp, w, once, 0)
+    w = xp.stack([-t[0], -t[1], xp.zeros_like(t[0])])
+    once = _cross(xp, w, v)
+    return xp.unstack(v + sine * once + _versine(xp, square) * _cross(xp, w, once))
 
 
-def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Numbers:
-    """Compute the rates (3, K) of rotation vectors w (3, K) at the angular velocities ω (3, K)."""
-    square, once = xp.sum(w * w, axis=0), _cross(xp, w, omega, 0)
+def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
+    """Compute the rates of rotation vectors w (3, K) at the angular velocities ω (3, K)."""
+    square, once = xp.sum(w * w, axis=0), _cross(xp, w, omega)
     k = _by_angle(
         xp, square, 1 / 12 + square / 720, lambda a: (1 - a / (2 * xp.tan(a / 2))) / a**2
     )
-    return omega - once / 2 + k * _cross(xp, w, once, 0)
+    return xp.unstack(omega - once / 2 + k * _cross(xp, w, once))
 
 
 def _versine(xp: Namespace, square: Numbers) -> Numbers:
