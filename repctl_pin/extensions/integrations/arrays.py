@@ -246,6 +246,22 @@ def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: f
     return state[0]
 
 
+def _scanned(xp: Namespace, body: Callable[..., Any], state: Any, *tables: Numbers) -> Any:
+    """Map (state, row of each table) to (state, outputs) row by row, and stack the outputs.
+
+    In JAX it is one step of a loop, which takes less time to compile than all of them.
+    """
+    if is_jax_namespace(xp):
+        import jax
+
+        return jax.lax.scan(lambda state, rows: body(state, *rows), state, tables)
+    outputs = []
+    for rows in zip(*map(xp.unstack, tables), strict=True):
+        state, output = body(state, *rows)
+        outputs.append(output)
+    return state, [xp.stack(each) for each in zip(*outputs, strict=True)]
+
+
 # ---- arguments and results
 
 
@@ -343,8 +359,10 @@ def _solution(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbe
         still = held[3:], *held[:3]
         least = (_ROUNDINGS * _eps(xp, c)) ** 0.5
         q = _repeated(xp, lambda q: newton(q, *still), start, max(_NEAR, least))
-        for _ in range(_LAST):
-            q, size = newton(q, *given)
+        last = _like(xp, np.zeros(_LAST), c)
+        (q, size), _ = _scanned(
+            xp, lambda at, _: (newton(at[0], *given), ()), (q, xp.zeros_like(c[0, :])), last
+        )
         return q, size < max(_CONVERGED, least)
 
     return solution
@@ -375,44 +393,39 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
     chain, kind = joint_chain(task), task.kind
     R, p = along_z(chain)  # each joint moves about or along its own z axis
     links = np.concatenate([R, p[:, :, None]], axis=2).swapaxes(1, 2)
-    coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
+    # Positions of the joints; the frame, at the end, does not move
+    S, offset = np.pad(chain.S, ((0, 1), (0, 0))), np.pad(chain.offset, (0, 1))
+    turns = np.append(chain.revolute, True)
+    plain = np.array_equal(chain.S, np.eye(task.n))
+
+    def link(at: tuple[Numbers, Numbers], table: Numbers, slide: Numbers, angle: Numbers) -> Any:
+        R, p = at
+        x, y, z, step = xp.unstack(xp.reshape(table @ xp.reshape(R, (3, -1)), (4, 3, -1)))
+        cos, sin, o = xp.cos(angle), xp.sin(angle), p + step
+        R = xp.stack([cos * x + sin * y, cos * y - sin * x, z])
+        return (R, o + slide * z), (z, o)
 
     def kinematics(q: Numbers) -> tuple[list[Numbers], Numbers]:
-        S, theta = _like(xp, chain.S, q), q
-        if coupled:
-            theta = S @ q + _like(xp, chain.offset[:, None], q)
-        angles = [xp.unstack(each) for each in (theta, xp.cos(theta), xp.sin(theta))]
-        # Go from link to link; z and o are the axis and origin of each joint
-        R = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
-        p, z, o = 0.0, [], []
-        for j, link in enumerate(links):
-            x, y, along, step = xp.unstack(
-                xp.reshape(_like(xp, link, q) @ xp.reshape(R, (3, -1)), (4, 3, -1))
-            )
-            p = p + step
-            if j == len(chain.axes):
-                break
-            t, cos, sin = (each[j] for each in angles)
-            z.append(along)
-            o.append(p)
-            if chain.revolute[j]:
-                x, y = cos * x + sin * y, cos * y - sin * x
-            else:
-                p = p + t * along
-            R = xp.stack([x, y, along])
-        # Twists (v, ω) per joint
-        omega = xp.stack(z)
-        v = _cross(xp, omega, p - xp.stack(o), 1)
-        if not chain.revolute.all():
-            turns = xp.asarray(chain.revolute[:, None, None], device=_device(xp, q))
-            v, omega = xp.where(turns, v, omega), xp.where(turns, omega, 0.0)
+        theta = _like(xp, S, q) @ q + _like(xp, offset[:, None], q)
+        angles = theta * _like(xp, turns[:, None], q)
+        at = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
+        at = at, xp.zeros_like(at[0, ...])
+        (R, p), (z, o) = _scanned(xp, link, at, _like(xp, links, q), theta - angles, angles)
+        # Twists (v, ω) per joint, from its axis z and origin o
+        omega = z[:-1, ...]
+        v = _cross(xp, omega, p - o[:-1, ...], 1)
+        if not turns.all():
+            revolute = _like(xp, chain.revolute[:, None, None], q)
+            v, omega = omega + revolute * (v - omega), revolute * omega
+        columns = xp.unstack(R)
         if kind.tool_axes:
-            omega = xp.stack([xp.sum(omega * each, axis=1) for each in (x, y)], axis=1)
+            omega = xp.stack([xp.sum(omega * each, axis=1) for each in columns[:2]], axis=1)
         twists = [*xp.unstack(v, axis=1), *xp.unstack(omega, axis=1)]
         J = xp.stack([twists[i] for i in kind.rows.tolist()], axis=1)
-        if coupled:
-            J = xp.reshape(xp.matrix_transpose(S) @ xp.reshape(J, (len(z), -1)), (-1, *J.shape[1:]))
-        return [x, y, along, p], J
+        if not plain:
+            flat = xp.reshape(J, (len(chain.axes), -1))
+            J = xp.reshape(_like(xp, chain.S.T, q) @ flat, (-1, *J.shape[1:]))
+        return [*columns, p], J
 
     return kinematics
 
