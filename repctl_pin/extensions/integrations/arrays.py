@@ -9,10 +9,17 @@ axis, and a placement is the list of its columns (3, K): three of the rotation, 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import prod
 from typing import Any, TypeAlias
 
 import numpy as np
-from array_api_compat import array_namespace, device, is_jax_namespace, is_torch_namespace
+from array_api_compat import (
+    array_namespace,
+    device,
+    is_array_api_obj,
+    is_jax_namespace,
+    is_torch_namespace,
+)
 
 from ...base.arguments import Array, require_type, shown
 from ...base.errors import InputError
@@ -27,7 +34,7 @@ from ...strategies import RepeatableInverse
 from ..cells.chart.chart import CellPotentials, Chart
 from ..cells.function import InverseFunction
 from ..cells.geometry.cell import EDGE, TURNED, Cell
-from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from ..cells.targets import ROTATION
 
 Numbers: TypeAlias = Any  # an array of any namespace
@@ -204,7 +211,9 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
 
 
 def _compiled(xp: Namespace, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function in JAX; other namespaces evaluate it as it stands."""
+    """Compile a function in JAX; in torch, leave it out of what torch.compile compiles."""
+    if is_torch_namespace(xp):
+        return xp.compiler.disable(function)
     if not is_jax_namespace(xp):
         return function
     import jax
@@ -224,8 +233,7 @@ def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
 def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: float) -> Numbers:
     """Repeat Newton's steps q → (q, length) on the rows of a batch that still move.
 
-    They end after a step shorter than ``near``, and before the last steps. Compiled by torch, all
-    steps are made, because the end depends on the numbers.
+    They end after a step shorter than ``near``, and before the last steps.
     """
 
     def again(state: tuple[Numbers, Numbers, int]) -> tuple[Numbers, Numbers, int]:
@@ -240,8 +248,7 @@ def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: f
         return jax.lax.while_loop(
             lambda at: xp.any(at[1]) & (at[2] < _ITERATIONS - _LAST), again, state
         )[0]
-    whole = is_torch_namespace(xp) and xp.compiler.is_compiling()
-    while state[2] < _ITERATIONS - _LAST and (whole or bool(xp.any(state[1]))):
+    while state[2] < _ITERATIONS - _LAST and bool(xp.any(state[1])):
         state = again(state)
     return state[0]
 
@@ -278,7 +285,8 @@ def _namespace(xp: Namespace) -> Namespace:
 def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
     """Check that an argument is an array (..., *shape) of float32 or float64."""
     try:
-        array = xp.asarray(value)
+        own = is_array_api_obj(value) and array_namespace(value) is xp
+        array = value if own else xp.asarray(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be an array of numbers; got {shown(value)}") from None
     if tuple(array.shape[-len(shape) :]) != shape:
@@ -291,6 +299,8 @@ def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
 
 def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
     """Broadcast the leading axes of two arguments; InputError if they do not fit."""
+    if tuple(one) == tuple(other) or not other:
+        return tuple(one)
     try:
         return np.broadcast_shapes(tuple(one), tuple(other))
     except ValueError:
@@ -301,7 +311,7 @@ def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
 
 def _last(xp: Namespace, a: Numbers, axes: int) -> list[Numbers]:
     """Split the last axes of an array: one array (K,) per number, for K leading indices."""
-    size = int(np.prod(a.shape[-axes:]))
+    size = prod(a.shape[-axes:])
     rows = xp.reshape(a, (-1, size))
     return [rows[:, i] for i in range(size)]
 
@@ -313,7 +323,7 @@ def _first(xp: Namespace, a: Numbers, lead: Sequence[int]) -> Numbers:
 
 def _like(xp: Namespace, a: Any, other: Numbers) -> Numbers:
     """Convert a table of NumPy to the type and device of another array."""
-    return xp.asarray(np.asarray(a, float), dtype=other.dtype, device=_device(xp, other))
+    return xp.asarray(np.array(a, float), dtype=other.dtype, device=_device(xp, other))
 
 
 def _device(xp: Namespace, a: Numbers) -> Any:
@@ -725,9 +735,7 @@ def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Number
 def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
     """Compute the rates of rotation vectors w (3, K) at the angular velocities ω (3, K)."""
     square, once = xp.sum(w * w, axis=0), _cross(xp, w, omega)
-    k = _by_angle(
-        xp, square, 1 / 12 + square / 720, lambda a: (1 - a / (2 * xp.tan(a / 2))) / a**2
-    )
+    k = _by_angle(xp, square, 1 / 12 + square / 720, lambda a: (1 - a / (2 * xp.tan(a / 2))) / a**2)
     return xp.unstack(omega - once / 2 + k * _cross(xp, w, once))
 
 
