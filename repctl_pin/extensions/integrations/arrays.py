@@ -23,7 +23,7 @@ from array_api_compat import (
 
 from ...base.arguments import Array, require_type, shown
 from ...base.errors import InputError
-from ...model.joint_chain import along_z, joint_chain
+from ...model.joint_chain import JointChain, along_z, joint_chain
 from ...model.kind import Kind
 from ...model.task import Task
 from ...potentials.basis import SumMap
@@ -51,7 +51,7 @@ _NEAR, _CONVERGED, _ROUNDINGS = 1e-4, 1e-6, 64
 below which q is a solution; least square of both, in units of the machine epsilon."""
 
 _FAR = 1e7
-"""Level c, rad or m, from which on rounding leaves no solution."""
+"""Level c, rad or m, and number in a pose, from which on rounding leaves no solution."""
 
 _A_FUNCTION = "a cell's function, such as found.function"
 
@@ -106,8 +106,10 @@ def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers
         # Solve at poses of the cell; the others are replaced by its middle
         X = [xp.stack([rows[j], rows[4 + j], rows[8 + j]]) for j in range(4)]
         good = _rigid(xp, task.kind, rows) & xp.all(xp.abs(xp.stack(c)) < _FAR, axis=0)
+        middle = _middle(xp, F.cell, X)
+        X = [xp.where(good, *pair) for pair in zip(X, middle, strict=True)]
         good = good & _inside(xp, F.cell, X)
-        X = [xp.where(good, *pair) for pair in zip(X, _middle(xp, F.cell, X), strict=True)]
+        X = [xp.where(good, *pair) for pair in zip(X, middle, strict=True)]
         q, found = solve(X, xp.where(good, xp.stack(c), 0.0))
         # Check the limits
         within = _within(xp, task, q)
@@ -400,13 +402,12 @@ def _solved(xp: Namespace, A: Numbers, b: Numbers) -> tuple[Numbers, Numbers]:
 
 def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Numbers], Numbers]]:
     """Create the function from q (n, K) to the frame's placement, and Jᵀ (n, m, K)."""
-    chain, kind = joint_chain(task), task.kind
+    chain = joint_chain(task)
     R, p = along_z(chain)  # each joint moves about or along its own z axis
     links = np.concatenate([R, p[:, :, None]], axis=2).swapaxes(1, 2)
     # Positions of the joints; the frame, at the end, does not move
     S, offset = np.pad(chain.S, ((0, 1), (0, 0))), np.pad(chain.offset, (0, 1))
     turns = np.append(chain.revolute, True)
-    plain = np.array_equal(chain.S, np.eye(task.n))
 
     def link(at: tuple[Numbers, Numbers], table: Numbers, slide: Numbers, angle: Numbers) -> Any:
         R, p = at
@@ -418,26 +419,28 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
     def kinematics(q: Numbers) -> tuple[list[Numbers], Numbers]:
         theta = _like(xp, S, q) @ q + _like(xp, offset[:, None], q)
         angles = theta * _like(xp, turns[:, None], q)
-        at = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
-        at = at, xp.zeros_like(at[0, ...])
+        R = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
+        at = R, xp.zeros_like(R[0, ...])
         (R, p), (z, o) = _scanned(xp, link, at, _like(xp, links, q), theta - angles, angles)
-        # Twists (v, ω) per joint, from its axis z and origin o
-        omega = z[:-1, ...]
-        v = _cross(xp, omega, p - o[:-1, ...], 1)
-        if not turns.all():
-            revolute = _like(xp, chain.revolute[:, None, None], q)
-            v, omega = omega + revolute * (v - omega), revolute * omega
         columns = xp.unstack(R)
-        if kind.tool_axes:
-            omega = xp.stack([xp.sum(omega * each, axis=1) for each in columns[:2]], axis=1)
-        twists = [*xp.unstack(v, axis=1), *xp.unstack(omega, axis=1)]
-        J = xp.stack([twists[i] for i in kind.rows.tolist()], axis=1)
-        if not plain:
-            flat = xp.reshape(J, (len(chain.axes), -1))
-            J = xp.reshape(_like(xp, chain.S.T, q) @ flat, (-1, *J.shape[1:]))
+        J = _jacobian(xp, task.kind, chain, columns, z[:-1, ...], p - o[:-1, ...])
         return [*columns, p], J
 
     return kinematics
+
+
+def _jacobian(
+    xp: Namespace, kind: Kind, chain: JointChain, R: Sequence[Numbers], z: Numbers, arm: Numbers
+) -> Numbers:
+    """Evaluate Jᵀ (n, m, K) from the axes of the joints, and from each joint to the frame."""
+    turns = _like(xp, chain.revolute[:, None, None], z)
+    v, omega = z + turns * (_cross(xp, z, arm, 1) - z), turns * z
+    if kind.tool_axes:
+        omega = xp.stack([xp.sum(omega * each, axis=1) for each in R[:2]], axis=1)
+    twists = [*xp.unstack(v, axis=1), *xp.unstack(omega, axis=1)]
+    J = xp.stack([twists[i] for i in kind.rows.tolist()], axis=1)
+    flat = _like(xp, chain.S.T, z) @ xp.reshape(J, (z.shape[0], -1))
+    return xp.reshape(flat, (-1, *J.shape[1:]))
 
 
 def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[Any, ...]]:
@@ -504,7 +507,10 @@ def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Nu
         rising = _polynomials(xp, waves * one.sines[:, None], xp.cos(phase))
         return rising - _polynomials(xp, waves * one.cosines[:, None], xp.sin(phase))
     joints, of = one.joints.tolist(), zip(one.center, one.scale, strict=True)
-    u = [(q[j, :] - float(center)) / float(scale) for j, (center, scale) in zip(joints, of)]
+    u = [
+        (q[j, :] - float(center)) / float(scale)
+        for j, (center, scale) in zip(joints, of, strict=True)
+    ]
     blocks = [(rows.start, rows.stop) for rows in one._rising]
     count, r, k = one._weight[:, :, 1:].shape
     slopes = np.zeros((count, one.n, r))
@@ -676,15 +682,17 @@ def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
 def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
     """Test whether matrices, given by 16 arrays (K,), are rigid transforms, as F does, to 1e-6.
 
-    Rotations are tested only if the task commands them, but all numbers must be finite.
+    Rotations are tested only if the task commands them, but all numbers must be below 1e7.
     """
+    near = xp.all(xp.abs(xp.stack(rows)) < _FAR, axis=0)
+    rows = [xp.where(near, each, 0.0) for each in rows]
     off = [*rows[12:15], rows[15] - 1]
     if kind.turns:
         a, b, c = (xp.stack(rows[i : i + 3]) for i in (0, 4, 8))
         off += [xp.sum(a * a, axis=0) - 1, xp.sum(b * b, axis=0) - 1, xp.sum(a * b, axis=0)]
         off += xp.unstack(_cross(xp, a, b) - c)
-    near = xp.all(xp.abs(xp.stack(off)) < max(ROTATION, 8 * _eps(xp, rows[0])), axis=0)
-    return near & xp.all(xp.isfinite(xp.stack(rows)), axis=0)
+    limit = max(ROTATION, 8 * _eps(xp, rows[0]))
+    return near & xp.all(xp.abs(xp.stack(off)) < limit, axis=0)
 
 
 def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
