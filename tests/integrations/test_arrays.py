@@ -262,3 +262,33 @@ def test_jax() -> None:
 @pytest.mark.slow
 def test_jax_with_every_kind_and_mode() -> None:
     run("-m", "slow")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_torch_has_the_same_numbers_and_the_derivative(name: str) -> None:
+    """∂q/∂x by autograd is that of F; the missing poses have the derivative 0."""
+    torch = pytest.importorskip("torch")
+    F = function_of(name)
+    X, C = random_targets(F, 64)
+    f = rp.arrays.inverse_function(F, torch)
+    x = torch.asarray(X, dtype=torch.float64).requires_grad_()
+    q = f(x, torch.asarray(C))
+    Q = rp.arrays.inverse_function(F, np)(X, C)
+    assert deviation(F, q.detach().numpy(), Q) < 1e-13
+    weights = np.random.default_rng(1).normal(size=F.task.n)
+    torch.nansum(q * torch.asarray(weights)).backward()
+    good = ~np.isnan(Q[:, 0])
+    slope = x.grad.numpy()
+    assert not slope[~good].any()
+    for k in np.flatnonzero(good)[:8]:
+        step = 1e-6 * np.eye(3)
+        wanted = weights @ F.jacobian(X[k], leaf=C[k])
+        rows = [row for row in F.task.kind.rows.tolist() if row < 3]
+        assert np.abs(slope[k, rows, 3] - wanted[: len(rows)]).max() < 1e-10
+        if F.task.kind == "pose":
+            turns = [
+                turned(X[k], np.r_[0, 0, 0, w]) - turned(X[k], -np.r_[0, 0, 0, w]) for w in step
+            ]
+            by = [np.sum(slope[k] * each) / 2e-6 for each in turns]
+            assert np.abs(by - wanted[3:]).max() < 1e-8
