@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from cell_functions import chart_of
 from cell_functions import function_of as box_function
 from sectors import found as sector_design
 
@@ -13,6 +14,9 @@ COUNT = 16
 
 
 def function_of(name: str) -> rp.InverseFunction:
+    if name == "planar":  # three joints, which JAX compiles fast
+        task, q = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.3, 0.8, 0.8])
+        return rp.InverseFunction(chart_of(rp.Cell(task, task.placement(q), 0.2), q))
     kind, _, what = name.partition("sector, ")
     return sector_design(what).function if not kind else box_function(name)
 

@@ -27,11 +27,27 @@ def poses() -> rp.InverseFunction:
 
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
-    for name in ("tool axes", "positions", *(f"sector, {each}" for each in WIDTHS))
+    for name in (
+        "planar",
+        "poses",
+        "tool axes",
+        "positions",
+        *(f"sector, {each}" for each in WIDTHS),
+    )
 ]
 
 
-@pytest.mark.parametrize("name", ["sector, xy", *SLOW])
+def test_jitted_numbers_are_those_of_numpy() -> None:
+    F = function_of("planar")
+    X, C = random_targets(F, COUNT)
+    Q = rp.arrays.inverse_function(F, jnp)(X, C)
+    wanted = rp.arrays.inverse_function(F, np)(X, C)
+    good = ~np.isnan(wanted).any(axis=1)
+    assert 4 < good.sum() < COUNT and np.array_equal(np.isnan(Q), np.isnan(wanted))
+    assert np.abs(Q - wanted)[good].max() < 1e-12
+
+
+@pytest.mark.parametrize("name", SLOW)
 def test_jitted_numbers_and_derivatives_are_those_of_numpy(name: str) -> None:
     """One compilation serves the values, NaN, and ∂q/∂x and ∂q/∂c along random directions."""
     F, rng = function_of(name), np.random.default_rng(58)

@@ -463,7 +463,7 @@ def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[A
     return reference
 
 
-def _monomials(xp: Namespace, u: Numbers, parent: Array, factor: Array, blocks: Any) -> Numbers:
+def _monomials(xp: Namespace, u: Numbers, parent: Any, factor: Any, blocks: Any) -> Numbers:
     """Evaluate monomials (N, K) of u (k, K), degree by degree: each is its parent times one u."""
     T = xp.ones_like(u[:1, :])
     for first, end in blocks:
@@ -486,7 +486,7 @@ def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Number
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)
-    maps = potentials.maps if isinstance(potentials, SumMap) else [potentials]
+    maps: list[Any] = list(potentials.maps if isinstance(potentials, SumMap) else [potentials])
     if not all(isinstance(each, PolynomialMap | FourierMap) for each in maps):
         raise InputError(
             "the potentials of this inverse are functions in Python",
@@ -494,7 +494,7 @@ def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Number
         )
 
     def held(q: Numbers, X: list[Numbers], xdot: list[Numbers]) -> tuple[Numbers, Numbers, Any]:
-        V = sum(_gradients(xp, each, q) for each in maps)
+        V: Numbers = sum(_gradients(xp, each, q) for each in maps)
         return V, 0.0 * V[0, ...], True
 
     return held
@@ -586,9 +586,10 @@ def _rates(
     xp: Namespace, cell: Cell, X: list[Numbers], y: list[Numbers], xdot: list[Numbers]
 ) -> list[Numbers]:
     """Compute the rates of the offsets y of :func:`_measured` at the task velocity ẋ."""
-    kind, m, sector, back = cell.task.kind, cell.task.m, isinstance(cell, Sector), _same
+    kind, m, sector = cell.task.kind, cell.task.m, isinstance(cell, Sector)
+    back: Callable[[Numbers], Numbers] = _same
     v, omega = xdot[:3], xdot[3:]
-    if sector:  # in the directions radial, tangential, and along the axis
+    if isinstance(cell, Sector):  # in the directions radial, tangential, and along the axis
         _, back = _about_axis(xp, cell, X)
         given = dict(zip(kind.rows.tolist(), xdot, strict=True))
         none = xp.zeros_like(xdot[0])
