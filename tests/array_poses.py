@@ -1,0 +1,52 @@
+"""Functions of cells and their poses, for the tests of functions of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from cell_functions import chart_of
+from cell_functions import function_of as box_function
+from sectors import found as sector_design
+
+import repctl_pin as rp
+
+COUNT = 16
+
+
+def function_of(name: str) -> rp.InverseFunction:
+    if name == "planar":  # three joints, which JAX compiles fast
+        task, q = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.3, 0.8, 0.8])
+        return rp.InverseFunction(chart_of(rp.Cell(task, task.placement(q), 0.2), q))
+    kind, _, what = name.partition("sector, ")
+    return sector_design(what).function if not kind else box_function(name)
+
+
+def targets(F: rp.InverseFunction, count: int = COUNT, share: float = 0.9) -> np.ndarray:
+    """Poses inside a cell, (count, 4, 4)."""
+    return matrices(F, share * F.cell.sample(count, seed=5))
+
+
+def matrices(F: rp.InverseFunction, U: np.ndarray) -> np.ndarray:
+    p, R = F.cell.placements(U)
+    X = np.tile(np.eye(4), (len(U), 1, 1))
+    X[:, :3, :3], X[:, :3, 3] = R, p
+    return X
+
+
+def random_targets(
+    F: rp.InverseFunction, count: int, seed: int = 0, most: float = 1.5
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses inside and a little outside a cell, and leaves, every third of which is 0."""
+    rng = np.random.default_rng(seed)
+    X = matrices(F, rng.uniform(-1.1, 1.1, (count, F.cell.k)))
+    C = rng.uniform(-most, most, (count, F.task.r))
+    C[::3] = 0.0
+    return X, C
+
+
+def turned(x: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """Move a pose by a twist (v, ω) in base axes."""
+    moved = x.copy()
+    moved[:3, 3] += twist[:3]
+    moved[:3, :3] = pin.exp3(twist[3:]) @ x[:3, :3]
+    return moved
