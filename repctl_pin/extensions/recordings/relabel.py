@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...base import progress as reporting
 from ...base.arguments import Array, file_name, flag_or_function, read_only, require_type, vector
 from ...base.errors import InputError
-from ...base.files import write_whole
 from ...base.fit_options import FitOptions, fit_options
 from ...base.tables import write_table
 from ..cells.cell_design import CellDesign
@@ -194,9 +193,9 @@ class Relabeled:
             If the suffix is not supported, or the file cannot be written.
         """
         path, source = file_name(file), self.recording.source
-        if source is None or source.file.suffix.lower() != path.suffix.lower():
+        if source is None or not source.same_format(path):
             return write_table(path, plain_columns(self.recording, self.joints))
-        return write_whole(path, source.rewritten(self._columns.new, self.removed))
+        return source.save(path, self._columns.new, self.removed)
 
     @property
     def written(self) -> tuple[str, ...]:
