@@ -25,6 +25,9 @@ from .arguments import Array
 from .errors import InputError, needed
 from .files import read_bytes, write_whole
 
+FORMATS = (".csv", ".npz", ".parquet")
+"""Suffixes of the files of tables."""
+
 _LARGEST = 4_000_000_000
 _BLOCK = 2**14
 _BOM = "\ufeff".encode()
@@ -197,7 +200,7 @@ def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
 
 def _format(file: Path) -> str:
     suffix = file.suffix.lower()
-    if suffix not in (".csv", ".npz", ".parquet"):
+    if suffix not in FORMATS:
         raise InputError(f"{file} is not a .csv, .npz or .parquet file")
     return suffix
 
@@ -522,7 +525,7 @@ class _Parquet(Table):
         if not len(self._table):
             raise InputError(f"{file} contains no frames", remedy="write one row per frame")
         refuse_twice(self._table.column_names, file)
-        self.widths = {name: _width(self._table[name]) for name in self._table.column_names}
+        self.widths = {name: arrow_width(self._table[name]) for name in self._table.column_names}
 
     def column(self, name: str) -> Column:
         """Return a column as an array; a missing number is NaN."""
@@ -547,7 +550,7 @@ def arrow_replaced(table: Any, new: Mapping[str, NewCells], removed: Collection[
     for name, cells in new.items():
         if name in old.column_names:
             at = table.schema.get_field_index(name)
-            numbers = arrow_numbers(table[name], _width(table[name]))
+            numbers = arrow_numbers(table[name], arrow_width(table[name]))
             values = _changed(table[name], replaced(numbers, cells), cells)
             field = table.schema.field(at).with_type(values.type)
             table = table.set_column(at, field, values)
@@ -584,7 +587,7 @@ def _item(kind: Any) -> Any:
     return kind.value_type if any(test(kind) for test in lists) else None
 
 
-def _width(column: Any) -> int:
+def arrow_width(column: Any) -> int:
     """Count the numbers per row of a Parquet column; 0 for text, and lists of several lengths."""
     import pyarrow
     import pyarrow.compute
