@@ -23,6 +23,7 @@ from .extensions.cells.geometry.cell import Cell as Cell
 from .extensions.cells.geometry.sector import Sector as Sector
 from .extensions.cells.table.best_cell import BestCell as BestCell
 from .extensions.cells.table.best_cell import best_cell as best_cell
+from .extensions.integrations import arrays as arrays
 from .extensions.point_to_point.motion_between import MotionBetween as MotionBetween
 from .extensions.point_to_point.motion_between import motion_between as motion_between
 from .extensions.proof.certify import prove as prove

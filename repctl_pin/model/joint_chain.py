@@ -148,7 +148,7 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     joints = len(chain.axes)
     if max(joints, task.n) > _MOST:
         return None
-    R, p = _along_z(chain)
+    R, p = along_z(chain)
     sizes = {"n": task.n, "m": task.m, "joints": joints, "frames": 1}
     coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
     return filled_struct(
@@ -185,7 +185,7 @@ def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]]
     return arm, held
 
 
-def _along_z(chain: JointChain) -> tuple[Array, Array]:
+def along_z(chain: JointChain) -> tuple[Array, Array]:
     """Turn the frames of the joints, so that each joint moves about or along its own z axis.
 
     Each frame is also turned about its z axis, which commutes with the motion of its joint, so that

@@ -1,0 +1,743 @@
+r"""F and G_r as functions of arrays: NumPy, JAX, torch, CuPy, and others of the array API standard.
+
+A cell is a box of poses over which a function F gives one configuration per pose; G_r is the
+control law of a repeatable inverse. Both are pure functions of arrays with any leading axes. Their
+results have the type and the device of their input. Inside, the K poses of a batch are the last
+axis, and a placement is the list of its columns (3, K): three of the rotation, and the position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from array_api_compat import array_namespace, device, is_jax_namespace, is_torch_namespace
+
+from ...base.arguments import Array, require_type, shown
+from ...base.errors import InputError
+from ...model.joint_chain import along_z, joint_chain
+from ...model.kind import Kind
+from ...model.task import Task
+from ...potentials.basis import SumMap
+from ...potentials.fourier import FourierMap
+from ...potentials.polynomial import PolynomialMap
+from ...redundancy.inverses import RANK_TOLERANCE
+from ...strategies import RepeatableInverse
+from ..cells.chart.chart import CellPotentials, Chart
+from ..cells.function import InverseFunction
+from ..cells.geometry.cell import EDGE, TURNED, Cell
+from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from ..cells.targets import ROTATION
+
+Numbers: TypeAlias = Any  # an array of any namespace
+Namespace: TypeAlias = Any  # the module of its functions
+
+_STEP = 0.3
+"""Longest Newton step of any joint, rad or m."""
+
+_ITERATIONS, _LAST = 12, 2
+"""Maximum number of Newton steps, and number of those that are differentiated."""
+
+_NEAR, _CONVERGED, _ROUNDINGS = 1e-4, 1e-6, 64
+"""Length of a Newton step, rad or m, after which the last steps follow; length of the last step
+below which q is a solution; least square of both, in units of the machine epsilon."""
+
+_FAR = 1e7
+"""Level c, rad or m, from which on rounding leaves no solution."""
+
+_A_FUNCTION = "a cell's function, such as found.function"
+
+
+def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers]:
+    r"""Convert ``q = F(x; c)`` to a pure function of arrays.
+
+    Newton's method finds q, in at most 12 steps. It begins at q_ref, a polynomial of F; n_ref
+    (n, r) are the directions in which the level c, the position along the self-motion, is measured.
+    The last two steps alone are differentiated. At a solution, this is the implicit derivative:
+
+    .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
+              dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}
+
+    Parameters
+    ----------
+    F
+        Function of a cell, such as ``found.function``.
+    xp
+        Namespace of the arrays: numpy, jax.numpy, torch, cupy, or another one of the standard.
+
+    Returns
+    -------
+    function (x, leaf=None) → q
+        x (..., 4, 4) are homogeneous matrices, leaf (..., r) levels c, by default 0; q (..., n).
+        Leading axes are broadcast. The type is float32 or float64. Where F would raise an error, q
+        is NaN, and its derivative 0: outside the cell or the limits, or if x is not a rigid
+        transform to within 1e-6. In JAX the function is jitted.
+
+    Raises
+    ------
+    InputError
+        If F is not the function of a cell or sector, or ``xp`` is not a namespace of arrays.
+
+    Examples
+    --------
+    >>> f = rp.arrays.inverse_function(found.function, np)
+    >>> poses = [x.homogeneous for x in map(found.cell.at, found.cell.sample(8))]
+    >>> f(np.array(poses)).shape  # (8, 4, 4) → (8, n)
+    (8, 3)
+    """
+    require_type(F, InverseFunction, "F", _A_FUNCTION)
+    xp, task, r = _namespace(xp), F.task, F.task.r
+    solve = _solution(xp, F.chart)
+
+    def function(x: Numbers, leaf: Numbers | None = None) -> Numbers:
+        x = _floats(xp, x, "x", 4, 4)
+        c = _zeros(xp, (r,), x) if leaf is None else _floats(xp, leaf, "leaf", r)
+        lead = _broadcast(x.shape[:-2], c.shape[:-1])
+        rows = _last(xp, xp.broadcast_to(x, (*lead, 4, 4)), 2)
+        c = _last(xp, xp.broadcast_to(xp.astype(c, x.dtype), (*lead, r)), 1)
+        # Solve at poses of the cell; the others are replaced by its middle
+        X = [xp.stack([rows[j], rows[4 + j], rows[8 + j]]) for j in range(4)]
+        good = _rigid(xp, task.kind, rows) & xp.all(xp.abs(xp.stack(c)) < _FAR, axis=0)
+        good = good & _inside(xp, F.cell, X)
+        X = [xp.where(good, *pair) for pair in zip(X, _middle(xp, F.cell, X), strict=True)]
+        q, found = solve(X, xp.where(good, xp.stack(c), 0.0))
+        # Check the limits
+        within = _within(xp, task, q)
+        if not F.keep_limits:
+            within = within | xp.all(xp.stack(c) == 0, axis=0)
+        return _first(xp, xp.where(good & found & within, q, xp.nan), lead)
+
+    return _compiled(xp, function)
+
+
+def pose_and_leaf(
+    F: InverseFunction, xp: Namespace
+) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
+    """Convert the way back, from a configuration to its pose and level, to a function of arrays.
+
+    ``x = f(q)`` and ``c = n_ref(x)ᵀ (q − q_ref(x))``, with q_ref and n_ref the polynomials of F. So
+    ``F(x; c) = q`` if q is near F(x; 0).
+
+    Parameters
+    ----------
+    F
+        Function of a cell, such as ``found.function``.
+    xp
+        Namespace of the arrays, as for :func:`inverse_function`.
+
+    Returns
+    -------
+    function q → (x, c)
+        From q (..., n) to the homogeneous matrices x (..., 4, 4) and the levels c (..., r) along
+        the self-motion; c is NaN if the pose lies outside the cell.
+    """
+    require_type(F, InverseFunction, "F", _A_FUNCTION)
+    xp, n = _namespace(xp), F.task.n
+    kinematics, reference = _kinematics(xp, F.task), _reference(xp, F.chart)
+
+    def back(q: Numbers) -> tuple[Numbers, Numbers]:
+        q = _floats(xp, q, "q", n)
+        lead, q = q.shape[:-1], xp.stack(_last(xp, q, 1))
+        X, _ = kinematics(q)
+        _, _, q_ref, n_ref = reference(X)
+        c = xp.sum(n_ref * _away(xp, F.chart.cell, q - q_ref)[:, None, :], axis=0)
+        c = xp.where(_inside(xp, F.cell, X), c, xp.nan)
+        x = xp.stack([xp.permute_dims(column, (1, 0)) for column in X], axis=2)
+        last = xp.broadcast_to(_like(xp, np.eye(4)[3:], q), (x.shape[0], 1, 4))
+        return xp.reshape(xp.concat([x, last], axis=1), (*lead, 4, 4)), _first(xp, c, lead)
+
+    return _compiled(xp, back)
+
+
+def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Numbers], Numbers]:
+    """Convert the control law ``q̇ = G_r(q) ẋ`` of a repeatable inverse to a function of arrays.
+
+    The joint velocity solves ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0`` (37); V (n, r) are the gradients of the
+    potentials of the inverse, which stay constant.
+
+    Parameters
+    ----------
+    inverse
+        ``design.inverse``, with polynomials, Fourier series or their sums as potentials, or
+        ``found.inverse`` of a cell.
+    xp
+        Namespace of the arrays, as for :func:`inverse_function`.
+
+    Returns
+    -------
+    function (q, xdot) → qdot
+        q (..., n), ẋ (..., m) as for :meth:`RepeatableInverse.velocity`, q̇ (..., n). Leading axes
+        are broadcast. q̇ is NaN beyond the joint limits, at singularities of J_V and, for a cell,
+        outside the cell. Another region Ω is not checked.
+
+    Raises
+    ------
+    InputError
+        If ``inverse`` has other potentials, or ``xp`` is not a namespace of arrays.
+
+    Examples
+    --------
+    >>> G_r = rp.arrays.velocity(found.inverse, np)
+    >>> G_r(Q, Xdot).shape  # (K, n), (K, m) → (K, n)
+    """
+    require_type(inverse, RepeatableInverse, "inverse", "a repeatable inverse: design.inverse")
+    xp, task = _namespace(xp), inverse.task
+    kinematics, held = _kinematics(xp, task), _held(xp, inverse.potentials)
+
+    def law(q: Numbers, xdot: Numbers) -> Numbers:
+        q, xdot = _floats(xp, q, "q", task.n), _floats(xp, xdot, "xdot", task.m)
+        lead = _broadcast(q.shape[:-1], xdot.shape[:-1])
+        q = xp.stack(_last(xp, xp.broadcast_to(q, (*lead, task.n)), 1))
+        xdot = _last(xp, xp.broadcast_to(xp.astype(xdot, q.dtype), (*lead, task.m)), 1)
+        good = _within(xp, task, q)
+        q = xp.where(good, q, _like(xp, task.reference, q)[:, None])
+        X, J = kinematics(q)
+        V, rate, inside = held(q, X, xdot)
+        qdot, regular = _solved(xp, xp.concat([J, V], axis=1), xp.concat([xp.stack(xdot), rate]))
+        return _first(xp, xp.where(good & inside & regular, qdot, xp.nan), lead)
+
+    return _compiled(xp, law)
+
+
+# ---- what the array API has no word for
+
+
+def _compiled(xp: Namespace, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function in JAX; other namespaces evaluate it as it stands."""
+    if not is_jax_namespace(xp):
+        return function
+    import jax
+
+    return jax.jit(function)
+
+
+def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
+    """Return arrays that are constants for derivatives."""
+    if is_jax_namespace(xp):
+        import jax
+
+        return tuple(map(jax.lax.stop_gradient, arrays))
+    return tuple(each.detach() for each in arrays) if is_torch_namespace(xp) else arrays
+
+
+def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: float) -> Numbers:
+    """Repeat Newton's steps q → (q, length) on the rows of a batch that still move.
+
+    They end after a step shorter than ``near``, and before the last steps. Compiled by torch, all
+    steps are made, because the end depends on the numbers.
+    """
+
+    def again(state: tuple[Numbers, Numbers, int]) -> tuple[Numbers, Numbers, int]:
+        q, moving, count = state
+        new, size = step(q)
+        return xp.where(moving, new, q), moving & ~(size <= near), count + 1
+
+    state = (q, xp.all(q == q, axis=0), 0)
+    if is_jax_namespace(xp):
+        import jax
+
+        return jax.lax.while_loop(
+            lambda at: xp.any(at[1]) & (at[2] < _ITERATIONS - _LAST), again, state
+        )[0]
+    whole = is_torch_namespace(xp) and xp.compiler.is_compiling()
+    while state[2] < _ITERATIONS - _LAST and (whole or bool(xp.any(state[1]))):
+        state = again(state)
+    return state[0]
+
+
+# ---- arguments and results
+
+
+def _namespace(xp: Namespace) -> Namespace:
+    """Return the namespace of the array API standard for arrays of a module."""
+    try:
+        return array_namespace(xp.empty(0))
+    except (AttributeError, TypeError):
+        raise InputError(
+            f"xp must be a namespace of arrays, such as numpy, jax.numpy or torch; got {shown(xp)}"
+        ) from None
+
+
+def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
+    """Check that an argument is an array (..., *shape) of float32 or float64."""
+    try:
+        array = xp.asarray(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be an array of numbers; got {shown(value)}") from None
+    if tuple(array.shape[-len(shape) :]) != shape:
+        form = ", ".join(map(str, shape))
+        raise InputError(f"{name} must be an array (..., {form}); got shape {tuple(array.shape)}")
+    if not xp.isdtype(array.dtype, (xp.float32, xp.float64)):
+        raise InputError(f"{name} must be float32 or float64; got {array.dtype}; convert it")
+    return array
+
+
+def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
+    """Broadcast the leading axes of two arguments; InputError if they do not fit."""
+    try:
+        return np.broadcast_shapes(tuple(one), tuple(other))
+    except ValueError:
+        raise InputError(
+            f"the leading axes of the arguments, {tuple(one)} and {tuple(other)}, do not fit"
+        ) from None
+
+
+def _last(xp: Namespace, a: Numbers, axes: int) -> list[Numbers]:
+    """Split the last axes of an array: one array (K,) per number, for K leading indices."""
+    size = int(np.prod(a.shape[-axes:]))
+    rows = xp.reshape(a, (-1, size))
+    return [rows[:, i] for i in range(size)]
+
+
+def _first(xp: Namespace, a: Numbers, lead: Sequence[int]) -> Numbers:
+    """Move the last axis to the front, as the leading axes: (s, K) → (..., s)."""
+    return xp.reshape(xp.permute_dims(a, (1, 0)), (*lead, a.shape[0]))
+
+
+def _like(xp: Namespace, a: Any, other: Numbers) -> Numbers:
+    """Convert a table of NumPy to the type and device of another array."""
+    return xp.asarray(np.asarray(a, float), dtype=other.dtype, device=_device(xp, other))
+
+
+def _device(xp: Namespace, a: Numbers) -> Any:
+    """Return the device of an array; JAX places constants beside the arrays that they meet."""
+    return None if is_jax_namespace(xp) else device(a)
+
+
+def _zeros(xp: Namespace, shape: tuple[int, ...], other: Numbers) -> Numbers:
+    """Return zeros of the type and device of another array."""
+    return _like(xp, np.zeros(shape), other)
+
+
+def _eps(xp: Namespace, a: Numbers) -> float:
+    """Return the machine epsilon of an array's type."""
+    return float(xp.finfo(a.dtype).eps)
+
+
+# ---- F and G_r
+
+
+def _solution(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers]]:
+    """Create the function from a placement and levels c (r, K) to q (n, K), by Newton's method.
+
+    Its second result (K,) is True where the method converged.
+    """
+    kind = chart.cell.task.kind
+    kinematics, reference = _kinematics(xp, chart.cell.task), _reference(xp, chart)
+
+    def newton(
+        q: Numbers, X: list[Numbers], c: Numbers, q_ref: Numbers, n_ref: Numbers
+    ) -> tuple[Numbers, Numbers]:
+        here, J = kinematics(q)
+        level = c - xp.sum(n_ref * (q - q_ref)[:, None, :], axis=0)
+        g = xp.concat([xp.stack(_displacement(xp, kind, here, X)), level])
+        dq, _ = _solved(xp, xp.concat([J, n_ref], axis=1), g)
+        size = xp.max(xp.abs(dq), axis=0)
+        return q + dq * (_STEP / xp.where(size > _STEP, size, _STEP)), size
+
+    def solution(X: list[Numbers], c: Numbers) -> tuple[Numbers, Numbers]:
+        _, _, q_ref, n_ref = reference(X)
+        given = X, c, q_ref, n_ref
+        start, *held = _constant(xp, q_ref + xp.sum(n_ref * c, axis=1), c, q_ref, n_ref, *X)
+        still = held[3:], *held[:3]
+        least = (_ROUNDINGS * _eps(xp, c)) ** 0.5
+        q = _repeated(xp, lambda q: newton(q, *still), start, max(_NEAR, least))
+        for _ in range(_LAST):
+            q, size = newton(q, *given)
+        return q, size < max(_CONVERGED, least)
+
+    return solution
+
+
+def _solved(xp: Namespace, A: Numbers, b: Numbers) -> tuple[Numbers, Numbers]:
+    """Solve ``Aᵀ x = b``, A (n, n, K), b (n, K), by orthonormalising the n equations in turn.
+
+    The second result (K,) is True where the matrix is regular: the sine of the angle between each
+    equation and those before it exceeds 1e-6.
+    """
+    rows = xp.permute_dims(xp.concat([A, b[None, ...]]), (1, 0, 2))  # [a, b] (n, n + 1, K)
+    x, regular = 0.0, True
+    least = xp.unstack(xp.sum(rows[:, :-1, :] ** 2, axis=1) * RANK_TOLERANCE**2)
+    for tiny in least:
+        a = rows[0, :-1, :]
+        square = xp.sum(a * a, axis=0)
+        regular = (square > tiny) & regular
+        one = rows[0, ...] / xp.sqrt(xp.where(square > 0, square, 1.0))
+        x = x + one[:-1, :] * one[-1, :]
+        along = xp.sum(rows[1:, :-1, :] * one[:-1, :], axis=1)
+        rows = rows[1:, ...] - along[:, None, :] * one
+    return x, regular
+
+
+def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Numbers], Numbers]]:
+    """Create the function from q (n, K) to the frame's placement, and Jᵀ (n, m, K)."""
+    chain, kind = joint_chain(task), task.kind
+    R, p = along_z(chain)  # each joint moves about or along its own z axis
+    links = np.concatenate([R, p[:, :, None]], axis=2).swapaxes(1, 2)
+    coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
+
+    def kinematics(q: Numbers) -> tuple[list[Numbers], Numbers]:
+        S, theta = _like(xp, chain.S, q), q
+        if coupled:
+            theta = S @ q + _like(xp, chain.offset[:, None], q)
+        angles = [xp.unstack(each) for each in (theta, xp.cos(theta), xp.sin(theta))]
+        # Go from link to link; z and o are the axis and origin of each joint
+        R = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
+        p, z, o = 0.0, [], []
+        for j, link in enumerate(links):
+            x, y, along, step = xp.unstack(
+                xp.reshape(_like(xp, link, q) @ xp.reshape(R, (3, -1)), (4, 3, -1))
+            )
+            p = p + step
+            if j == len(chain.axes):
+                break
+            t, cos, sin = (each[j] for each in angles)
+            z.append(along)
+            o.append(p)
+            if chain.revolute[j]:
+                x, y = cos * x + sin * y, cos * y - sin * x
+            else:
+                p = p + t * along
+            R = xp.stack([x, y, along])
+        # Twists (v, ω) per joint
+        omega = xp.stack(z)
+        v = _cross(xp, omega, p - xp.stack(o), 1)
+        if not chain.revolute.all():
+            turns = xp.asarray(chain.revolute[:, None, None], device=_device(xp, q))
+            v, omega = xp.where(turns, v, omega), xp.where(turns, omega, 0.0)
+        if kind.tool_axes:
+            omega = xp.stack([xp.sum(omega * each, axis=1) for each in (x, y)], axis=1)
+        twists = [*xp.unstack(v, axis=1), *xp.unstack(omega, axis=1)]
+        J = xp.stack([twists[i] for i in kind.rows.tolist()], axis=1)
+        if coupled:
+            J = xp.reshape(xp.matrix_transpose(S) @ xp.reshape(J, (len(z), -1)), (-1, *J.shape[1:]))
+        return [x, y, along, p], J
+
+    return kinematics
+
+
+def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[Any, ...]]:
+    """Create the function from a placement to the reference of F there.
+
+    It returns the offsets y in the cell, m arrays (K,), the monomials T (N, K) of its coordinates
+    u, and their polynomials q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
+    symmetries of the arm, such as a turn about its base, add to the polynomials.
+    """
+    cell, monomials = chart.cell, chart.monomials
+    blocks = list(zip(monomials.starts[1:], monomials.starts[2:], strict=False))
+
+    def reference(X: list[Numbers]) -> tuple[Any, ...]:
+        y = _measured(xp, cell, X)
+        u = xp.stack(_scaled(cell, y))
+        T = _monomials(xp, u, monomials.parent, monomials.variable, blocks)
+        q_ref, *n_ref = xp.unstack(_polynomials(xp, chart.coefficients, T), axis=1)
+        return y, T, q_ref + _shift(xp, cell, y), xp.stack(n_ref, axis=1)
+
+    return reference
+
+
+def _monomials(xp: Namespace, u: Numbers, parent: Array, factor: Array, blocks: Any) -> Numbers:
+    """Evaluate monomials (N, K) of u (k, K), degree by degree: each is its parent times one u."""
+    T = xp.ones_like(u[:1, :])
+    for first, end in blocks:
+        of, by = (xp.asarray(each[first:end], device=_device(xp, u)) for each in (parent, factor))
+        T = xp.concat([T, xp.take(T, of, axis=0) * xp.take(u, by, axis=0)])
+    return T
+
+
+def _polynomials(xp: Namespace, coefficients: Array, T: Numbers) -> Numbers:
+    """Evaluate polynomials (…, K) with coefficients (N, …) from their monomials T (N, K)."""
+    table = _like(xp, coefficients.reshape(len(coefficients), -1).T, T)
+    return xp.reshape(table @ T, (*coefficients.shape[1:], -1))
+
+
+def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Numbers, Any]]:
+    """Create the function (q, placement, ẋ) → (V (n, r, K), rates (r, K), inside (K,)).
+
+    ``Vᵀ q̇ = rates`` says that the potentials stay constant; for a cell, V is n_ref, and the rates
+    are those of its polynomials. A placement outside the cell is not inside.
+    """
+    if type(potentials) is CellPotentials:
+        return _held_by_cell(xp, potentials.chart)
+    maps = potentials.maps if isinstance(potentials, SumMap) else [potentials]
+    if not all(isinstance(each, PolynomialMap | FourierMap) for each in maps):
+        raise InputError(
+            "the potentials of this inverse are functions in Python",
+            remedy="use polynomials, Fourier series, their sums, or the function of a cell",
+        )
+
+    def held(q: Numbers, X: list[Numbers], xdot: list[Numbers]) -> tuple[Numbers, Numbers, Any]:
+        V = sum(_gradients(xp, each, q) for each in maps)
+        return V, 0.0 * V[0, ...], True
+
+    return held
+
+
+def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Numbers:
+    """Evaluate V (n, r, K), the gradients of polynomials or Fourier series at q (n, K)."""
+    if isinstance(one, FourierMap):
+        phase, waves = _like(xp, one.waves, q) @ q, one.waves[:, :, None]
+        rising = _polynomials(xp, waves * one.sines[:, None], xp.cos(phase))
+        return rising - _polynomials(xp, waves * one.cosines[:, None], xp.sin(phase))
+    joints, of = one.joints.tolist(), zip(one.center, one.scale, strict=True)
+    u = [(q[j, :] - float(center)) / float(scale) for j, (center, scale) in zip(joints, of)]
+    blocks = [(rows.start, rows.stop) for rows in one._rising]
+    count, r, k = one._weight[:, :, 1:].shape
+    slopes = np.zeros((count, one.n, r))
+    slopes[:, joints] = one._slopes.reshape(count, k, r)
+    T = _monomials(xp, xp.stack(u), one._parent, one._factor, blocks)
+    return _polynomials(xp, slopes, T)
+
+
+def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers, Any]]:
+    """Create :func:`_held` of a cell, ``n_refᵀ q̇ = n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``."""
+    reference, cell = _reference(xp, chart), chart.cell
+    _, slopes = chart._differentiated
+
+    def held(q: Numbers, X: list[Numbers], xdot: list[Numbers]) -> tuple[Numbers, Numbers, Any]:
+        y, T, q_ref, n_ref = reference(X)
+        dy = _rates(xp, cell, X, y, xdot)
+        du = xp.stack([dy[i] / float(cell.widths[i]) for i in cell.moved.tolist()])
+        d = xp.sum(_polynomials(xp, slopes, T[: len(slopes), :]) * du, axis=2)
+        dq_ref, *dn_ref = xp.unstack(d, axis=1)
+        dq_ref = dq_ref + _shift(xp, cell, dy)
+        away = _away(xp, cell, q - q_ref)[:, None, :]
+        rate = n_ref * dq_ref[:, None, :] - xp.stack(dn_ref, axis=1) * away
+        return n_ref, xp.sum(rate, axis=0), _inside(xp, cell.whole, X)
+
+    return held
+
+
+# ---- coordinates of cells and sectors
+
+
+def _displacement(
+    xp: Namespace, kind: Kind, here: list[Numbers], goal: list[Numbers]
+) -> list[Numbers]:
+    """Evaluate the task error, m arrays (K,), m and rad, from one placement to another.
+
+    It has only the components that the kind of task commands.
+    """
+    away = xp.unstack(goal[3] - here[3])
+    if not kind.turns:
+        return [away[i] for i in kind.rows.tolist()]
+    if kind.tool_axes:
+        return [*away, *_tilt(xp, [xp.sum(each * goal[2], axis=0) for each in here[:3]])]
+    # log(R* Rᵀ), from Σ r_c × r*_c and Σ r_c · r*_c over the columns
+    columns = list(zip(here[:3], goal[:3], strict=True))
+    sine = sum(_cross(xp, *pair) for pair in columns) / 2
+    cosine = (sum(xp.sum(a * b, axis=0) for a, b in columns) - 1) / 2
+    return [*away, *xp.unstack(sine * _angle_over_sine(xp, xp.sum(sine**2, axis=0), cosine))]
+
+
+def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
+    """Compute the offsets of a placement from the cell's middle, m arrays (K,), not scaled.
+
+    They are those components of the position, and of a rotation vector or the tilts of the tool,
+    that the task commands. For a sector, which is a cell around an axis, they are the radius, angle
+    and height about the axis, the tilts, and the spin of the tool.
+    """
+    if not isinstance(cell, Sector):
+        return _displacement(xp, cell.task.kind, _middle(xp, cell, X), X)
+    m, (rho, z) = cell.task.m, cell.middle
+    angle, back = _about_axis(xp, cell, X)
+    radius, _, height = xp.unstack(back(X[3] - _like(xp, cell.axis[0][:, None], X[3])))
+    y = [radius - rho, angle, height - z][:m]
+    if m <= 3:
+        return y
+    t = _tilt(xp, xp.unstack(_from_middle(xp, cell, back(X[2]))))
+    a, b, _ = _tilted_back(xp, t, _from_middle(xp, cell, back(X[0])))
+    spin = xp.atan2(b, a)
+    spin = spin - 2 * np.pi * xp.round((spin - cell.spin_middle) / (2 * np.pi))
+    return [*y, *t, spin][:m]
+
+
+def _rates(
+    xp: Namespace, cell: Cell, X: list[Numbers], y: list[Numbers], xdot: list[Numbers]
+) -> list[Numbers]:
+    """Compute the rates of the offsets y of :func:`_measured` at the task velocity ẋ."""
+    kind, m, sector, back = cell.task.kind, cell.task.m, isinstance(cell, Sector), _same
+    v, omega = xdot[:3], xdot[3:]
+    if sector:  # in the directions radial, tangential, and along the axis
+        _, back = _about_axis(xp, cell, X)
+        given = dict(zip(kind.rows.tolist(), xdot, strict=True))
+        none = xp.zeros_like(xdot[0])
+        v = list(xp.unstack(back(xp.stack([given.get(i, none) for i in range(3)]))))
+        v = [v[RADIUS], v[ANGLE] / (y[RADIUS] + cell.middle[0]), v[HEIGHT]][:m]
+    if not kind.turns:
+        return v
+    if not kind.tool_axes:
+        if not sector:
+            return [*v, *_log_rate(xp, xp.stack(y[3:]), xp.stack(omega))]
+        omega = [xp.sum(each * xp.stack(omega), axis=0) for each in X[:3]]
+    # Spin the velocity from the tool's axes back, and leave out the turn about the axis
+    t = y[3:5]
+    a, b, _ = _tilted_back(xp, t, _from_middle(xp, cell, back(X[0])))
+    w = [a * omega[0] - b * omega[1], b * omega[0] + a * omega[1], *omega[2:]]
+    if sector:
+        about = xp.stack([none, none, v[ANGLE]])
+        around = _tilted_back(xp, t, _from_middle(xp, cell, about))
+        w = [one - other for one, other in zip(w, around, strict=False)]
+    # ω = J_r(t) dt + dψ e_z
+    square, across = t[0] ** 2 + t[1] ** 2, t[0] * w[0] + t[1] * w[1]
+    e = _by_angle(xp, square, 1 / 6 + 7 * square / 360, lambda a: (a / xp.sin(a) - 1) / a**2)
+    dt = [w[i] + e * (square * w[i] - t[i] * across) for i in range(2)]
+    spin = [each + _versine(xp, square) * (t[0] * dt[1] - t[1] * dt[0]) for each in w[2:]]
+    return [*v, *dt, *spin]
+
+
+def _same(v: Numbers) -> Numbers:
+    """Return vectors as they are."""
+    return v
+
+
+def _middle(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
+    """Return the placement in the middle of a cell."""
+    return [_like(xp, each[:3, None], X[3]) for each in cell.placement.homogeneous.T]
+
+
+def _about_axis(
+    xp: Namespace, cell: Any, X: list[Numbers]
+) -> tuple[Numbers, Callable[[Numbers], Numbers]]:
+    """Compute the angle (K,) of a placement about the axis of a sector.
+
+    Return also a function that converts vectors (3, K) from base axes to the directions at the
+    placement: radial, tangential, and along the axis.
+    """
+    B = _like(xp, cell.directions, X[3])
+    a, b, _ = xp.unstack(B @ (X[3] - _like(xp, cell.axis[0][:, None], X[3])))
+    angle = xp.atan2(b, a)
+    cos, sin = xp.cos(angle), xp.sin(angle)
+
+    def back(v: Numbers) -> Numbers:
+        a, b, height = xp.unstack(B @ v)
+        return xp.stack([cos * a + sin * b, cos * b - sin * a, height])
+
+    return angle, back
+
+
+def _from_middle(xp: Namespace, cell: Cell, v: Numbers) -> Numbers:
+    """Convert vectors (3, K) to the axes of the tool in the middle of a cell.
+
+    In a sector they are given in the directions radial, tangential, and along the axis.
+    """
+    R_0 = cell.placement.rotation
+    return _like(xp, (cell.directions @ R_0 if isinstance(cell, Sector) else R_0).T, v) @ v
+
+
+def _scaled(cell: Cell, y: list[Numbers]) -> list[Numbers]:
+    """Convert offsets y to the cell's coordinates u, k arrays (K,), in [−1, 1] inside the cell."""
+    moved = zip(cell.moved.tolist(), cell._offset[cell.moved], cell._active_widths, strict=True)
+    return [(y[i] - float(offset)) / float(width) for i, offset, width in moved]
+
+
+def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
+    """Evaluate the joint angles (n, K) to add to q_ref for the coordinates that u leaves out.
+
+    Because of a symmetry of the arm, F changes by these angles only: to turn a pose around the
+    base, for example, only the first joint turns.
+    """
+    if not cell.removed:
+        return 0.0
+    return _like(xp, cell.along, y[0]) @ xp.stack([y[i] for i in cell._removed])
+
+
+def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
+    """Leave out whole turns (n, K) of the joints that move the frame along removed coordinates."""
+    turning = np.zeros((cell.task.n, 1))
+    turning[[one.joint for one in cell.removed]] = 2 * np.pi
+    return away - _like(xp, turning, away) * xp.round(away / (2 * np.pi))
+
+
+def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
+    """Test whether matrices, given by 16 arrays (K,), are rigid transforms, as F does, to 1e-6.
+
+    Rotations are tested only if the task commands them, but all numbers must be finite.
+    """
+    off = [*rows[12:15], rows[15] - 1]
+    if kind.turns:
+        a, b, c = (xp.stack(rows[i : i + 3]) for i in (0, 4, 8))
+        off += [xp.sum(a * a, axis=0) - 1, xp.sum(b * b, axis=0) - 1, xp.sum(a * b, axis=0)]
+        off += xp.unstack(_cross(xp, a, b) - c)
+    near = xp.all(xp.abs(xp.stack(off)) < max(ROTATION, 8 * _eps(xp, rows[0])), axis=0)
+    return near & xp.all(xp.isfinite(xp.stack(rows)), axis=0)
+
+
+def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
+    """Test whether a placement lies in a cell with all its coordinates (``cell.whole``).
+
+    Coordinates of width 0, which are constant in the cell, are also tested. The tolerance depends
+    on the floating-point type.
+    """
+    y, rounding = _measured(xp, cell, X), 8 * _eps(xp, X[3])
+    most = (cell._bounds + max(EDGE, rounding)).tolist()
+    off = [xp.abs(u) / bound for u, bound in zip(_scaled(cell, y), most, strict=True)]
+    held = np.flatnonzero(cell.widths == 0).tolist()
+    off += [xp.abs(y[i]) / max(TURNED, rounding) for i in held]
+    return xp.all(xp.stack(off) <= 1, axis=0)
+
+
+def _within(xp: Namespace, task: Task, q: Numbers) -> Numbers:
+    """Test whether configurations (n, K) lie within the joint limits."""
+    lower, upper = (_like(xp, each[:, None], q) for each in (task.lower, task.upper))
+    return xp.all((q >= lower) & (q <= upper), axis=0)
+
+
+# ---- rotations
+
+
+def _cross(xp: Namespace, a: Numbers, b: Numbers, axis: int = 0) -> Numbers:
+    """Evaluate cross products along one axis of three."""
+    a, b = xp.unstack(a, axis=axis), xp.unstack(b, axis=axis)
+    turns = ((1, 2), (2, 0), (0, 1))
+    return xp.stack([a[i] * b[j] - a[j] * b[i] for i, j in turns], axis=axis)
+
+
+def _tilt(xp: Namespace, aim: Sequence[Numbers]) -> list[Numbers]:
+    """Compute the rotation, rad, about x and y that turns z to a direction, three arrays (K,)."""
+    ratio = _angle_over_sine(xp, aim[0] ** 2 + aim[1] ** 2, aim[2])
+    return [-aim[1] * ratio, aim[0] * ratio]
+
+
+def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Numbers]:
+    """Rotate vectors v (3, K) by exp(−t̂), with rotation vectors t in the x-y plane."""
+    square = t[0] ** 2 + t[1] ** 2
+    sine = _by_angle(xp, square, 1 - square / 6, lambda a: xp.sin(a) / a)
+    w = xp.stack([-t[0], -t[1], xp.zeros_like(t[0])])
+    once = _cross(xp, w, v)
+    return xp.unstack(v + sine * once + _versine(xp, square) * _cross(xp, w, once))
+
+
+def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
+    """Compute the rates of rotation vectors w (3, K) at the angular velocities ω (3, K)."""
+    square, once = xp.sum(w * w, axis=0), _cross(xp, w, omega)
+    k = _by_angle(
+        xp, square, 1 / 12 + square / 720, lambda a: (1 - a / (2 * xp.tan(a / 2))) / a**2
+    )
+    return xp.unstack(omega - once / 2 + k * _cross(xp, w, once))
+
+
+def _versine(xp: Namespace, square: Numbers) -> Numbers:
+    """Evaluate (1 − cos θ) / θ² from θ²."""
+    return _by_angle(xp, square, 0.5 - square / 24, lambda a: 2 * (xp.sin(a / 2) / a) ** 2)
+
+
+def _by_angle(
+    xp: Namespace, square: Numbers, series: Numbers, closed: Callable[[Numbers], Numbers]
+) -> Numbers:
+    """Evaluate a function of an angle θ from θ², near 0 by its series; differentiable at 0."""
+    small = square < 1e-6
+    return xp.where(small, series, closed(xp.sqrt(xp.where(small, 1.0, square))))
+
+
+def _angle_over_sine(xp: Namespace, square: Numbers, cosine: Numbers) -> Numbers:
+    """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0.
+
+    The factor converts vectors of length sin θ to those of length θ. It is differentiable at 0, and
+    NaN at exactly half a turn, where the vector has no direction.
+    """
+    small = (square < 1e-6) & (cosine > 0)
+    sine = xp.sqrt(xp.where(small, 1.0, xp.where(square > 0, square, xp.nan)))
+    series = 1 + square / 6 + 3 * square**2 / 40
+    return xp.where(small, series, xp.atan2(sine, cosine) / sine)
