@@ -67,6 +67,8 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 def written_together(folder: Path) -> Iterator[Path]:
     """Context manager: a temporary folder whose files replace those in ``folder``, all or none.
 
+    A folder in it is moved as a whole, but replaces nothing.
+
     One process at a time moves its files, so that a folder never holds files of two runs. A
     symbolic link in ``folder`` is replaced; its target, which the user did not name, is not
     written. After an exception the files in ``folder`` are unchanged.
@@ -97,7 +99,9 @@ def _staged(folder: Path) -> Iterator[Path]:
             error.args = (str(error.args[0]).replace(str(staged), str(folder)),)
             raise
         moves = [(file, folder / file.name) for file in sorted(staged.iterdir())]
-        for _, target in moves:
+        for file, target in moves:
+            if file.is_dir() and os.path.lexists(target):
+                raise InputError(f"{target} exists already, and is not replaced; choose another")
             if target.is_dir() and not target.is_symlink():
                 raise InputError(f"cannot write {target}: the path is a folder; give a file name")
         with _one_at_a_time(folder):
@@ -111,7 +115,8 @@ def _move(file: Path, target: Path) -> None:
     """Move a file to a target, which keeps its mode.
 
     A link is replaced. A device, such as /dev/null, is written to, because a file must not replace
-    it. InputError is raised for a link that cannot be replaced.
+    it. A folder is moved to where nothing is. InputError is raised for a link that cannot be
+    replaced, and for a folder that cannot be moved.
     """
     old = target.lstat() if os.path.lexists(target) else None
     if old is not None and not stat.S_ISREG(old.st_mode) and not target.is_symlink():
@@ -122,7 +127,7 @@ def _move(file: Path, target: Path) -> None:
     try:
         os.replace(file, target)
     except OSError as error:
-        if target.is_symlink():
+        if target.is_symlink() or file.is_dir():
             raise InputError(f"cannot write {target}: {error.strerror}") from None
         write_whole(target, file.read_bytes())  # a mounted file cannot be renamed
 

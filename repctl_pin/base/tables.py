@@ -25,6 +25,9 @@ from .arguments import Array
 from .errors import InputError, needed
 from .files import read_bytes, write_whole
 
+FORMATS = (".csv", ".npz", ".parquet")
+"""Suffixes of the files of tables."""
+
 _LARGEST = 4_000_000_000
 _BLOCK = 2**14
 _BOM = "\ufeff".encode()
@@ -73,11 +76,15 @@ class Table(ABC):
         """Return a column as (K, …) array of numbers, or of text as objects."""
 
     @abstractmethod
-    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
-        """Write the file again, with new cells and without the columns ``removed``.
+    def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
+        """Write the file again to ``path``, with new cells and without the columns ``removed``.
 
         Columns of ``new`` that the file lacks are appended. All other cells stay as they are.
         """
+
+    def same_format(self, path: Path) -> bool:
+        """Test by its suffix whether a path has the format of this table."""
+        return path.suffix.lower() == self.file.suffix.lower()
 
     def numbers(self, names: Sequence[str], *, finite: bool = True) -> Array:
         """Return the numbers of several columns side by side: (K, sum of their widths).
@@ -193,7 +200,7 @@ def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
 
 def _format(file: Path) -> str:
     suffix = file.suffix.lower()
-    if suffix not in (".csv", ".npz", ".parquet"):
+    if suffix not in FORMATS:
         raise InputError(f"{file} is not a .csv, .npz or .parquet file")
     return suffix
 
@@ -301,8 +308,8 @@ class CsvTable(Table):
                 )
             yield line, row
 
-    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
-        """Write the file again, see :meth:`Table.rewritten`; lines, quotes and line ends stay."""
+    def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
+        """Write the file again, see :meth:`Table.save`; lines, quotes and line ends stay."""
         names = [*self.names, *(name for name in new if name not in self.names)]
         cells = [
             (names.index(name), cells.rows, _texts(cells.values)) for name, cells in new.items()
@@ -328,7 +335,7 @@ class CsvTable(Table):
                 raw = raw[len(body) :]
             out.write(raw)
         start = _BOM if self._data.startswith(_BOM) else b""
-        return start + out.getvalue().encode()
+        return write_whole(path, start + out.getvalue().encode())
 
     def _records(self) -> Iterator[tuple[int, list[str], str]]:
         """Yield number, cells and text of each record; a quoted cell may contain line breaks."""
@@ -466,12 +473,12 @@ class _Arrays(Table):
         """Return an array of the file."""
         return np.asarray(self._arrays[name])
 
-    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
-        """Write the file again, see :meth:`Table.rewritten`; other arrays keep their type."""
+    def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
+        """Write the file again, see :meth:`Table.save`; other arrays keep their type."""
         made = {name: array for name, array in self._arrays.items() if name not in removed}
         for name, cells in new.items():
             made[name] = replaced(made.get(name), cells)
-        return _npz_bytes(made)
+        return write_whole(path, _npz_bytes(made))
 
 
 _NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZipFile)
@@ -518,47 +525,58 @@ class _Parquet(Table):
         if not len(self._table):
             raise InputError(f"{file} contains no frames", remedy="write one row per frame")
         refuse_twice(self._table.column_names, file)
-        self.widths = {name: _width(self._table[name]) for name in self._table.column_names}
+        self.widths = {name: arrow_width(self._table[name]) for name in self._table.column_names}
 
     def column(self, name: str) -> Column:
         """Return a column as an array; a missing number is NaN."""
-        column, width = self._table[name], self.widths[name]
-        if not width:
-            return np.asarray(column.to_numpy())
-        flat = np.asarray(_flat(column).to_numpy(zero_copy_only=False))
-        return flat if _item(column.type) is None else flat.reshape(len(column), width)
+        return arrow_numbers(self._table[name], self.widths[name])
 
-    def rewritten(self, new: Mapping[str, NewCells], removed: Collection[str]) -> bytes:
-        """Write the file again, see :meth:`Table.rewritten`; types and metadata stay."""
-        table = self._table
-        for name, cells in new.items():
-            if name in self.widths:
-                at = table.schema.get_field_index(name)
-                values = self._changed(table[name], replaced(self.column(name), cells), cells)
-                field = table.schema.field(at).with_type(values.type)
-                table = table.set_column(at, field, values)
-            else:
-                table = table.append_column(name, _arrow_columns({name: cells.values[:, 0]})[name])
-        table = table.drop_columns(list(removed))
-        return _parquet_bytes(table.replace_schema_metadata(_metadata(table, self._table)))
+    def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
+        """Write the file again, see :meth:`Table.save`; types and metadata stay."""
+        return write_whole(path, _parquet_bytes(arrow_replaced(self._table, new, removed)))
 
-    def _changed(self, column: Any, values: Column, cells: NewCells) -> Any:
-        """Make an Arrow array of the type of a column from new numbers (K, …).
 
-        Missing numbers stay missing. A column of integers, which cannot hold joints, becomes one of
-        double precision.
-        """
-        import pyarrow
+def arrow_numbers(column: Any, width: int) -> Column:
+    """Convert a column of an Arrow table to an array of ``width`` numbers per row; missing: NaN."""
+    if not width:
+        return np.asarray(column.to_numpy())
+    flat = np.asarray(_flat(column).to_numpy(zero_copy_only=False))
+    return flat if _item(column.type) is None else flat.reshape(len(column), width)
 
-        missing = _flat(column).is_null().to_numpy(zero_copy_only=False).reshape(len(column), -1)
-        missing[np.ix_(cells.rows, np.asarray(cells.at, np.intp))] = False
-        flat = pyarrow.array(values.ravel(), mask=missing.ravel())
-        item = _item(column.type)
-        if item is None:
-            return flat
-        wide = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
-        same = item == flat.type
-        return wide.cast(column.type if same else pyarrow.list_(flat.type))
+
+def arrow_replaced(table: Any, new: Mapping[str, NewCells], removed: Collection[str]) -> Any:
+    """Put new cells into an Arrow table, without the columns ``removed``; metadata stay."""
+    old = table
+    for name, cells in new.items():
+        if name in old.column_names:
+            at = table.schema.get_field_index(name)
+            numbers = arrow_numbers(table[name], arrow_width(table[name]))
+            values = _changed(table[name], replaced(numbers, cells), cells)
+            field = table.schema.field(at).with_type(values.type)
+            table = table.set_column(at, field, values)
+        else:
+            table = table.append_column(name, _arrow_columns({name: cells.values[:, 0]})[name])
+    table = table.drop_columns([name for name in removed if name in table.column_names])
+    return table.replace_schema_metadata(_metadata(table, old))
+
+
+def _changed(column: Any, values: Column, cells: NewCells) -> Any:
+    """Make an Arrow array of the type of a column from new numbers (K, …).
+
+    Missing numbers stay missing. A column of integers, which cannot hold joints, becomes one of
+    double precision.
+    """
+    import pyarrow
+
+    missing = _flat(column).is_null().to_numpy(zero_copy_only=False).reshape(len(column), -1)
+    missing[np.ix_(cells.rows, np.asarray(cells.at, np.intp))] = False
+    flat = pyarrow.array(values.ravel(), mask=missing.ravel())
+    item = _item(column.type)
+    if item is None:
+        return flat
+    wide = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    same = item == flat.type
+    return wide.cast(column.type if same else pyarrow.list_(flat.type))
 
 
 def _item(kind: Any) -> Any:
@@ -569,7 +587,7 @@ def _item(kind: Any) -> Any:
     return kind.value_type if any(test(kind) for test in lists) else None
 
 
-def _width(column: Any) -> int:
+def arrow_width(column: Any) -> int:
     """Count the numbers per row of a Parquet column; 0 for text, and lists of several lengths."""
     import pyarrow
     import pyarrow.compute

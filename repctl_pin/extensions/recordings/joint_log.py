@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from ...base.arguments import Array, as_numbers, file_name, read_only
 from ...base.errors import InputError
 from ...base.tables import Table, read_table
 from ...model.task import Task
+from .data_sets.data_set import is_data_set
+from .data_sets.joints import joints_of, open_data_set
 
 _CLOCKS = ("time", "t", "times", "timestamp", "stamp", "sec", "secs", "seconds", "%time", "__time")
 """Names of a column of times; a unit may follow, as in ``time_ms``."""
@@ -125,7 +128,10 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
         the line.
     """
     joints = task.joint_names
-    table = read_table(file_name(file, "log"), joints)
+    path = file_name(file, "log")
+    if is_data_set(path):
+        return _of_data_set(path, task, units)
+    table = read_table(path, joints)
     where = str(table.file)
     clock = _clock(list(table.widths))
     if clock is None:
@@ -156,6 +162,19 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
     said = f"{unit} since 1970" if epoch else unit
     read = f"read {clock} in {said}, and joints from {taken}"
     return replace(log, t=log.t * _UNITS[unit], read=read)
+
+
+def _of_data_set(path: Path, task: Task, units: Array) -> JointLog:
+    """Read the joints of a data set; its demonstrations follow each other without pauses."""
+    table, _ = open_data_set(path, task)
+    try:
+        name, places = joints_of(table, task)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    t, Q = table.clock, table.numbers([name], finite=False)[:, places]
+    log = _checked(str(path), t, units * Q, True, table)
+    read = f"read joints from {name}; times are those of recorded frames, without pauses"
+    return replace(log, read=read)
 
 
 def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:

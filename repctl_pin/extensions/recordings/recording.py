@@ -7,7 +7,6 @@ rows.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,6 @@ from ...base.arguments import (
     shown,
 )
 from ...base.errors import InputError
-from ...base.files import read_whole
 from ...base.tables import Column, Table, read_table
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
@@ -40,9 +38,10 @@ from .checks import (
     require_metres,
     require_radians,
 )
-
-_LARGEST_INFO = 10_000_000
-"""Maximum size of a data set's description, bytes."""
+from .data_sets.data_set import DataSet, is_data_set
+from .data_sets.further_joints import ACTIONS, Joints, further_joints, require_positions
+from .data_sets.joints import joints_of, open_data_set, places_of, require_known
+from .data_sets.lerobot import labels_of, read_info
 
 _CHUNK = 2**14
 """Number of rows of a block."""
@@ -120,6 +119,8 @@ class Recording:
     names: tuple[str, ...]
     source: Table | None
     places: tuple[int, ...] | None
+    further: dict[str, Joints]
+    unchanged: tuple[str, ...]
 
     def __init__(
         self,
@@ -171,13 +172,20 @@ class Recording:
             names=names,
             source=None,
             places=None,
+            further={},
+            unchanged=(),
         )
 
     @classmethod
     def read(
-        cls, file: str | Path, task: Task, *, joints: Sequence[str] | None = None
+        cls,
+        file: str | Path,
+        task: Task,
+        *,
+        joints: Sequence[str] | None = None,
+        action: str | None = None,
     ) -> Recording:
-        """Read a recording from a .csv, .npz or .parquet file.
+        """Read a recording from a .csv, .npz or .parquet file, or from a data set.
 
         Columns are found by name:
 
@@ -188,17 +196,21 @@ class Recording:
         - time: ``time``, ``t`` or ``timestamp``
         - session: ``session`` or ``episode``
 
-        Parquet requires pyarrow.
+        A data set is the folder of a LeRobot data set, of version 2.1 or 3.0, or an HDF5 file of
+        robomimic. Its actions are relabelled, too. Parquet requires pyarrow, HDF5 h5py.
 
         Parameters
         ----------
         file
-            The file.
+            The file, or the folder of a LeRobot data set.
         task
             Task; the poses are those of its frame.
         joints : sequence of str, optional
             Names of the numbers in such an array, in order, needed if it also has other joints or a
-            gripper. The numbers of the task's joints are used.
+            gripper. The numbers of the task's joints are used. For HDF5, the name of the array.
+        action : str, optional
+            Of a data set: ``joints`` if its actions are joint positions in the order of the joints,
+            ``hand`` if they command the hand and are kept. By default, the data set says which.
 
         Raises
         ------
@@ -208,10 +220,19 @@ class Recording:
         """
         task = one_frame(require_task(task), "a recording")
         path = file_name(file)
-        table = read_table(path, task.joint_names)
-        lerobot = _lerobot_names(path) if path.suffix.lower() == ".parquet" else None
+        table: Table
+        if data_set := is_data_set(path):
+            table, joints = open_data_set(path, task, joints)
+        else:
+            table = read_table(path, task.joint_names)
+        if action is not None and not (data_set and action in ACTIONS):
+            raise InputError(
+                f"must be {' or '.join(ACTIONS)}, of a data set of LeRobot or robomimic; got "
+                f"{shown(action)}",
+                argument="action",
+            )
         try:
-            columns, places = _find(table, task, joints, lerobot)
+            columns, places = _find(table, task, joints)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         arguments = _arguments(table, columns, places)
@@ -221,6 +242,11 @@ class Recording:
             where = table.where(error.at) if isinstance(error.at, int) else str(path)
             raise InputError(f"{where}: {error}", at=error.at) from None
         freeze(made, source=table, places=places)
+        if isinstance(table, DataSet):
+            assert places is not None and made.joints is not None
+            require_positions(table, joints or table.labels(str(table.joints)), places, task)
+            further, unchanged = further_joints(table, task, made.joints, places, action)
+            freeze(made, further=further, unchanged=unchanged)
         return made
 
     def __len__(self) -> int:
@@ -351,17 +377,21 @@ def _times(given: ArrayLike, size: int) -> Array:
 
 
 def _find(
-    table: Table, task: Task, given: Sequence[str] | None, lerobot: Sequence[str] | None
+    table: Table, task: Task, given: Sequence[str] | None
 ) -> tuple[dict[str, list[str]], tuple[int, ...] | None]:
     """Find by name the columns of a table that become arguments of :class:`Recording`.
 
     The first result is a dict from argument (joints, poses, times, sessions) to the names of its
     columns; arguments that the table lacks are left out. The second result is the index of each
     joint in a column that holds an array of all joints; None if each joint has a column. ``given``
-    are the names of the numbers in the array, ``lerobot`` those of its ``meta/info.json``.
-    InputError is raised if there are neither joints nor poses, or only some of the joints.
+    are the names of the numbers in the array; by default, those of LeRobot count. InputError is
+    raised if there are neither joints nor poses, or only some of the joints.
     """
     widths = table.widths
+    if isinstance(table, DataSet):
+        name, at = joints_of(table, task, given)
+        named = {"joints": [name], "sessions": [table.sessions]}
+        return named | ({} if table.times is None else {"times": [table.times]}), at
     found = {
         argument: [next(name for name in names if name in widths)]
         for argument, names in _NAMES.items()
@@ -379,10 +409,11 @@ def _find(
         raise InputError(f"there is no column {missing[0]!r}", remedy="add it")
     elif "joints" in found:
         name = found["joints"][0]
-        if given is None and lerobot is not None and len(lerobot) == widths[name]:
-            _require_known(name, lerobot, task)
+        lerobot = _lerobot_names(table.file) if given is None else None
+        if lerobot is not None and len(lerobot) == widths[name]:
+            require_known(name, lerobot, task)
             given = lerobot
-        places = _places(name, widths[name], task, given)
+        places = places_of(name, widths[name], task, given)
     elif given is not None:
         arrays = ", ".join(JOINTS)
         raise InputError(f"requires an array of joints: {arrays}", argument="joints")
@@ -407,66 +438,15 @@ def _lerobot_names(file: Path) -> list[str] | None:
     That file is searched for in the folder of the Parquet file, and in the two folders above.
     Return None if there is no such file, or it has no names.
     """
+    if file.suffix.lower() != ".parquet":
+        return None
     for folder in file.resolve().parents[:3]:
-        info = folder / "meta" / "info.json"
-        if not info.is_file():
-            continue
-        try:
-            features = json.loads(read_whole(info, _LARGEST_INFO))["features"]
-            names = next(features[name]["names"] for name in JOINTS if name in features)
-        except (ValueError, KeyError, TypeError, StopIteration):  # of another program
-            return None
-        if isinstance(names, dict) and len(names) == 1:  # {"motors": […]}
-            names = next(iter(names.values()))
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            return None
-        return names
+        if (folder / "meta" / "info.json").is_file():
+            info = read_info(folder)
+            return next(
+                (labels_of(info, name) for name in JOINTS if name in info["features"]), None
+            )
     return None
-
-
-def _require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
-    """Raise InputError if none of LeRobot's names of an array's numbers is a joint of the task.
-
-    Even if their count fits, the numbers could then belong to another arm.
-    """
-    own = task.joint_names
-    if not set(own) & {_stem(text, own) for text in lerobot}:
-        raise InputError(
-            f"none of the {len(lerobot)} names of {name!r} in meta/info.json is a joint of the "
-            f"task: got {', '.join(lerobot)}, but the task has {', '.join(own)}",
-            remedy=f"name all {len(lerobot)} numbers in order by joints= (--joints), "
-            "the task's joints by their own names",
-        )
-
-
-def _stem(name: str, own: Sequence[str]) -> str:
-    """Return a joint's name without LeRobot's suffix, unless the robot's joint has that suffix."""
-    return name if name in own else name.removesuffix(".pos")
-
-
-def _places(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
-    """Find the indices of the task's joints in the rows of an array, each of ``width`` numbers.
-
-    ``given`` are the names of the numbers. Without names, the array must have one number per joint.
-    """
-    own = task.joint_names
-    if given is None and width == task.n:
-        return tuple(range(width))
-    if given is None:
-        raise InputError(
-            f"{name!r} has {width} numbers per row, but the task has {task.n} joints",
-            remedy=f"name all {width} in order by joints=, among them {', '.join(own)}",
-        )
-    names = [text.strip() for text in given]
-    if len(names) != width:
-        what = f"must be {width} names, one per number of {name!r}; got {len(names)}"
-        raise InputError(what, argument="joints")
-    stems = [_stem(text, own) for text in names]
-    for joint in own:
-        if stems.count(joint) != 1:
-            times = "twice" if joint in stems else "not"
-            raise InputError(f"{joint} is {times} among {', '.join(names)}", argument="joints")
-    return tuple(map(stems.index, own))
 
 
 def _arguments(

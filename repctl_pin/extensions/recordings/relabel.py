@@ -7,7 +7,7 @@ joints. The level c selects the leaf, and so the position of the elbow along the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...base import progress as reporting
 from ...base.arguments import Array, file_name, flag_or_function, read_only, require_type, vector
 from ...base.errors import InputError
-from ...base.files import write_whole
 from ...base.fit_options import FitOptions, fit_options
 from ...base.tables import write_table
 from ..cells.cell_design import CellDesign
@@ -26,6 +25,7 @@ from ..cells.function import InverseFunction
 from ..cells.targets import homogeneous
 from .ambiguity import Ambiguity, ambiguity
 from .choose_cell import design_for
+from .data_sets.data_set import DataSet
 from .recording import Recording, in_blocks, thinned
 from .relabeled_columns import Columns, plain_columns, relabeled_columns
 
@@ -86,6 +86,8 @@ class Relabeled:
     ambiguity : Ambiguity
         Misfit of a smooth function of the pose at the relabelled frames: that of the recorded
         configurations, if any, and that of the new configurations.
+    further : dict of str to (K, n) array
+        New configurations of further columns of a data set, such as its actions, by name.
 
     Examples
     --------
@@ -102,6 +104,7 @@ class Relabeled:
     joints: Array
     gaps: tuple[_Gap, ...]
     ambiguity: Ambiguity
+    further: dict[str, Array] = field(default_factory=dict)
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -183,6 +186,9 @@ class Relabeled:
     def save(self, file: str | Path) -> Path:
         """Write the recording with the new configurations, as .csv, .npz or .parquet.
 
+        A data set is written as it was read, with its statistics. It is written whole or not at
+        all, and replaces nothing.
+
         If the recording was read from a file, its other columns are kept, except ``removed`` and
         ``recomputed``. In the same format, their values and types, and the metadata, are unchanged.
         New joints are rounded to the type of their column. Configurations of frames that could not
@@ -191,12 +197,28 @@ class Relabeled:
         Raises
         ------
         InputError
-            If the suffix is not supported, or the file cannot be written.
+            If the suffix is not supported, the file cannot be written, or frames of a data set have
+            no new configurations.
         """
         path, source = file_name(file), self.recording.source
-        if source is None or source.file.suffix.lower() != path.suffix.lower():
-            return write_table(path, plain_columns(self.recording, self.joints))
-        return write_whole(path, source.rewritten(self._columns.new, self.removed))
+        if source is None or not source.same_format(path):
+            return write_table(path, plain_columns(self.recording, self.joints, self.further))
+        if isinstance(source, DataSet):
+            self._require_all(source)
+        return source.save(path, self._columns.new, self.removed)
+
+    def _require_all(self, source: DataSet) -> None:
+        """Raise InputError if a frame of a data set has no new configuration."""
+        columns = {str(source.joints): self.joints} | self.further
+        for name, Q in columns.items():
+            missing = np.isnan(Q).any(axis=1)
+            if missing.any():
+                raise InputError(
+                    f"{int(missing.sum()):,} of {len(Q):,} frames of {name!r} have no new joints, "
+                    f"the first is {source.where(int(np.argmax(missing)))}: a data set is written "
+                    "whole",
+                    remedy="use the function of a larger cell, or another leaf",
+                )
 
     @property
     def written(self) -> tuple[str, ...]:
@@ -220,7 +242,7 @@ class Relabeled:
     def _columns(self) -> Columns:
         if self.recording.source is None:
             return Columns({})
-        return relabeled_columns(self.recording, self.joints)
+        return relabeled_columns(self.recording, self.joints, self.further)
 
     def _moved(self) -> str:
         task = self.recording.task
@@ -329,17 +351,18 @@ def relabel(
     if leaf is not None:
         leaf = vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
     with reporting.reporter(progress) as report:
+        every = _with_further(recording)
         if design is None:
             options = replace(options, held_out=options.held_out or _HELD_OUT)
-            design = design_for(recording, options, report)
+            design = design_for(every, options, report)
         else:
             _require_same_task(recording, design)
         report("the leaf", 0.7)
         F = InverseFunction(design.function.chart)
         recorded = _leaves(F, recording)
-        c = _nearest_leaf(F, recording, recorded) if leaf is None else leaf
+        c = _nearest_leaf(F, every, recorded) if leaf is None else leaf
         report("the frames", 0.8)
-        Q = _labels(F, recording, c)
+        Q, *others = np.split(_labels(F, every, c), 1 + len(recording.further))
         if np.isnan(Q[:, 0]).all():
             raise InputError(
                 f"no frame has a configuration in the cell, {design.cell.size()} around "
@@ -347,7 +370,8 @@ def relabel(
                 remedy="use another cell or leaf",
             )
         report("the ambiguity", 0.9)
-        return _result(recording, design, c, recorded, Q)
+        further = dict(zip(recording.further, others, strict=True))
+        return replace(_result(recording, design, c, recorded, Q), further=further)
 
 
 def _require_same_task(recording: Recording, design: CellDesign) -> None:
@@ -357,6 +381,18 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
             f"the recording is for {recording.task!r}, the cell for {design.task!r}",
             remedy="use a cell of the recording's task",
         )
+
+
+def _with_further(recording: Recording) -> Recording:
+    """Append the further joints of a data set to the frames of a recording, without times.
+
+    So the cell contains their poses, too, and the level loses none of them.
+    """
+    if not recording.further:
+        return recording
+    Q = np.concatenate([recording.joints, *(A for _, A in recording.further.values())])
+    sessions = np.tile(recording.session, 1 + len(recording.further))
+    return Recording(recording.task, joints=Q, sessions=sessions)
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:

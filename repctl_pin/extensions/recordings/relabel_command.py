@@ -14,22 +14,27 @@ from ...cli.given import Options, integer, natural, numbers_of
 from ...cli.options import KINDS, Parser
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted
+from .data_sets.data_set import is_data_set, require_new
 
 HELP = "give recorded poses or joints one configuration per pose, and report the difference"
 EXAMPLE = """examples:
   repctl relabel demos.csv panda
   repctl relabel demos.npz my_arm.urdf --frame tool0 --leaf 0.2
   repctl relabel demos.parquet cell.json --out relabelled
+  repctl relabel lerobot_folder panda
+  repctl relabel demos.hdf5 panda --action hand
 
 FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the
-base, and optionally time and session. The command writes the same file with new
-joints, cell.json (the function), and relabel.png."""
+base, and optionally time and session. Or it is a data set: the folder of a
+LeRobot data set (2.1 or 3.0), or an HDF5 file of robomimic. The command writes
+the same file with new joints, cell.json (the function), and relabel.png."""
 
 
 def add_options(parser: Parser) -> None:
     """Add the options of ``repctl relabel`` to its parser."""
     add = parser.add_argument
-    add("file", metavar="FILE", help="recording: .csv, .npz, or .parquet (with pyarrow)")
+    formats = ".csv, .npz, .parquet (with pyarrow), .hdf5 (with h5py), or LeRobot's folder"
+    add("file", metavar="FILE", help=f"recording: {formats}")
     parser.what(
         "the robot (catalogue name or URDF), or a saved cell (.json) whose function is used; for a "
         "robot, the cell that holds the frames is found"
@@ -40,7 +45,13 @@ def add_options(parser: Parser) -> None:
         "--joints",
         metavar="NAMES",
         help="names of the numbers of the file's array of joints, separated by commas, if it has "
-        "those of another arm or a gripper, too",
+        "those of another arm or a gripper, too; for HDF5, the name of that array",
+    )
+    add(
+        "--action",
+        choices=("joints", "hand"),
+        help="what the actions of a data set are: joint positions, which get the new joints, or "
+        "commands of the hand, which are kept (default: as the data set says)",
     )
     parser.set_defaults(start=None)
     add(
@@ -62,8 +73,12 @@ def run(options: Options) -> int:
     Returns the exit code.
     """
     file = Path(options.file)
-    folder = options.output_folder(file.stem)
-    if file.resolve() == (folder / file.name).resolve():
+    if file.is_dir():
+        file = file.resolve()  # a name for "."
+    folder = options.output_folder(file.name if file.is_dir() else file.stem)
+    if is_data_set(file):
+        require_new(file, folder / file.name)
+    elif file.resolve() == (folder / file.name).resolve():
         raise InputError(f"would replace {file}", argument="--out", remedy="choose another folder")
     say = progress(options.json)
     needed("matplotlib", by="repctl relabel")
@@ -79,8 +94,9 @@ def run(options: Options) -> int:
         what = "is not a list of numbers; separate them by commas"
         leaf = numbers_of(options.leaf, "--leaf", what)
     say("reading")
+    names = options.joints and options.joints.split(",")
     relabeled = rp.relabel(
-        rp.Recording.read(file, task, joints=options.joints and options.joints.split(",")),
+        rp.Recording.read(file, task, joints=names, action=options.action),
         design=design,
         leaf=leaf,
         options=rp.FitOptions(**options.of("held_out", "seed")),

@@ -7,6 +7,7 @@ joints and are removed. Columns of the gripper, of cameras and of times stay.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from ...base.arguments import Array
 from ...base.tables import Column, NewCells, Table, replaced
 from ..cells.targets import homogeneous
+from .data_sets.data_set import DataSet
 from .joint_log import words_of
 from .recording import JOINTS, POSES, POSITION, QUATERNION, Recording, forward
 
@@ -28,10 +30,14 @@ _OF_JOINTS = frozenset(
 
 _OF_HAND = frozenset(
     """
-    gripper finger fingers hand ee eef tcp tool cartesian twist image
+    gripper finger fingers hand ee eef tcp tool cartesian twist image environment object
     """.split()  # noqa: SIM905
 )
 """Words in the name of a column that does not depend on the joints of the arm."""
+
+
+_ROUNDED = 1e-6
+"""Rounding of the cosines and sines of a data set."""
 
 
 class Columns(NamedTuple):
@@ -61,10 +67,13 @@ class Columns(NamedTuple):
         )
 
 
-def relabeled_columns(recording: Recording, Q: Array) -> Columns:
+def relabeled_columns(
+    recording: Recording, Q: Array, further: Mapping[str, Array] = MappingProxyType({})
+) -> Columns:
     """Find the columns of a recording's file that change with new configurations Q (K, n).
 
-    Other columns are kept, unless they depend on the recorded joints. Where the cell's function has
+    ``further`` are the new configurations of further columns of joints, by name. Other columns are
+    kept, unless they depend on the recorded joints. Where the cell's function has
     no value and Q is NaN, the recorded pose is kept.
     """
     task, old, source = recording.task, recording.joints, recording.source
@@ -75,26 +84,37 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
         name: NewCells(q[:, None], (0,), every)
         for name, q in zip(task.joint_names, Q.T, strict=True)
     }
+    known = [] if old is None else [(recording.places, old, Q)]
+    known += [(*recording.further[name], made) for name, made in further.items()]
     poses = _pose_columns(recording, Q, source.widths)
     new = dict[str, NewCells]()
     removed, recomputed = list[str](), list[str]()
     for name in source.widths:
         if name in joints:
             new[name] = joints[name]
-        elif (at := _copy(source, name, recording)) is not None:
-            new[name] = NewCells(Q, at, every)
+        elif name in further:
+            new[name] = NewCells(further[name], recording.further[name][0], every)
+        elif name in recording.unchanged:
+            continue
+        elif isinstance(source, DataSet) and name in source.simulator:
+            removed.append(name)
+        elif (copied := _copy(source, name, known)) is not None:
+            new[name] = NewCells(*copied, every)
         elif name in poses and task.m < 6:
             values = poses[name]
             new[name] = NewCells(values, range(values.shape[1]), found)
             recomputed.append(name)
         elif old is not None and _of_old_joints(name, task.joint_names):
             removed.append(name)
-    if not (set(joints) <= set(new) or any(name in new for name in JOINTS)):
+    whole = (*JOINTS, *([str(source.joints)] if isinstance(source, DataSet) else []))
+    if not (set(joints) <= set(new) or any(name in new for name in whole)):
         new |= joints
     return Columns(new, tuple(removed), tuple(recomputed))
 
 
-def plain_columns(recording: Recording, Q: Array) -> dict[str, Column]:
+def plain_columns(
+    recording: Recording, Q: Array, further: Mapping[str, Array] = MappingProxyType({})
+) -> dict[str, Column]:
     """Make the columns of a recording with new configurations Q (K, n), for any output format.
 
     They are the new joints and the other columns of the file or, without a file, times, sessions
@@ -106,7 +126,7 @@ def plain_columns(recording: Recording, Q: Array) -> dict[str, Column]:
         X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
         poses = dict(zip(POSITION + QUATERNION, X.T, strict=True))
         return _beside(recording) | poses | dict(zip(recording.task.joint_names, Q.T, strict=True))
-    new, removed, _ = relabeled_columns(recording, Q)
+    new, removed, _ = relabeled_columns(recording, Q, further)
     made = {name: source.column(name) for name in source.widths if name not in removed}
     return made | {name: replaced(made.get(name), cells) for name, cells in new.items()}
 
@@ -118,21 +138,30 @@ def _ranges(at: Sequence[int]) -> str:
     return ", ".join(f"{one[0]}–{one[-1]}" if len(one) > 1 else str(one[0]) for one in parts)
 
 
-def _copy(source: Table, name: str, recording: Recording) -> Sequence[int] | None:
-    """Find the indices of the recorded joints in the rows of a file's array; None if not there.
+def _copy(
+    source: Table, name: str, known: Sequence[tuple[Sequence[int] | None, Array, Array]]
+) -> tuple[Array, Sequence[int]] | None:
+    """Find recorded joints in the rows of a file's array; return the new ones, and their indices.
 
-    The array may have further numbers, such as a gripper's, which are then kept.
+    ``known`` are the indices, if there are, the recorded and the new joints of each column of
+    joints. The array may have further numbers, such as a gripper's, which are then kept. In a data
+    set, it may also have the cosines or sines of the joints. None if it has none of these.
     """
-    old, width, n = recording.joints, source.widths[name], recording.task.n
-    if old is None or width < n or n == 1:
-        return None
-    values = source.numbers([name], finite=False)
-    starts: list[Sequence[int]] = [range(k, k + n) for k in range(width - n + 1)]
-    if recording.places is not None:
-        starts.insert(0, recording.places)
-    for at in starts:
-        if max(at) < width and np.array_equal(values[:, at], old):
-            return at
+    width = source.widths[name]
+    known = [one for one in known if 1 < one[1].shape[1] <= width]
+    values = source.numbers([name], finite=False) if known else np.empty((0, 0))
+    for places, old, new in known:
+        n = old.shape[1]
+        starts: list[Sequence[int]] = [range(k, k + n) for k in range(width - n + 1)]
+        if places is not None:
+            starts.insert(0, places)
+        for at in starts:
+            if max(at) < width and np.array_equal(values[:, at], old):
+                return new, at
+        if isinstance(source, DataSet) and width == n:
+            for function in (np.cos, np.sin):
+                if np.allclose(values, function(old), rtol=0.0, atol=_ROUNDED):
+                    return function(new), range(n)
     return None
 
 

@@ -1,0 +1,98 @@
+"""A data set of robot learning: many demonstrations, with joints, actions, and much else.
+
+Its demonstrations are read as one table with a row per frame. It is written whole or not at all,
+and a new data set never replaces one that exists.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from abc import abstractmethod
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from ....base.arguments import Array
+from ....base.errors import InputError
+from ....base.files import written_together
+from ....base.tables import NewCells, Table
+
+_ACTION = re.compile(r"(?<![a-z])actions?(?![a-z])")
+
+
+HDF5 = (".hdf5", ".h5")
+"""Suffixes of HDF5 files."""
+
+
+def is_data_set(path: Path) -> bool:
+    """Test whether a path is that of a data set: a folder, or an HDF5 file by its suffix."""
+    return path.is_dir() or path.suffix.lower() in HDF5
+
+
+class DataSet(Table):
+    """Demonstrations of a data set, as one table.
+
+    Attributes
+    ----------
+    joints : str or None
+        Name of the column of joints; None if it is unknown.
+    sessions : str
+        Name of the column with the number of each frame's demonstration.
+    times : str or None
+        Name of the column of times, s, from the start of each demonstration; None if there is none.
+    commands : str or None
+        What the actions command, as the data set says: ``hand`` or None.
+    simulator : tuple of str
+        Names of columns of a simulator's state, which depends on the recorded joints.
+    """
+
+    joints: str | None
+    sessions: str
+    times: str | None = None
+    commands: str | None = None
+    simulator: tuple[str, ...] = ()
+
+    def labels(self, name: str) -> list[str] | None:
+        """Return the names of the numbers in a column; None if the data set does not name them."""
+        return None
+
+    @property
+    @abstractmethod
+    def clock(self) -> Array:
+        """Time of each frame, s, with the demonstrations one after the other: (K,)."""
+
+    @abstractmethod
+    def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
+        """Write the data set to a path where nothing is."""
+
+    def actions(self) -> tuple[str, ...]:
+        """Return the names of the columns of actions."""
+        return tuple(name for name in self.widths if _ACTION.search(name))
+
+    def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
+        """Write the data set, see :meth:`Table.save`: beside the path, then renamed.
+
+        Raises
+        ------
+        InputError
+            If something is at the path, or it cannot be written.
+        """
+        require_new(self.file, path)
+        try:
+            with written_together(path.parent) as staged:
+                self.write(staged / path.name, new, removed)
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror or error}") from None
+        return path
+
+
+def require_new(source: Path, path: Path) -> None:
+    """Raise InputError if a data set cannot be written to a path: it exists, or lies in the source.
+
+    So no data set is replaced, and none is copied into itself.
+    """
+    if os.path.lexists(path):
+        raise InputError(f"{path} exists already, and is not replaced", remedy="choose another")
+    real = source.resolve()
+    if real.is_dir() and real in (path.resolve(), *path.resolve().parents):
+        raise InputError(f"{path} lies in the data set {source}", remedy="choose another folder")

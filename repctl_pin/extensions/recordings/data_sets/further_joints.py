@@ -1,0 +1,112 @@
+"""Columns of a data set that hold joints beside the recorded ones: actions, next observations.
+
+They get the joints of the same function and level, so that all columns agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ....base.arguments import Array
+from ....base.errors import InputError
+from ....model.task import Task
+from .data_set import DataSet
+from .joints import stem
+
+_AWAY = 0.5
+"""Distance in the median, rad or m, beyond which actions are not positions of the joints."""
+
+ACTIONS = ("joints", "hand")
+
+Joints = tuple[tuple[int, ...], Array]
+"""Indices of the task's joints in a row of a column, and these joints: (n,) and (K, n)."""
+
+
+def further_joints(
+    table: DataSet, task: Task, Q: Array, places: tuple[int, ...], action: str | None
+) -> tuple[dict[str, Joints], tuple[str, ...]]:
+    """Find the further columns of joints, and the columns of actions that do not depend on them.
+
+    Parameters
+    ----------
+    table, task
+        The data set, and the task.
+    Q, places : (K, n) array, tuple
+        The recorded joints, and the index of each in a row of their column.
+    action
+        What the actions are: ``joints``, ``hand``, or None if the data set says so itself.
+
+    Raises
+    ------
+    InputError
+        If it is not known what the actions are, or they are not positions near the recorded joints.
+    """
+    assert table.joints is not None
+    commands, actions = action or table.commands, table.actions()
+    tail = table.joints.rsplit("/", 1)[-1]
+    found: dict[str, Joints] = {}
+    for name, width in table.widths.items():
+        if name == table.joints or not width:
+            continue
+        if name.rsplit("/", 1)[-1] == tail and width > max(places):
+            found[name] = places, table.numbers([name])[:, places]
+        elif name in actions and commands != "hand":
+            at = _places(table, task, name, places, commands)
+            if at is None:
+                continue
+            found[name] = at, table.numbers([name])[:, at]
+            _require_near(table, task, name, found[name][1], Q)
+    return found, actions if commands == "hand" else ()
+
+
+def require_positions(
+    table: DataSet, labels: Sequence[str] | None, places: tuple[int, ...], task: Task
+) -> None:
+    """Raise InputError if an array of joints has further numbers that depend on the joints."""
+    for at, label in enumerate(labels or ()):
+        if at not in places and any(joint in label for joint in task.joint_names):
+            raise InputError(
+                f"{table.joints!r} has {label!r}, which belongs to the old joints",
+                remedy="leave these numbers out of the data set",
+            )
+
+
+def _places(
+    table: DataSet, task: Task, name: str, places: tuple[int, ...], commands: str | None
+) -> tuple[int, ...] | None:
+    """Find the indices of the joints in a row of actions; None for an array beside ``action``."""
+    own, labels = task.joint_names, table.labels(name)
+    stems = [stem(label, own) for label in labels or ()]
+    if len(stems) == table.widths[name] and all(stems.count(joint) == 1 for joint in own):
+        return tuple(map(stems.index, own))
+    same = labels is not None and labels == table.labels(str(table.joints))
+    if same or commands == "joints":
+        if table.widths[name] > max(places):
+            return places
+        raise InputError(
+            f"{table.file}: {name!r} has {table.widths[name]} numbers per row, but the joints are "
+            f"at {places[0]} to {places[-1]} in {table.joints!r}",
+            remedy="write the actions in the same order",
+        )
+    if name not in ("action", "actions"):
+        return None
+    what = f"are {', '.join(labels)}" if labels else "have no names"
+    raise InputError(
+        f"{table.file}: the numbers of {name!r} {what}, and may not be joints",
+        remedy="use action='joints' (--action joints) if they are joint positions in the order of "
+        "the joints, or 'hand' if they command the hand",
+    )
+
+
+def _require_near(table: DataSet, task: Task, name: str, A: Array, Q: Array) -> None:
+    """Raise InputError if actions (K, n) are no positions near the joints (K, n)."""
+    away = np.median(np.abs(A - Q), axis=0)
+    worst = int(np.argmax(away))
+    if away[worst] > _AWAY:
+        raise InputError(
+            f"{table.file}: {name!r} is {away[worst]:.2g} from {task.joint_names[worst]} in the "
+            "median, and not the position of that joint",
+            remedy="use action='hand' (--action hand) if the actions command the hand",
+        )

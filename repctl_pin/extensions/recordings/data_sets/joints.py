@@ -1,0 +1,103 @@
+"""Opening of a data set, and the joints of a task in one of its columns, found by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ....base.errors import InputError
+from ....model.task import Task
+from .data_set import DataSet
+from .lerobot import LeRobotData
+from .robomimic import RobomimicData
+
+
+def open_data_set(
+    path: Path, task: Task, joints: Sequence[str] | None = None
+) -> tuple[DataSet, Sequence[str] | None]:
+    """Open a data set; return it, and the names of the numbers in its array of joints.
+
+    A single name in ``joints`` is, for HDF5, that of the array.
+    """
+    if path.is_dir():
+        return LeRobotData(path), joints
+    if joints is not None and len(joints) == 1 < task.n:
+        return RobomimicData(path, task.n, joints[0]), None
+    return RobomimicData(path, task.n), joints
+
+
+def joints_of(
+    table: DataSet, task: Task, given: Sequence[str] | None = None
+) -> tuple[str, tuple[int, ...]]:
+    """Find the column of joints of a data set, and the index of each of the task's joints in a row.
+
+    ``given`` are the names of the numbers in that column. By default, LeRobot's names count, and
+    an array of robomimic has the joints in order.
+
+    Raises
+    ------
+    InputError
+        If there is no such column, or the names are missing or those of another arm.
+    """
+    name = table.joints
+    if name is None:
+        raise InputError(
+            f"there are {', '.join(table.widths)}, but no array of the {task.n} joints",
+            remedy="name the array by joints= (--joints)",
+        )
+    if given is None and isinstance(table, LeRobotData):
+        labels = table.labels(name)
+        if labels is None or len(labels) != table.widths[name]:
+            raise InputError(
+                f"meta/info.json does not name the {table.widths[name]} numbers of {name!r}",
+                remedy="name them in order by joints= (--joints), among them "
+                + ", ".join(task.joint_names),
+            )
+        require_known(name, labels, task)
+        given = labels
+    return name, places_of(name, table.widths[name], task, given)
+
+
+def require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
+    """Raise InputError if none of LeRobot's names of an array's numbers is a joint of the task.
+
+    Even if their count fits, the numbers could then belong to another arm.
+    """
+    own = task.joint_names
+    if not set(own) & {stem(text, own) for text in lerobot}:
+        raise InputError(
+            f"none of the {len(lerobot)} names of {name!r} in meta/info.json is a joint of the "
+            f"task: got {', '.join(lerobot)}, but the task has {', '.join(own)}",
+            remedy=f"name all {len(lerobot)} numbers in order by joints= (--joints), "
+            "the task's joints by their own names",
+        )
+
+
+def places_of(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
+    """Find the indices of the task's joints in the rows of an array, each of ``width`` numbers.
+
+    ``given`` are the names of the numbers. Without names, the array must have one number per joint.
+    """
+    own = task.joint_names
+    if given is None and width == task.n:
+        return tuple(range(width))
+    if given is None:
+        raise InputError(
+            f"{name!r} has {width} numbers per row, but the task has {task.n} joints",
+            remedy=f"name all {width} in order by joints=, among them {', '.join(own)}",
+        )
+    names = [text.strip() for text in given]
+    if len(names) != width:
+        what = f"must be {width} names, one per number of {name!r}; got {len(names)}"
+        raise InputError(what, argument="joints")
+    stems = [stem(text, own) for text in names]
+    for joint in own:
+        if stems.count(joint) != 1:
+            times = "twice" if joint in stems else "not"
+            raise InputError(f"{joint} is {times} among {', '.join(names)}", argument="joints")
+    return tuple(map(stems.index, own))
+
+
+def stem(name: str, own: Sequence[str]) -> str:
+    """Return a joint's name without LeRobot's suffix, unless the robot's joint has that suffix."""
+    return name if name in own else name.removesuffix(".pos")

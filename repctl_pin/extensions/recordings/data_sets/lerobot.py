@@ -1,0 +1,342 @@
+"""LeRobot's data sets: a folder with ``meta/info.json``, Parquet files, and videos.
+
+Version 2.1 has one Parquet file per demonstration (episode), version 3.0 many demonstrations in one
+file. Both keep statistics of each column, per demonstration or over all; those of a changed column
+are computed again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import stat
+from collections.abc import Callable, Collection, Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....base.arguments import Array
+from ....base.errors import InputError, needed
+from ....base.files import read_whole, write_whole
+from ....base.tables import FORMATS, Column, NewCells, arrow_numbers, arrow_replaced, arrow_width
+from ....base.tables import replaced as new_column
+from .data_set import DataSet
+
+_LARGEST = 1_000_000_000
+"""Maximum size of a file of descriptions or statistics, bytes."""
+
+_VERSIONS = ("v2.1", "v3.0")
+_STATE = "observation.state"
+_NUMBERS = ("float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "bool")
+_STATISTICS: dict[str, Callable[[Array], Array]] = {
+    "min": lambda X: X.min(axis=0),
+    "max": lambda X: X.max(axis=0),
+    "mean": lambda X: X.mean(axis=0),
+    "std": lambda X: X.std(axis=0),
+    "count": lambda X: np.array([len(X)]),
+}
+"""Statistics of a column's numbers (K, w); LeRobot also has quantiles, such as ``q01``."""
+
+_OF_STATISTICS = ("meta/stats.json", "meta/episodes_stats.jsonl")
+
+
+def read_info(folder: Path) -> dict[str, Any]:
+    """Read ``meta/info.json``, the description of a LeRobot data set.
+
+    Raises
+    ------
+    InputError
+        If it is missing or not a description of features.
+    """
+    file = folder / "meta" / "info.json"
+    if not file.is_file():
+        raise InputError(
+            f"{folder} is a folder without meta/info.json",
+            remedy="give a file, or the folder of a LeRobot data set",
+        )
+    try:
+        info = json.loads(read_whole(file, _LARGEST))
+    except ValueError as error:
+        raise InputError(f"{file} is not JSON: {error}") from None
+    features = info.get("features") if isinstance(info, dict) else None
+    if not isinstance(features, dict) or not all(isinstance(f, dict) for f in features.values()):
+        raise InputError(f"{file} has no 'features'", remedy="write them with LeRobot")
+    return info
+
+
+def labels_of(info: Mapping[str, Any], name: str) -> list[str] | None:
+    """Return the names of the numbers in a column, of ``meta/info.json``; None if it has none."""
+    names = info["features"].get(name, {}).get("names")
+    if isinstance(names, dict) and len(names) == 1:  # {"motors": […]}
+        names = next(iter(names.values()))
+    if not isinstance(names, list) or not all(isinstance(one, str) for one in names):
+        return None
+    return names
+
+
+class LeRobotData(DataSet):
+    """A LeRobot data set of version 2.1 or 3.0."""
+
+    sessions = "episode_index"
+    times = "timestamp"
+
+    def __init__(self, folder: Path) -> None:
+        needed("pyarrow", by="a LeRobot data set")
+        self.file = folder
+        self._info = info = read_info(folder)
+        version = info.get("codebase_version")
+        if version not in _VERSIONS:
+            raise InputError(
+                f"{folder}: codebase_version {version!r} of LeRobot is not known",
+                remedy=f"convert the data set with LeRobot to {' or '.join(_VERSIONS)}",
+            )
+        features = info["features"]
+        self.widths = {name: _width_of(f) for name, f in features.items() if _in_tables(f)}
+        self.joints = _STATE if _STATE in self.widths else None
+        for name in (self.sessions, self.times):
+            if name not in self.widths:
+                raise InputError(f"{folder}: meta/info.json has no feature {name!r}")
+        self._files = sorted(folder.glob("data/*/*.parquet"))
+        self._ends = np.cumsum([0, *(_opened(file).metadata.num_rows for file in self._files)])
+        found = {"total_frames": int(self._ends[-1])}
+        if found["total_frames"]:
+            found["total_episodes"] = len(np.unique(self.column(self.sessions)))
+        for key, count in found.items():
+            if not count or info.get(key) != count:
+                raise InputError(
+                    f"{folder}: the files in data have {count} {key.removeprefix('total_')}, but "
+                    f"{key} in meta/info.json is {info.get(key)}",
+                    remedy="download the whole data set",
+                )
+
+    def same_format(self, path: Path) -> bool:
+        """Test whether a path is not that of a file of another format: then it is a folder."""
+        return path.suffix.lower() not in FORMATS
+
+    def labels(self, name: str) -> list[str] | None:
+        """Return the names of the numbers in a column, of ``meta/info.json``."""
+        return labels_of(self._info, name)
+
+    @property
+    def clock(self) -> Array:
+        """Time of each frame, s, with the demonstrations one after the other: (K,)."""
+        fps = self._info.get("fps")
+        if isinstance(fps, bool) or not isinstance(fps, (int, float)) or not fps > 0:
+            raise InputError(f"{self.file}: 'fps' in meta/info.json is {fps!r}, not a rate in Hz")
+        return np.arange(int(self._ends[-1])) / fps
+
+    def column(self, name: str) -> Column:
+        """Return a column of all files, one after the other."""
+        parts = []
+        for file in self._files:
+            table = _opened(file)
+            if name not in table.schema_arrow.names:
+                raise InputError(f"{file} has no column {name!r}, but meta/info.json has it")
+            column = table.read(columns=[name])[name]
+            width = self.widths[name]
+            if width and arrow_width(column) != width:
+                raise InputError(f"{file}: {name!r} has not {width} numbers in each row")
+            parts.append(arrow_numbers(column, width))
+        return np.concatenate(parts)
+
+    def where(self, row: int) -> str:
+        """Name a row, counted from 0: its file, and its row there."""
+        at = int(np.searchsorted(self._ends, row, side="right")) - 1
+        return f"{self._files[at]}, row {row - int(self._ends[at])}"
+
+    def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
+        """Write the data set: copy the other files, then data, statistics and description."""
+        rewritten = {file.relative_to(self.file).as_posix() for file in self._files}
+        self._require_known_statistics()
+        _copy(self.file, path, rewritten)
+
+        # the data, file by file, with the same groups of rows
+        for file, (start, end) in zip(self._files, pairwise(self._ends), strict=True):
+            rows = slice(int(start), int(end))
+            _rewrite(file, path / file.relative_to(self.file), _part(new, rows), removed)
+
+        # the statistics of the changed columns, from the numbers as they are stored
+        columns = {name: new_column(self.column(name), cells) for name, cells in new.items()}
+        wide = {name: np.asarray(x, float).reshape(len(x), -1) for name, x in columns.items()}
+        episodes = np.asarray(self.column(self.sessions)).ravel()
+        of_all, of_each = (path / name for name in _OF_STATISTICS)
+        if of_all.is_file():
+            stats = _json(of_all)
+            write_whole(of_all, json.dumps(_updated(stats, wide, removed, of_all), indent=4))
+        if of_each.is_file():
+            write_whole(of_each, _lines(of_each, wide, episodes, removed))
+        for file in sorted(path.glob("meta/episodes/*/*.parquet")):
+            _update_episodes(file, wide, episodes, removed)
+
+        # the description of what is left
+        if removed:
+            features = {k: v for k, v in self._info["features"].items() if k not in removed}
+            text = json.dumps(self._info | {"features": features}, indent=4, ensure_ascii=False)
+            write_whole(path / "meta" / "info.json", text)
+
+    def _require_known_statistics(self) -> None:
+        """Raise InputError for a file of other statistics than LeRobot's: it would become false."""
+        for file in sorted([*self.file.glob("*stats*"), *self.file.glob("meta/*stats*")]):
+            name = file.relative_to(self.file).as_posix()
+            if name not in _OF_STATISTICS:
+                raise InputError(
+                    f"{file} may have statistics of the old joints",
+                    remedy="move it away, and compute it again for the new data set",
+                )
+
+
+def _in_tables(feature: Mapping[str, Any]) -> bool:
+    return feature.get("dtype") != "video"
+
+
+def _width_of(feature: Mapping[str, Any]) -> int:
+    """Count the numbers per row of a feature; 0 for text, images, and matrices."""
+    shape = feature.get("shape")
+    if feature.get("dtype") not in _NUMBERS or not isinstance(shape, (list, tuple)):
+        return 0
+    return int(shape[0]) if len(shape) == 1 and isinstance(shape[0], int) else 0
+
+
+def _opened(file: Path) -> Any:
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        return pyarrow.parquet.ParquetFile(file)
+    except (pyarrow.ArrowException, OSError) as error:
+        raise InputError(f"cannot read {file}: {error}") from None
+
+
+def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
+    """Take some rows of new cells."""
+    return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
+
+
+def _rewrite(
+    file: Path, target: Path, new: Mapping[str, NewCells], removed: Collection[str]
+) -> None:
+    """Write a Parquet file again, with new cells, in the same groups of rows and compression."""
+    import pyarrow.parquet
+
+    source, tables, start = _opened(file), [], 0
+    for i in range(source.num_row_groups):
+        group = source.read_row_group(i)
+        rows = slice(start, start + len(group))
+        tables.append(arrow_replaced(group, _part(new, rows), removed))
+        start = rows.stop
+    packed = source.metadata.row_group(0).column(0).compression.lower()
+    packed = "none" if packed == "uncompressed" else packed
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with pyarrow.parquet.ParquetWriter(target, tables[0].schema, compression=packed) as writer:
+        for table in tables:
+            writer.write_table(table, row_group_size=max(len(table), 1))
+
+
+def _copy(source: Path, target: Path, without: Collection[str]) -> None:
+    """Copy a folder, but not the files ``without``; a link is copied as the file behind it."""
+    for folder, names, files in os.walk(source):
+        at = Path(folder).relative_to(source)
+        (target / at).mkdir(parents=True, exist_ok=True)
+        for name in names:
+            if (Path(folder) / name).is_symlink():
+                raise InputError(f"{Path(folder) / name} is a link to a folder; copy that folder")
+        for name in files:
+            if (at / name).as_posix() in without:
+                continue
+            file = Path(folder) / name
+            if not stat.S_ISREG(os.stat(file).st_mode):
+                raise InputError(f"{file} is not a regular file; remove it from the data set")
+            shutil.copy2(file, target / at / name)
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        made = json.loads(read_whole(file, _LARGEST))
+    except ValueError as error:
+        raise InputError(f"{file} is not JSON: {error}") from None
+    if not isinstance(made, dict):
+        raise InputError(f"{file} has no statistics by name of the feature")
+    return made
+
+
+def _updated(
+    stats: dict[str, Any], columns: Mapping[str, Array], removed: Collection[str], file: Path
+) -> dict[str, Any]:
+    """Compute the statistics of changed columns (K, w) again; the others stay as they are."""
+    made = {name: value for name, value in stats.items() if name not in removed}
+    for name, X in columns.items():
+        if isinstance(made.get(name), dict):
+            made[name] = {key: _statistic(key, X, file).tolist() for key in made[name]}
+    return made
+
+
+def _statistic(key: str, X: Array, file: Path) -> Array:
+    """Compute a statistic of numbers (K, w) by its name in LeRobot, such as ``std`` or ``q01``."""
+    if key in _STATISTICS:
+        return np.asarray(_STATISTICS[key](X))
+    if key[0] == "q" and key[1:].isdecimal() and len(key) == 3:
+        return np.quantile(X, int(key[1:]) / 100, axis=0)
+    raise InputError(
+        f"{file}: the statistic {key!r} is not known, and would be that of the old joints",
+        remedy="remove it from the data set",
+    )
+
+
+def _lines(
+    file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
+) -> str:
+    """Write the statistics of each demonstration again, one line of JSON for each."""
+
+    def line(text: str) -> str:
+        try:
+            one = json.loads(text)
+            rows = episodes == one["episode_index"]
+            stats = dict(one["stats"])
+        except (ValueError, TypeError, KeyError) as error:
+            raise InputError(f"{file}: a line has no statistics of an episode: {error}") from None
+        part = {name: X[rows] for name, X in columns.items()}
+        _require_rows(rows, one["episode_index"], file)
+        return json.dumps(one | {"stats": _updated(stats, part, removed, file)}, ensure_ascii=False)
+
+    return "".join(f"{line(text)}\n" for text in _filled(read_whole(file, _LARGEST)))
+
+
+def _filled(text: str) -> Iterator[str]:
+    return (line for line in text.split("\n") if line.strip())
+
+
+def _require_rows(rows: Column, episode: object, file: Path) -> None:
+    if not rows.any():
+        raise InputError(f"{file}: episode {episode} has no frames in data")
+
+
+def _update_episodes(
+    file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
+) -> None:
+    """Write the table of demonstrations again, in which a column has one of their statistics."""
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(file)
+    numbers = table["episode_index"].to_pylist()
+    for at, name in enumerate(table.column_names):
+        parts = name.split("/")
+        if len(parts) != 3 or parts[0] != "stats" or parts[1] not in columns:
+            continue
+        rows = []
+        for number in numbers:
+            of_one = episodes == number
+            _require_rows(of_one, number, file)
+            rows.append(_statistic(parts[2], columns[parts[1]][of_one], file).tolist())
+        field = table.schema.field(at)
+        table = table.set_column(at, field, pyarrow.array(rows, field.type))
+    gone = [
+        name
+        for name in table.column_names
+        if name.split("/")[:2] in [["stats", r] for r in removed]
+    ]
+    table = arrow_replaced(table, {}, gone)
+    pyarrow.parquet.write_table(table, file)
