@@ -21,6 +21,7 @@ from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.nullspace import nullspace
+from ..regions.region import Region
 
 _INSIDE = 1e-4
 """Distance of the result from a joint limit, rad or m; curved ways between iterations need it."""
@@ -49,6 +50,7 @@ class _OnLeaves(Protocol):
 
     task: Task
     potentials: Potentials
+    region: Region | None
 
     def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
         """Compute the next q (n,) towards a target; the level c is held."""
@@ -148,7 +150,7 @@ def leaf_toward(
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
-    least = min(_LEAST, _margin(inverse, q))
+    least, most = min(_LEAST, _margin(inverse, q)), max(1.0, _ratio(inverse, q))
     unique, before = True, q
     for k in range(_ITERATIONS):
         away = elbow.point(q) - point
@@ -164,7 +166,7 @@ def leaf_toward(
         z, unique = _newton_step(A, H, A.T @ away, N, q, lower, upper)
         if np.abs(N @ z).max() <= _SHORTEST:
             break
-        found = _accepted(inverse, elbow, q, N @ z, point, (lower, upper), least)
+        found = _accepted(inverse, elbow, q, N @ z, point, (lower, upper), least, most)
         if found is None:
             break
         before, q = q, found
@@ -246,12 +248,13 @@ def _accepted(
     point: Array,
     limits: tuple[Array, Array],
     least: float,
+    most: float,
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
-    The result is within the limits, less :data:`_INSIDE`, with at least the leaf margin ``least``:
-    the way is halved until it is so. From beyond the limits, the joints move back, and the elbow
-    may go away from the point.
+    The result is within the limits, less :data:`_INSIDE`, with at least the leaf margin ``least``
+    and at most the ratio ``most`` of Ω: the way is halved until it is so. From beyond the limits,
+    the joints move back, and the elbow may go away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
@@ -264,8 +267,8 @@ def _accepted(
             there = _limit_distance(ahead, *limits)
             nearer = small or np.linalg.norm(elbow.point(ahead) - point) < before
             back = distance < -_INSIDE and there > distance
-            keeps = there >= min(-_INSIDE, distance) and _margin(inverse, ahead) >= least
-            if keeps and (nearer or back):
+            keeps = there >= min(-_INSIDE, distance) and _ratio(inverse, ahead) <= most
+            if keeps and _margin(inverse, ahead) >= least and (nearer or back):
                 return ahead
         except SingularityError:
             pass
@@ -309,3 +312,8 @@ def _margin(inverse: _OnLeaves, q: Array) -> float:
     """Evaluate the leaf margin at q."""
     N = nullspace(inverse.task.jacobian(q))
     return float(leaf_margin(N, inverse.potentials.gradient(q)))
+
+
+def _ratio(inverse: _OnLeaves, q: Array) -> float:
+    """Evaluate the scaled distance of q from the middle of Ω, 1 at its edge; 0 without Ω."""
+    return 0.0 if inverse.region is None else float(inverse.region.ratio(q[None])[0])
