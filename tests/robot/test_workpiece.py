@@ -13,9 +13,12 @@ import page_file
 import pinocchio as pin
 import pytest
 from arms import planar_urdf
+from cell_functions import f_in_numpy, on_a_workpiece
 from commands import main, refused, told
+from controls import NEEDS_C
 
 import repctl_pin as rp
+from repctl_pin.extensions.integrations.servo import Servo
 
 WELD = Path(__file__).parents[2] / "examples" / "weld_cell.urdf"
 TURNTABLE = (
@@ -268,3 +271,34 @@ def test_the_largest_sector_on_a_workpiece_is_refused_at_once(
     task = rp.Robot.load(WELD).task("torch", "axis", on="workpiece")
     with pytest.raises(rp.InputError, match="give the size of a box"):
         rp.best_cell(task, orientation="down")
+
+
+@NEEDS_C
+def test_a_cell_on_a_workpiece_in_c_on_the_move_and_in_the_node() -> None:
+    """57.6: F of C and of NumPy, motions through poses, and the ROS 2 node's states."""
+    F = on_a_workpiece()
+    slow, rng, limits = f_in_numpy(F), np.random.default_rng(5), rp.Limits(acceleration=4.0)
+    U = 0.8 * F.cell.sample(8, 3)
+    poses = [F.cell.at(u) for u in U]
+    for x, leaf in zip(poses, 0.03 * rng.normal(size=(8, 2)), strict=False):
+        assert np.abs(F(x, leaf=leaf) - slow(x, leaf=leaf)).max() < 1e-10
+        assert np.abs(F.task.error(F(x), x)).max() < 1e-12
+    moved = rp.motion_between(F, poses[:4], limits, blend=0.02)
+    X = np.array([F.task.placement(q).homogeneous for q in moved.q[::29]])
+    assert np.abs(F.batch(X) - moved.q[::29]).max() < 1e-11
+    assert np.ptp(moved.q[:, :2], axis=0).min() > 0.01  # turn and tilt take part
+    design = rp.CellDesign.__new__(rp.CellDesign)
+    object.__setattr__(design, "function", F)
+    servo, q, now = Servo(design, 100.0, limits), F(poses[0]), 0.0
+    assert servo.base == "workpiece"
+    for k in range(300):
+        now += 0.01
+        servo.joints(dict(zip(F.task.joint_names, q, strict=True)), now)
+        if k == 20:
+            turn = pin.Quaternion(poses[1].rotation).coeffs()
+            servo.pose(poses[1].translation, turn, frame="workpiece")
+        sent = servo.tick(now)
+        q = q if sent is None else sent
+    assert servo.said == "running" and np.abs(q - F(poses[1])).max() < 1e-9
+    servo.pose(poses[1].translation, (0, 0, 0, 1), frame="floor")
+    assert "it is in frame 'floor', not in 'workpiece'" in servo.said
