@@ -421,7 +421,7 @@ def test_an_elbow_a_level_and_an_operators_elbow(
     F = found[0].function
     home, told_elbows = F.cell.placement, []
     stage.subscribe(DiagnosticArray, "/diagnostics", lambda m: told_elbows.append(elbow_of(m)))
-    stage.node(*LIMITS, "timeout:=1.0")
+    stage.node(*LIMITS, "timeout:=2.0")
     point = F.inverse.elbow(F(home)) + [0.0, 0.1, 0.03]
     stage.elbow(point, frame="panda_link0")
     stage.wait_for_motion()
