@@ -20,6 +20,7 @@ from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
+from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..regions.region import Region
 
@@ -28,6 +29,9 @@ _INSIDE = 1e-4
 
 _LEAST = 0.05
 """Minimum leaf margin of the result, or that of the start if it is lower."""
+
+_REGULAR = 0.01
+"""Minimum inverse condition number of J at the result, or that of the start if it is lower."""
 
 _FLAT = 0.01
 """Curvature, as a share of that toward a point on the elbow's way, below which nothing is moved."""
@@ -82,6 +86,37 @@ class ElbowLevel:
     q: Array
     distance: float
     unique: bool
+
+
+@dataclass(frozen=True)
+class _Regular:
+    """How far the search stays from singularities and from the edge of Ω.
+
+    From a start that is nearer to them than the usual bounds, it comes no nearer.
+    """
+
+    condition: float
+    margin: float
+    ratio: float
+
+    @classmethod
+    def at(cls, inverse: _OnLeaves, q: Array) -> _Regular:
+        """Return the bounds of a search from q (n,)."""
+        condition = inverse_condition_number(inverse.task.jacobian(q))
+        return cls(
+            min(_REGULAR, float(condition)),
+            min(_LEAST, _margin(inverse, q)),
+            max(1.0, _ratio(inverse, q)),
+        )
+
+    def holds(self, inverse: _OnLeaves, q: Array) -> bool:
+        """Test whether q (n,) is within the bounds."""
+        condition = inverse_condition_number(inverse.task.jacobian(q))
+        return bool(
+            condition >= self.condition
+            and _ratio(inverse, q) <= self.ratio
+            and _margin(inverse, q) >= self.margin
+        )
 
 
 class Elbow:
@@ -150,7 +185,7 @@ def leaf_toward(
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
-    least, most = min(_LEAST, _margin(inverse, q)), max(1.0, _ratio(inverse, q))
+    regular = _Regular.at(inverse, q)
     unique, before = True, q
     for k in range(_ITERATIONS):
         away = elbow.point(q) - point
@@ -166,7 +201,7 @@ def leaf_toward(
         z, unique = _newton_step(A, H, A.T @ away, N, q, lower, upper)
         if np.abs(N @ z).max() <= _SHORTEST:
             break
-        found = _accepted(inverse, elbow, q, N @ z, point, (lower, upper), least, most)
+        found = _accepted(inverse, elbow, q, N @ z, point, (lower, upper), regular)
         if found is None:
             break
         before, q = q, found
@@ -247,14 +282,13 @@ def _accepted(
     way: Array,
     point: Array,
     limits: tuple[Array, Array],
-    least: float,
-    most: float,
+    regular: _Regular,
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
-    The result is within the limits, less :data:`_INSIDE`, with at least the leaf margin ``least``
-    and at most the ratio ``most`` of Ω: the way is halved until it is so. From beyond the limits,
-    the joints move back, and the elbow may go away from the point.
+    The result is within the limits, less :data:`_INSIDE`, and ``regular``: the way is halved until
+    it is so. From beyond the limits, the joints move back, and the elbow may go away from the
+    point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
@@ -267,8 +301,8 @@ def _accepted(
             there = _limit_distance(ahead, *limits)
             nearer = small or np.linalg.norm(elbow.point(ahead) - point) < before
             back = distance < -_INSIDE and there > distance
-            keeps = there >= min(-_INSIDE, distance) and _ratio(inverse, ahead) <= most
-            if keeps and _margin(inverse, ahead) >= least and (nearer or back):
+            keeps = there >= min(-_INSIDE, distance) and regular.holds(inverse, ahead)
+            if keeps and (nearer or back):
                 return ahead
         except SingularityError:
             pass
