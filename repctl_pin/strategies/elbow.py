@@ -22,7 +22,6 @@ from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
-from ..regions.region import Region
 
 _INSIDE = 1e-4
 """Distance of the result from a joint limit, rad or m; curved ways between iterations need it."""
@@ -49,12 +48,22 @@ _NEWTON, _EXACT = 8, 1e-8
 of the order of its square."""
 
 
+class _Bounded(Protocol):
+    """The part of a region Ω that the search needs."""
+
+    def ratio(self, Q: Array) -> Array:
+        """Compute the scaled distances (K,) from the middle of Ω, 1 at its edge."""
+
+
 class _OnLeaves(Protocol):
     """The part of a repeatable inverse that the search needs."""
 
     task: Task
     potentials: Potentials
-    region: Region | None
+
+    @property
+    def region(self) -> _Bounded | None:
+        """Region Ω, at whose edge the search stops; None without one."""
 
     def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
         """Compute the next q (n,) towards a target; the level c is held."""
