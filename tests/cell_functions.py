@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,17 @@ def function_of(name: str) -> rp.InverseFunction:
     kind, rotation = CELLS[name]
     cell = cell_of(kind, rotation)
     return rp.InverseFunction(chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement)))
+
+
+@cache
+def on_a_workpiece() -> rp.InverseFunction:
+    """A welding torch on the workpiece that a two-axis positioner moves: n = 8, r = 2."""
+    weld = Path(__file__).parents[1] / "examples" / "weld_cell.urdf"
+    task = rp.Robot.load(weld).task("torch", "pose", on="workpiece")
+    ready = [0.0, 0.0, 0.0, 0.5, -0.9, 0.0, 1.2, 0.0]
+    place = pin.SE3(pin.utils.rotate("y", np.pi), np.array([0.05, 0.0, 0.05]))
+    cell = rp.Cell(task, place, 0.05, 0.1)
+    return rp.InverseFunction(chart_of(cell, rp.solve_ik(task, ready, place), degree=2))
 
 
 def f_in_numpy(function: rp.InverseFunction) -> rp.InverseFunction:

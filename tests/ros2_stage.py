@@ -17,10 +17,11 @@ import pinocchio as pin
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -55,6 +56,11 @@ class Stage:
         newest = QoSProfile(depth=1)
         self._poses = node.create_publisher(PoseStamped, "target_pose", newest)
         self._hands = node.create_publisher(PoseStamped, "hand_pose", newest)
+        self._elbows = {
+            topic: node.create_publisher(PointStamped, topic, newest)
+            for topic in ("hand_elbow", "repctl/elbow")
+        }
+        self._levels = node.create_publisher(Float64MultiArray, "repctl/leaf", newest)
         self._twists = node.create_publisher(TwistStamped, "target_twist", newest)
         self._clocks = node.create_publisher(Clock, "/clock", newest)
         every = QoSProfile(depth=1000)
@@ -113,6 +119,17 @@ class Stage:
     def hand(self, x: pin.SE3) -> None:
         """Send a pose of the operator's hand."""
         self._hands.publish(self._stamped(x, "tracker", 0.0))
+
+    def elbow(self, point: np.ndarray, topic: str = "repctl/elbow", frame: str = "") -> None:
+        """Send a point for the elbow of the arm, or that of the operator."""
+        message = PointStamped()
+        message.header.frame_id = frame
+        message.point.x, message.point.y, message.point.z = map(float, point)
+        self._elbows[topic].publish(message)
+
+    def level(self, *c: float) -> None:
+        """Send a level."""
+        self._levels.publish(Float64MultiArray(data=list(c)))
 
     def _stamped(self, x: pin.SE3, frame: str, age: float) -> PoseStamped:
         message = PoseStamped()

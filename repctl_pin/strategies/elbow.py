@@ -20,6 +20,7 @@ from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
+from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 
 _INSIDE = 1e-4
@@ -27,6 +28,9 @@ _INSIDE = 1e-4
 
 _LEAST = 0.05
 """Minimum leaf margin of the result, or that of the start if it is lower."""
+
+_REGULAR = 0.01
+"""Minimum inverse condition number of J at the result, or that of the start if it is lower."""
 
 _FLAT = 0.01
 """Curvature, as a share of that toward a point on the elbow's way, below which nothing is moved."""
@@ -44,11 +48,22 @@ _NEWTON, _EXACT = 8, 1e-8
 of the order of its square."""
 
 
+class _Bounded(Protocol):
+    """The part of a region Ω that the search needs."""
+
+    def ratio(self, Q: Array) -> Array:
+        """Compute the scaled distances (K,) from the middle of Ω, 1 at its edge."""
+
+
 class _OnLeaves(Protocol):
     """The part of a repeatable inverse that the search needs."""
 
     task: Task
     potentials: Potentials
+
+    @property
+    def region(self) -> _Bounded | None:
+        """Region Ω, at whose edge the search stops; None without one."""
 
     def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
         """Compute the next q (n,) towards a target; the level c is held."""
@@ -80,6 +95,37 @@ class ElbowLevel:
     q: Array
     distance: float
     unique: bool
+
+
+@dataclass(frozen=True)
+class _Regular:
+    """How far the search stays from singularities and from the edge of Ω.
+
+    From a start that is nearer to them than the usual bounds, it comes no nearer.
+    """
+
+    condition: float
+    margin: float
+    ratio: float
+
+    @classmethod
+    def at(cls, inverse: _OnLeaves, q: Array) -> _Regular:
+        """Return the bounds of a search from q (n,)."""
+        condition = inverse_condition_number(inverse.task.jacobian(q))
+        return cls(
+            min(_REGULAR, float(condition)),
+            min(_LEAST, _margin(inverse, q)),
+            max(1.0, _ratio(inverse, q)),
+        )
+
+    def holds(self, inverse: _OnLeaves, q: Array) -> bool:
+        """Test whether q (n,) is within the bounds."""
+        condition = inverse_condition_number(inverse.task.jacobian(q))
+        return bool(
+            condition >= self.condition
+            and _ratio(inverse, q) <= self.ratio
+            and _margin(inverse, q) >= self.margin
+        )
 
 
 class Elbow:
@@ -148,7 +194,7 @@ def leaf_toward(
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
-    least = min(_LEAST, _margin(inverse, q))
+    regular = _Regular.at(inverse, q)
     unique, before = True, q
     for k in range(_ITERATIONS):
         away = elbow.point(q) - point
@@ -164,7 +210,7 @@ def leaf_toward(
         z, unique = _newton_step(A, H, A.T @ away, N, q, lower, upper)
         if np.abs(N @ z).max() <= _SHORTEST:
             break
-        found = _accepted(inverse, elbow, q, N @ z, point, (lower, upper), least)
+        found = _accepted(inverse, elbow, q, N @ z, point, (lower, upper), regular)
         if found is None:
             break
         before, q = q, found
@@ -245,13 +291,13 @@ def _accepted(
     way: Array,
     point: Array,
     limits: tuple[Array, Array],
-    least: float,
+    regular: _Regular,
 ) -> Array | None:
     """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
 
-    The result is within the limits, less :data:`_INSIDE`, with at least the leaf margin ``least``:
-    the way is halved until it is so. From beyond the limits, the joints move back, and the elbow
-    may go away from the point.
+    The result is within the limits, less :data:`_INSIDE`, and ``regular``: the way is halved until
+    it is so. From beyond the limits, the joints move back, and the elbow may go away from the
+    point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
@@ -264,7 +310,7 @@ def _accepted(
             there = _limit_distance(ahead, *limits)
             nearer = small or np.linalg.norm(elbow.point(ahead) - point) < before
             back = distance < -_INSIDE and there > distance
-            keeps = there >= min(-_INSIDE, distance) and _margin(inverse, ahead) >= least
+            keeps = there >= min(-_INSIDE, distance) and regular.holds(inverse, ahead)
             if keeps and (nearer or back):
                 return ahead
         except SingularityError:
@@ -309,3 +355,8 @@ def _margin(inverse: _OnLeaves, q: Array) -> float:
     """Evaluate the leaf margin at q."""
     N = nullspace(inverse.task.jacobian(q))
     return float(leaf_margin(N, inverse.potentials.gradient(q)))
+
+
+def _ratio(inverse: _OnLeaves, q: Array) -> float:
+    """Evaluate the scaled distance of q from the middle of Ω, 1 at its edge; 0 without Ω."""
+    return 0.0 if inverse.region is None else float(inverse.region.ratio(q[None])[0])

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA
-from cell_functions import CELLS, cell_of, chart_of, f_in_numpy, function_of
+from cell_functions import CELLS, cell_of, chart_of, f_in_numpy, function_of, on_a_workpiece
 from controls import NEEDS_C, in_numpy, own_cache, some  # noqa: F401
 from test_codegen import AGREE, disagreement
 from test_codegen_builds import BUILDS, STRICT, needed, run
@@ -28,11 +28,14 @@ def test_an_optimising_compiler_has_no_warning(name: str, tmp_path: Path) -> Non
     run(["gcc", "-std=c99", "-O2", *STRICT, "-c", "arm.c"], tmp_path)
 
 
-@pytest.mark.parametrize("name", some(CELLS, "poses", "positions"))
+@pytest.mark.parametrize(
+    "name",
+    [*some(CELLS, "poses", "positions"), pytest.param("on a workpiece", marks=pytest.mark.slow)],
+)
 def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     """Built strictly, check.c compares F in and beyond the cell, and all that any control has."""
     needed("gcc")
-    function = function_of(name)
+    function = on_a_workpiece() if name == "on a workpiece" else function_of(name)
     rp.export_c(function, tmp_path, "arm")
     vectors = (tmp_path / "test_vectors.h").read_text().partition("arm_function_vectors[")[2]
     assert vectors.count("ARM_OK") >= 12 and vectors.count("ARM_OUTSIDE") >= 2

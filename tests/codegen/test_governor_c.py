@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA
-from cell_functions import function_of
+from cell_functions import function_of, on_a_workpiece
 from controls import NEEDS_C, control, own_cache  # noqa: F401
 from test_codegen_builds import needed, run
 from two_armed import Q0 as Q_TWO
@@ -53,6 +53,12 @@ def cell() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
     return function.inverse, function(function.cell.placement), 10.0, 4000.0
 
 
+def workpiece() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
+    """57.6: a cell on a workpiece that its own joints move."""
+    function = on_a_workpiece()
+    return function.inverse, function(function.cell.placement), 4.0, 400.0
+
+
 def both_hands() -> tuple[rp.RepeatableInverse, np.ndarray, float, float]:
     """The left hand, and the right one relative to it."""
     with tempfile.TemporaryDirectory() as folder:
@@ -71,6 +77,7 @@ SLOW = pytest.mark.slow
 CASES = [
     pytest.param(both_hands, 600, id="both hands"),
     pytest.param(planar, 300, id="planar"),
+    pytest.param(workpiece, 300, id="workpiece", marks=SLOW),
     pytest.param(lambda: panda("axis"), 600, id="axis", marks=SLOW),
     pytest.param(lambda: panda("pose"), 1500, id="pose", marks=SLOW),
     pytest.param(lambda: panda("position"), 1500, id="position", marks=SLOW),
@@ -138,6 +145,7 @@ def test_it_commands_the_joints_that_the_library_does(
 
 LEVELS = [
     pytest.param(planar, id="planar"),
+    pytest.param(workpiece, id="workpiece", marks=SLOW),
     pytest.param(both_hands, id="both hands"),
     pytest.param(lambda: panda("axis"), id="axis", marks=SLOW),
     pytest.param(lambda: panda("position"), id="position", marks=SLOW),

@@ -412,3 +412,49 @@ def test_a_hand_a_tool_and_a_wall(
     stage.wait_for("wall are near each other ahead")
     task = rp.Bodies(F.task, surroundings=wall)
     assert 0.02 <= task.nearest(stage.settle()).distance < 0.03
+
+
+def test_an_elbow_a_level_and_an_operators_elbow(
+    found: tuple[rp.CellDesign, Path], stage: Stage
+) -> None:
+    """57.1: hand and elbow of two tracker's points, a point of the base, and a level."""
+    F = found[0].function
+    home, told_elbows = F.cell.placement, []
+    stage.subscribe(DiagnosticArray, "/diagnostics", lambda m: told_elbows.append(elbow_of(m)))
+    stage.node(*LIMITS, "timeout:=2.0")
+    point = F.inverse.elbow(F(home)) + [0.0, 0.1, 0.03]
+    stage.elbow(point, frame="panda_link0")
+    stage.wait_for_motion()
+    level = F.leaf_toward(home, elbow=point, margin=0.02)
+    assert np.abs(stage.settle() - level.q).max() < 1e-6  # the hand rests
+    time.sleep(0.2)
+    assert f"{level.distance:.3g} m from its point" in told_elbows[-1]
+    stage.elbow(point, frame="camera")
+    stage.wait_for("elbow refused: it is in frame 'camera', not in 'panda_link0'")
+    stage.level(0.1, 0.2)
+    stage.wait_for("level refused: leaf must be 1 finite numbers")
+    stage.level(0.2)
+    stage.wait_for_motion()
+    assert np.abs(stage.settle() - F(home, leaf=[0.2])).max() < 1e-6
+    stage.clutch(True)
+    hand = pin.SE3(np.eye(3), np.array([7.0, 8.0, 9.0]))
+    begin = F.inverse.elbow(stage.commands[-1][1])
+    for k in range(200):
+        way = 0.001 * min(max(k - 50, 0), 100)  # at rest until both are engaged
+        hand.translation[1] = 8.0 + 0.5 * way
+        stage.hand(hand)
+        stage.elbow(np.array([7.0, 8.0 + way, 9.5]), "hand_elbow", "tracker")
+        time.sleep(1 / RATE)
+    x = pin.SE3(home.rotation, home.translation + [0.0, 0.05, 0.0])
+    level = F.leaf_toward(x, elbow=begin + [0.0, 0.1, 0.0], margin=0.02)
+    for _ in range(100):
+        stage.hand(hand)
+        time.sleep(1 / RATE)
+    Q = np.array([q for _, q in stage.commands])
+    assert np.abs(Q[-1] - level.q).max() < 1e-6
+    assert used(Q, F.task) <= 1 + 1e-6
+
+
+def elbow_of(message: DiagnosticArray) -> str:
+    """Elbow in a message of the diagnostics."""
+    return {one.key: one.value for one in message.status[0].values}["elbow"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -407,6 +408,140 @@ def test_a_leaf_is_reached_with_the_next_target(bench: Bench) -> None:
     shares = (np.array(way) - way[0]) / 0.05
     levels = np.array([(inverse.leaf(q) - inverse.leaf(Q0))[0] for q in bench.sent]) / 0.2
     np.testing.assert_allclose(levels, shares, atol=1e-7)  # at the same time
+
+
+def test_a_level_by_message_moves_the_elbow_while_the_hand_rests(bench: Bench) -> None:
+    """57.1: at once and within the limits; a stop drops it, and no later target brings it back."""
+    inverse, place = design().inverse, bench.task.placement(Q0)
+    wanted = inverse.leaf(Q0) + 0.2
+    bench.servo.level(wanted)
+    bench.run(3.0)
+    assert np.abs(inverse.leaf(bench.q) - wanted).max() < 1e-9 and bench.servo.said == "running"
+    assert max(np.abs(bench.task.error(q, place)).max() for q in bench.sent) < 1e-9
+    bench.servo.level(inverse.leaf(Q0))
+    bench.run(0.1)
+    for bad, said in (([0.1, 0.2], "1 finite"), ([np.nan], "1 finite"), ([], "1 finite")):
+        bench.servo.level(bad)
+        assert bench.servo.reason.startswith("level refused: leaf must be ")
+        assert said in bench.servo.reason
+    bench.run(1.0)
+    rest = inverse.leaf(bench.q)
+    assert bench.servo.at_rest and np.abs(rest - inverse.leaf(Q0)).max() > 0.02
+    bench.at(0.05, 0.0)
+    bench.run(2.0)
+    assert np.abs(inverse.leaf(bench.q) - rest).max() < 1e-9
+    bench.servo.hold()
+    bench.servo.level(wanted)
+    held = bench.run(1.0)
+    bench.servo.resume()
+    assert (bench.run(1.0) == held).all() and bench.used() <= 1 + 1e-6
+
+
+def seek(bench: Bench, ticks: int = 600) -> None:
+    """Tick until the arm rests at the level of the elbow; a search takes real time."""
+    for _ in range(ticks):
+        bench.run(5 / RATE)
+        if bench.servo.at_rest and not bench.servo._elbow.searching:
+            return
+        time.sleep(1e-3)
+
+
+def test_hand_and_elbow_back_bring_the_joints_back(bench: Bench) -> None:
+    """57.1: points of the base; the elbow is at the nearest place, also beyond Ω's edge."""
+    inverse, rng, ends = design().inverse, np.random.default_rng(4), []
+    begin = inverse.elbow(Q0)
+    for x, y, point in [
+        (0.0, 0.0, begin),
+        (0.08, 0.03, begin + [0.05, 0.02, 0]),
+        (-0.05, 0.06, begin + [-9.0, 0.3, 0]),
+        *((*rng.uniform(-0.05, 0.05, 2), begin + rng.normal(size=3) * 0.2) for _ in range(3)),
+        (0.0, 0.0, begin),
+    ]:
+        bench.at(x, y)
+        bench.servo.elbow(point)
+        seek(bench)
+        assert bench.servo.said == "running" and bench.servo.status.name == "OK"
+        goal = bench.task.placement(Q0)
+        goal.translation += [x, y, 0]
+        assert np.abs(bench.task.error(bench.q, goal)).max() < 1e-9
+        found = inverse.leaf_toward(inverse.solve(goal, Q0), elbow=point, margin=0.02)
+        assert np.abs(bench.q - found.q).max() < 1e-6
+        assert bench.servo.elbow_said == f"{found.distance:.3g} m from its point"
+        ends.append(bench.q)
+    assert np.ptp([inverse.leaf(q)[0] for q in ends]) > 0.1
+    assert np.abs(ends[-1] - ends[0]).max() < 1e-9 and bench.used() <= 1 + 1e-6
+    assert max(design().region.ratio(q[None])[0] for q in ends) <= 1
+
+
+@pytest.mark.parametrize(
+    ("point", "more", "said"),
+    [
+        ((np.nan, 0, 0), {}, "elbow refused: its numbers must be finite"),
+        ((0.1, 0, 0), {"frame": "camera"}, "elbow refused: it is in frame 'camera'"),
+        ((0.1, 0, 0), {"age": 5.0}, "elbow refused: its stamp is 5 s before"),
+    ],
+)
+def test_a_bad_elbow_stops_the_arm(bench: Bench, point: tuple, more: dict, said: str) -> None:
+    bench.at(0.2, 0.0)
+    bench.run(0.15)
+    bench.servo.elbow(point, **more)
+    assert said in bench.servo.reason
+    rest = bench.run(1.0)
+    assert bench.servo.at_rest and bench.used() <= 1 + 1e-6
+    bench.servo.elbow(design().inverse.elbow(rest))
+    seek(bench)
+    assert bench.servo.reason == ""
+
+
+def test_an_elbow_where_no_level_is_found_keeps_the_level(bench: Bench) -> None:
+    inverse = design().inverse
+    bench.at(5.0, 0.0)
+    bench.servo.elbow(inverse.elbow(Q0) + [0, 0.1, 0])
+    for _ in range(300):
+        bench.run(1 / RATE)
+        time.sleep(1e-3)
+        if bench.servo.elbow_said:
+            break
+    assert bench.servo.elbow_said.startswith("no level found: ")
+    assert "the level is kept: none was found for the elbow: " in bench.servo.said
+    bench.run(2.0)
+    assert np.abs(inverse.leaf(bench.q) - inverse.leaf(Q0)).max() < 1e-9
+
+
+def test_the_clutch_takes_the_operators_elbow(bench: Bench) -> None:
+    """57.2: either message may come first; the first point is the arm's own elbow."""
+    servo, hand, still = bench.servo, np.array([5.0, -3.0, 1.0]), (0, 0, 0, 1)
+    elbow, inverse = np.array([4.8, -3.3, 1.0]), design().inverse
+    servo.hand_elbow(elbow)
+    assert (bench.run(0.3) == Q0).all()  # not coupled
+    servo.couple(True)
+    servo.hand_elbow(elbow)  # before the hand: it waits for the next one
+    servo.hand(hand, still, bench.now)
+    for _ in range(20):
+        servo.hand(hand, still, bench.now)
+        servo.hand_elbow(elbow)
+        bench.run(1 / RATE)
+        time.sleep(2e-3)
+    assert np.abs(bench.q - Q0).max() < 1e-6
+    for k in range(200):
+        servo.hand(hand + [0.0005 * min(k, 100), 0, 0], still, bench.now)
+        servo.hand_elbow(elbow + [0, 0.0008 * min(k, 100), 0])
+        bench.run(2 / RATE)
+        time.sleep(2e-3)
+    goal = bench.task.placement(Q0)
+    goal.translation[0] += 0.05
+    found = inverse.leaf_toward(
+        inverse.solve(goal, Q0), elbow=inverse.elbow(Q0) + [0, 0.08, 0], margin=0.02
+    )
+    assert np.abs(bench.q - found.q).max() < 1e-6 and bench.used() <= 1 + 1e-6
+    servo.hand_elbow([np.nan, 0, 0])
+    assert servo.reason == "elbow refused: its numbers must be finite; the level is kept"
+    for k in range(100):
+        servo.hand(hand + [0.05 - 0.0005 * k, 0, 0], still, bench.now)
+        servo.hand_elbow(elbow)
+        bench.run(2 / RATE)
+    moved = bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    assert abs(moved[0]) < 0.01 and np.abs(inverse.leaf(bench.q) - found.leaf).max() < 1e-6
 
 
 def test_a_leaf_out_of_reach_stops_the_arm_before_it(bench: Bench) -> None:

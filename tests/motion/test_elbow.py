@@ -129,6 +129,23 @@ def test_the_elbow_of_an_arm_whose_reference_is_singular() -> None:
     assert found.unique and np.abs(found.q - other).max() < 1e-7
 
 
+@pytest.mark.parametrize("bend", [-0.8, -0.34, 0.2, 0.53])
+def test_the_search_ends_before_a_singularity_of_the_arm(bend: float) -> None:
+    """57.3: a folded arm on the way; results were 4e-7 from it, at a leaf margin of 1."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    folded = np.array([0.1, 0.0, np.pi])
+    place = task.placement(folded)
+    q0 = rp.solve_ik(task, [0.1, bend, np.pi], place)
+    inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
+    found = inverse.leaf_toward(q0, elbow=inverse.elbow(folded))
+    values = np.linalg.svd(task.jacobian(found.q))[1]
+    assert values[-1] / values[0] >= 0.01
+    assert np.abs(task.error(found.q, place)).max() < 1e-12
+    assert np.abs(inverse.solve(place, q0, leaf=found.leaf) - found.q).max() < 1e-9
+    before = np.linalg.norm(inverse.elbow(q0) - inverse.elbow(folded))
+    assert found.distance <= before
+
+
 @NEEDS_C
 def test_the_joints_come_back_whenever_hand_and_elbow_do() -> None:
     """Closed paths in (x, p_e) by a governor; the elbow is at the nearest place at rest."""

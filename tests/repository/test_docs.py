@@ -172,7 +172,7 @@ def test_the_python_of_a_page_runs(
 ) -> None:
     """With fewer nodes, which change no claim. What is compiled by jax runs in the slow test."""
     monkeypatch.chdir(tmp_path)
-    for robot in ("my_arm", "weld_cell"):
+    for robot in ("my_arm", "weld_cell", "rail_cell", "turntable_cell"):
         shutil.copy(ROOT / "examples" / f"{robot}.urdf", tmp_path)
     names: dict = {}
     for block in python_of(page):

@@ -48,7 +48,7 @@ def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, two_degrees: None
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for robot in ("my_arm", "weld_cell"):
+    for robot in ("my_arm", "weld_cell", "rail_cell", "turntable_cell"):
         shutil.copy(ROOT / "examples" / f"{robot}.urdf", tmp_path)
     Path("workcell.urdf").write_text(SHELF, encoding="utf-8")
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")

@@ -13,7 +13,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PointStamped, PoseStamped, TwistStamped
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -72,7 +72,8 @@ _NO_DIGITS = str.maketrans("", "", "0123456789.")
 class _ArmNode(Node):
     """Node ``repctl``: connects the topics, services and parameters of ROS 2 to a :class:`Servo`.
 
-    Subscribes to ``target_pose``, ``target_twist`` and ``joint_states``; publishes
+    Subscribes to ``target_pose``, ``target_twist``, ``hand_pose``, ``hand_elbow``, ``~/elbow``,
+    ``~/leaf`` and ``joint_states``; publishes
     ``joint_trajectory`` or, with the parameter ``output:=positions``, ``commands``, and
     ``/diagnostics``. Services: ``~/hold``, ``~/resume`` and, for a cell where moveit_msgs is
     installed, ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters
@@ -134,6 +135,9 @@ class _ArmNode(Node):
         self.create_subscription(PoseStamped, "target_pose", self._on_pose, newest)
         self.create_subscription(TwistStamped, "target_twist", self._on_twist, newest)
         self.create_subscription(PoseStamped, "hand_pose", self._on_hand, newest)
+        self.create_subscription(PointStamped, "hand_elbow", self._on_hand_elbow, newest)
+        self.create_subscription(PointStamped, "~/elbow", self._on_elbow, newest)
+        self.create_subscription(Float64MultiArray, "~/leaf", self._on_leaf, newest)
         states = qos_profile_sensor_data
         self.create_subscription(JointState, "joint_states", self._on_joints, states)
         self.create_service(Trigger, "~/hold", self._on_hold)
@@ -244,6 +248,17 @@ class _ArmNode(Node):
         age = self._age(message.header.stamp)
         self.servo.hand(*_numbers_of(message), self._now(), age=age)
 
+    def _on_hand_elbow(self, message: PointStamped) -> None:
+        p, age = message.point, self._age(message.header.stamp)
+        self.servo.hand_elbow((p.x, p.y, p.z), age=age)
+
+    def _on_elbow(self, message: PointStamped) -> None:
+        p, frame = message.point, message.header.frame_id
+        self.servo.elbow((p.x, p.y, p.z), frame=frame, age=self._age(message.header.stamp))
+
+    def _on_leaf(self, message: Float64MultiArray) -> None:
+        self.servo.level(message.data)
+
     def _on_joints(self, message: JointState) -> None:
         pairs = zip(message.name, message.position, strict=False)
         known = {self._names[name]: q for name, q in pairs if name in self._names}
@@ -294,6 +309,7 @@ class _ArmNode(Node):
         leaf = servo.current_leaf
         values = {"state": servo.state.value, "governor": servo.status.name}
         values["leaf"] = "" if leaf is None else " ".join(f"{c:.9g}" for c in leaf)
+        values["elbow"] = servo.elbow_said
         status = DiagnosticStatus(level=level, name="repctl: arm", message=said)
         status.hardware_id = servo.task.robot.name
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]

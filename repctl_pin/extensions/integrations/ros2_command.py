@@ -14,9 +14,9 @@ EXAMPLE = """examples:
   repctl ros2 control.json --ros-args -p acceleration:=5.0 -r target_pose:=/pose
   repctl ros2 my.json --robot my_arm.urdf --ros-args -p acceleration:=5.0
 
-Topics in: target_pose, target_twist, hand_pose, joint_states. Topics out: joint_trajectory or
-commands, /diagnostics. Services: ~/hold, ~/resume, ~/clutch. Ctrl-C brakes
-the arm to rest, then ends the node."""
+Topics in: target_pose, target_twist, hand_pose, hand_elbow, ~/elbow, ~/leaf, joint_states. Topics
+out: joint_trajectory or commands, /diagnostics. Services: ~/hold, ~/resume, ~/clutch. Ctrl-C
+brakes the arm to rest, then ends the node."""
 
 
 def add_options(parser: Parser) -> None:

@@ -6,7 +6,7 @@ keeps the arm; its level c is the position of the elbow along the self-motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from typing import Literal
 
@@ -16,17 +16,22 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import Array, positive, shown
 from ...base.certificate import beyond
-from ...base.errors import InputError, SingularityError
+from ...base.errors import InputError, RepctlError, SingularityError
 from ...design.design_result import Design
 from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement
 from ...model.several_frames import one_frame
 from ...model.tool import require_pose, rigid
 from ...motion.limits import Limits, joint_limits
+from ...strategies.elbow import ElbowLevel
 from ..cells.cell_design import CellDesign
 from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status
+from .elbow_search import ElbowSearch
 from .servo_inputs import SAME, JointReadings, SteadyTime, clock_difference, target_of
+
+_ROOM = 0.02
+"""Distance from the joint limits that the level for an elbow keeps, rad or m."""
 
 _REST = 4
 """Number of equal commands after which the arm counts as at rest."""
@@ -65,10 +70,10 @@ class Servo:
     """Generator of one joint command per tick, from target poses or twists and measured joints.
 
     The commands stay within the limits, and on one leaf, the set h(q) = c of the design's
-    potentials h, until :meth:`leaf` sets another level c. All times, passed as ``now``, are of one
-    clock, in s. While the clock steps back or stops, each tick counts as one period, so time-outs
-    still end. An invalid target or twist raises no error, but stops the arm, and :attr:`reason`
-    describes why.
+    potentials h, until :meth:`leaf`, :meth:`level` or :meth:`elbow` gives another level c. All
+    times, passed as ``now``, are of one clock, in s. While the clock steps back or stops, each tick
+    counts as one period, so time-outs still end. An invalid target or twist raises no error, but
+    stops the arm, and :attr:`reason` describes why.
 
     Parameters
     ----------
@@ -114,6 +119,7 @@ class Servo:
         self.cell = design.function.cell if isinstance(design, CellDesign) else None
         inverse = design.function.inverse if isinstance(design, CellDesign) else design.inverse
         self._inverse = inverse
+        self._elbow = ElbowSearch(_levels_of(design))
         self.task = one_frame(inverse.task, "the ROS 2 node")
         self.tool = None if tool is None else rigid(tool)
         if tool is not None:
@@ -140,6 +146,9 @@ class Servo:
         self._readings = JointReadings(self.task.joint_names)
         self._commands: list[Array] = []
         self._leaf: Array | None = None
+        self._asked: Array | None = None
+        self._hand: pin.SE3 | None = None
+        self._joined = False
         self._held = ""
         self._fault = False
         self._target: pin.SE3 | None = None
@@ -170,7 +179,7 @@ class Servo:
         if self._usable("target", frame, age):
             try:
                 target = target_of(position, quaternion, self.task, self.cell, self.tool)
-                self._forget()
+                self._replace()
                 self._target = target
             except InputError as error:
                 self._refuse(f"target refused: {error}")
@@ -186,7 +195,7 @@ class Servo:
             if not np.isfinite(twist).all():
                 self._refuse("twist refused: its numbers must be finite")
                 return
-            self._forget()
+            self._replace()
             self._twist = np.array(twist, float)
             self._heard = self._time.at(now)
 
@@ -224,7 +233,52 @@ class Servo:
         target = self._clutch.target(hand)
         if target is not None and self.tool is not None:
             target = target * self.tool.inverse()
-        self._target, self._heard = target, self._time.at(now)
+        self._target, self._heard, self._hand = target, self._time.at(now), hand
+
+    def hand_elbow(self, point: Sequence[float], *, age: float = 0.0) -> None:
+        """Set the operator's elbow (3,), in the tracker's frame, m; the arm's elbow moves with it.
+
+        It is used while the clutch is engaged. A point that is not finite releases the elbow alone,
+        and the level is kept, until the clutch is engaged again.
+        """
+        if not self._clutch.engaged or not self._usable("elbow", "", age):
+            return
+        if not self._joined and self._hand is not None and self._target is not None:
+            place = self._target * (self.tool or _NO_TOOL)
+            own = self._inverse.elbow(self._governor.q)
+            self._clutch.engage(self._hand, place, elbow=point, elbow_at=own)
+            self._joined = True
+        moved = self._clutch.elbow(point)
+        if moved is None:
+            self._elbow.drop()
+            self.reason = "elbow refused: its numbers must be finite; the level is kept"
+        else:
+            self._elbow.point = moved
+
+    def elbow(self, point: Sequence[float], *, frame: str = "", age: float = 0.0) -> None:
+        """Set the point (3,) for the arm's elbow, in the base frame, m.
+
+        The arm moves to the level whose elbow is nearest, also while its frame rests. ``age`` is
+        the message's age, s. An invalid point stops the arm.
+        """
+        if self._usable("elbow", frame, age):
+            if not np.isfinite(point).all():
+                self._refuse("elbow refused: its numbers must be finite")
+                return
+            self._elbow.point = np.array(point, float)
+
+    def level(self, leaf: ArrayLike) -> None:
+        """Move to the level c (r,), also while the frame rests; until the arm is stopped.
+
+        An invalid level stops the arm.
+        """
+        if self._usable("level", "", 0.0):
+            c = np.atleast_1d(np.asarray(leaf, float))
+            if refused := self._refused(c):
+                self._refuse(f"level refused: {refused}")
+                return
+            self._elbow.drop()
+            self._asked = c
 
     def leaf(self, leaf: ArrayLike) -> str:
         """Set the level c (r,) to which the arm moves while it follows its targets.
@@ -234,10 +288,17 @@ class Servo:
         the level is refused, else an empty text.
         """
         c = np.atleast_1d(np.asarray(leaf, float))
-        if c.shape != (self.task.r,) or not np.isfinite(c).all():
-            return f"leaf must be {self.task.r} finite numbers"
-        self._leaf = c
+        if refused := self._refused(c):
+            return refused
+        self._leaf, self._asked = c, None
+        self._elbow.drop()
         return ""
+
+    def _refused(self, c: Array) -> str:
+        """Describe why an array is no level; empty if it is one."""
+        if c.shape == (self.task.r,) and np.isfinite(c).all():
+            return ""
+        return f"leaf must be {self.task.r} finite numbers"
 
     def hold(self) -> None:
         """Stop within the limits, and stay at rest until :meth:`resume`."""
@@ -288,7 +349,18 @@ class Servo:
             self._refuse(f"the last twist is more than {self.timeout:g} s old")
         if self._clutch.engaged and now - self._heard > self.timeout:
             self._refuse(f"the last hand pose is more than {self.timeout:g} s old")
+        self._follow_elbow()
         return self._command()
+
+    def _follow_elbow(self) -> None:
+        """Take the level of the last search for the elbow, and begin the next search."""
+        place = self._placement() if self._target is None else self._target
+        try:
+            found = self._elbow.update(place)
+        except RepctlError as error:
+            self.reason = f"the level is kept: none was found for the elbow: {error}"
+        else:
+            self._asked = self._asked if found is None else found
 
     def brake(self) -> Array | None:
         """Compute the next command (n,) of a stop; None if the arm is at rest, or waits.
@@ -311,8 +383,13 @@ class Servo:
         Then a joint limit, a near body, a singularity or the edge of Ω, the region of the design,
         is ahead.
         """
-        asked = self._target is not None or self._twist is not None
+        asked = self._moving_asked() or self._asked is not None
         return self.state is State.RUNNING and asked and self.status in _AHEAD
+
+    @property
+    def elbow_said(self) -> str:
+        """Display text: the distance of the elbow from its point, m; empty without a point."""
+        return self._elbow.said
 
     @property
     def said(self) -> str:
@@ -362,7 +439,9 @@ class Servo:
         if twist is not None and self.tool is not None:
             arm = self._placement().rotation @ self.tool.translation
             twist = twist - np.r_[np.cross(twist[3:], arm), np.zeros(3)]
-        leaf = self._leaf if self._moving_asked() else None
+        leaf = self._asked
+        if leaf is None and self._moving_asked():
+            leaf = self._leaf
         q, self.status = self._governor.step(self._target, twist, leaf=leaf)
         self._commands = [*self._commands[1 - _REST :], q]
         return q
@@ -453,7 +532,27 @@ class Servo:
             self.state, self.reason = State.HOLDING, reason
 
     def _forget(self) -> None:
-        """Drop the target and the twist, and release the clutch, so that the arm stops."""
+        """Drop the target, the twist, the level and the elbow's point, so that the arm stops."""
+        self._replace()
+        self._asked = None
+        self._elbow.drop()
+
+    def _replace(self) -> None:
+        """Drop the target and the twist, and release the clutch; level and elbow stay."""
         self._target, self._twist, self._heard = None, None, 0.0
+        self._hand, self._joined = None, False
         self._coupled = False
         self._clutch.release()
+
+
+def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowLevel]:
+    """Return the function c*(x, p_e) of a design: the level whose elbow is nearest to a point.
+
+    The search begins at F(x) of a cell, or on the leaf of the middle of Ω. So the level is a
+    function of pose and point alone.
+    """
+    if isinstance(design, CellDesign):
+        F = design.function
+        return lambda x, point: F.leaf_toward(x, elbow=point, margin=_ROOM)
+    inverse, home = design.inverse, np.array(design.region.center)
+    return lambda x, point: inverse.leaf_toward(inverse.solve(x, home), elbow=point, margin=_ROOM)

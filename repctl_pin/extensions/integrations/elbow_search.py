@@ -1,0 +1,83 @@
+"""Search of the level for an operator's elbow, beside the ticks of a control loop.
+
+A search takes some 10 ms, longer than a tick may take. So it runs in a thread of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+import pinocchio as pin
+
+from ...base.arguments import Array
+from ...base.errors import RepctlError
+from ...strategies.elbow import ElbowLevel
+
+_SAME = 1e-9
+"""Change of pose and point, m, below which the last level is kept."""
+
+
+class ElbowSearch:
+    """Searches the level c*(x, p_e) for the newest pose x and point p_e, one search at a time.
+
+    Parameters
+    ----------
+    level
+        Function (x, p_e) → level; it may raise an error of this package.
+
+    Attributes
+    ----------
+    point : (3,) array or None
+        Point p_e for the elbow, base frame, m; None while there is none.
+    said : str
+        Display text: the distance of the last level's elbow from its point, or the reason why no
+        level was found; empty before the first search has ended.
+    """
+
+    def __init__(self, level: Callable[[pin.SE3, Array], ElbowLevel]) -> None:
+        self._level = level
+        self._pool = ThreadPoolExecutor(1, "elbow")
+        self.drop()
+
+    def drop(self) -> None:
+        """Drop the point; the result of a search that is on its way is not used."""
+        self.point: Array | None = None
+        self.said = ""
+        self._running: Future[ElbowLevel] | None = None
+        self._asked: Array | None = None
+
+    @property
+    def searching(self) -> bool:
+        """True until the level for the newest pose and point has been found."""
+        return self._running is not None
+
+    def update(self, place: pin.SE3) -> Array | None:
+        """Return the level (r,) that a search has found since the last call, else None.
+
+        Begin the next search if none is running, and the pose ``place`` or the point has changed.
+        RepctlError is raised if the search has found no level.
+        """
+        if self.point is None:
+            return None
+        ended = self._running if self._running is not None and self._running.done() else None
+        if ended is not None:
+            self._running = None
+        asked = np.concatenate([place.homogeneous[:3].ravel(), self.point])
+        new = self._asked is None or np.abs(asked - self._asked).max() > _SAME
+        if new and self._running is None:
+            self._asked = asked
+            self._running = self._pool.submit(self._level, place.copy(), self.point)
+        return None if ended is None else self._found(ended)
+
+    def _found(self, ended: Future[ElbowLevel]) -> Array:
+        """Return the level (r,) of a search that has ended, and describe it."""
+        try:
+            found = ended.result()
+        except RepctlError as error:
+            self.said = f"no level found: {error}"
+            raise
+        rest = "" if found.unique else ", not unique"
+        self.said = f"{found.distance:.3g} m from its point{rest}"
+        return found.leaf
