@@ -41,8 +41,9 @@ _MIDDLES, _TESTED, _DESIGNED = 12, 8, 3
 """Numbers of middles of locked floods from which others begin, of floods whose bodies are tested,
 and of postures for which functions are designed."""
 
-_ALIKE = 0.3
-"""Difference of the joints, rad or m, below which two postures are alike."""
+_ALIKE, _STILL = 0.3, 1e-9
+"""Difference of the joints, rad or m, below which two postures are alike; and largest entry of J,
+per joint, of joints that do not move the task."""
 
 _CLEAR, _TIGHT, _MUCH = 0.005, 0.001, 0.85
 """Body distance that a whole table keeps, m; that which it keeps if the larger one leaves less than
@@ -59,7 +60,7 @@ _DEAREST, _SHARES = 6.0, 5
 """Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
 out; and number of such maxima that are tried down to the mean itself."""
 
-_BETTER = 0.05
+_BETTER = 0.2
 """Advantage in worth, relative, below which a place is not compared with the best one."""
 
 _WINDOWS = 4
@@ -252,7 +253,8 @@ def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array
     except InputError:
         return np.zeros((0, 3)), np.zeros((0, task.n))
     floods = _free_floods(table, nodes, Q, _locked_floods(table, nodes, Q, rng))
-    clear = _clear(table, floods, 0.0)
+    tested = _unlike(table, floods)
+    clear = _without(tested, _shut(table, tested, tested.reached, 0.0))
     sides = []
     for quarter in range(4):
         x, y, z = box.half_width if quarter % 2 == 0 else box.half_width[[1, 0, 2]]
@@ -321,14 +323,29 @@ def _sectors(
     worth = found.area * SPACING**2 * _turns(table, floods, found, symmetries)
     order = np.argsort(-worth)[: int((worth > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
-    return [
-        _Place(
-            _sector(table, line, symmetries, found.first[k], found.last[k]),
-            postures[k],
-            float(worth[k]),
-        )
-        for k in order
-    ]
+    places = []
+    for k in order:
+        q, turns = _central(table.task, symmetries, postures[k])
+        cell = _sector(table, line, symmetries, found.first[k], found.last[k], turns)
+        places.append(_Place(cell, q, float(worth[k])))
+    return places
+
+
+def _central(
+    task: Task, symmetries: tuple[Symmetry, ...], q: Array
+) -> tuple[Array, tuple[float, float]]:
+    """Move the joints that alone turn the arm and the tool to the middles of their ranges.
+
+    Floods do not check the limits of these joints. Return the configuration (n,), and the angles by
+    which the frame is turned about the arm's axis and the tool about its own, rad.
+    """
+    q, turns = q.copy(), [0.0, 0.0]
+    for k, one in enumerate(symmetries):
+        low, high = task.lower[one.joint], task.upper[one.joint]
+        if np.isfinite(low) and np.isfinite(high):
+            turns[k] = float(one.sign * ((low + high) / 2 - q[one.joint]))
+            q[one.joint] = (low + high) / 2
+    return q, (turns[0], turns[1])
 
 
 def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
@@ -366,7 +383,7 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
 def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
     """Rank places by a quick design of each, the best first.
 
-    Places that cannot be more than 5 % better than the best so far get no design.
+    Places that cannot be more than 20 % better than the best so far get no design.
     """
     worths, ranked = [0.0], []
     for k, place in enumerate(places):
@@ -566,36 +583,50 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
 
 def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangles]:
     """Choose the body distance to keep, m; return it with floods and rectangles that keep it."""
-    wide = _clear(table, floods, _CLEAR)
+    tested = _unlike(table, floods)
+    shut = _shut(table, tested, tested.reached, _CLEAR)
+    wide = _without(tested, shut)
     found = rectangles(wide.reached)
     if found.area.max() < _MUCH * rectangles(floods.reached).area.max():
-        tight = _clear(table, floods, _TIGHT)
+        tight = _without(tested, _shut(table, tested, shut, _TIGHT))
         most = rectangles(tight.reached)
         if found.area.max() < _MUCH * most.area.max():
             return _TIGHT, tight, most
     return _CLEAR, wide, found
 
 
-def _clear(table: Table, floods: _Floods, distance: float) -> _Floods:
-    """Remove nodes where bodies are too near, and nodes that are then no longer connected.
+def _unlike(table: Table, floods: _Floods) -> _Floods:
+    """Select the floods with the largest rectangles and different postures in their middles.
 
-    Only the best floods with different postures are kept. ``distance`` is the body distance to
-    keep, m.
+    Joints that do not move the task, such as the last one of an axis task, make no difference.
     """
     found = rectangles(floods.reached)
     order, postures = np.argsort(-found.area), floods.middles(found)[1]
-    order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
-    Q = floods.Q[order].copy()
-    for flood in Q:
-        on = np.argwhere(np.isfinite(flood[..., 0]))
-        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]], distance)]
-        flood[shut[:, 0], shut[:, 1]] = np.nan
-    nodes, held = floods.nodes[order], floods.held[order]
-    clear = _Floods(Q, nodes, held)
+    moving = np.abs(placed(table.task, postures)[2]).max(axis=(0, 1)) > _STILL
+    order = order[unlike_rows(postures[order][:, moving], _ALIKE, _TESTED)]
+    return _Floods(floods.Q[order], floods.nodes[order], floods.held[order])
+
+
+def _shut(
+    table: Table, floods: _Floods, among: NDArray[np.bool_], distance: float
+) -> NDArray[np.bool_]:
+    """Test among some nodes of each flood (S, I, J) where bodies are nearer than a distance, m."""
+    shut = np.zeros_like(among)
+    for k, flood in enumerate(floods.Q):
+        on = np.argwhere(among[k])
+        shut[k][among[k]] = _near(table, on, flood[on[:, 0], on[:, 1]], distance)
+    return shut
+
+
+def _without(floods: _Floods, shut: NDArray[np.bool_]) -> _Floods:
+    """Remove nodes (S, I, J) from floods, and nodes that are then no longer connected."""
+    Q = floods.Q.copy()
+    Q[shut] = np.nan
+    clear = _Floods(Q, floods.nodes, floods.held)
     # the part in which the largest rectangle lies
     middles, _ = clear.middles(rectangles(clear.reached))
     Q[~connected(clear.reached, middles)] = np.nan
-    return _Floods(Q, middles, held)
+    return _Floods(Q, middles, floods.held)
 
 
 def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
@@ -617,16 +648,22 @@ def _sector(
     symmetries: tuple[Symmetry, ...],
     first: NDArray[np.intp],
     last: NDArray[np.intp],
+    turns: tuple[float, float] = (0.0, 0.0),
 ) -> Cell:
-    """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``."""
+    """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``.
+
+    Its middle is turned by two angles about the arm's axis and the tool's approach axis, rad.
+    """
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
     (rho, z), half = (low + high) / 2, (high - low) / 2
-    p = table.origin + rho * table.outward + z * table.up
+    around = pin.exp3(turns[0] * table.up)
+    p = table.origin + around @ (rho * table.outward) + z * table.up
+    R = around @ table.rotation @ pin.exp3(np.array([0.0, 0.0, turns[1]]))
     spin: Angle = "all" if len(symmetries) > 1 else 0.0
     sector = Sector(
         table.task,
-        pin.SE3(table.rotation, p),
+        pin.SE3(R, p),
         radius=float(half[0]),
         height=float(half[1]),
         angle="all",
