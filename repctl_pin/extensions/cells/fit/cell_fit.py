@@ -153,13 +153,7 @@ class CellFit:
         return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
 
     def design(
-        self,
-        cell: Cell,
-        q: Array,
-        *,
-        quick: bool = False,
-        guess: _Found = (),
-        rough: bool = False,
+        self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = (), rough: bool = False
     ) -> _Found:
         """Design a function over one cell from the configuration q (n,) in its middle.
 

@@ -249,7 +249,7 @@ def _cut_until_good(
             chart, stops = _cut(chart, ends, fit.limit_margin), stops[:0]
             continue
         if design.function.chart is not chart or design.held_out < fit.held_out:
-            design = _evaluated(fit, found, chart)
+            design = _evaluated(fit, found, chart, limits)
         stops = _stops(design, limits, bodies_only)
         if not len(stops) and design.extra_speed <= limits.mean:
             return design
@@ -350,8 +350,11 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
     return chart.between(low, high)
 
 
-def _evaluated(fit: CellFit, found: CellDesign, chart: Chart) -> CellDesign:
-    """Return the design of a function over the part of its sector that is left after the cuts."""
+def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) -> CellDesign:
+    """Return the design of a function over the part of its sector that is left after the cuts.
+
+    Its requested body distance is that of the limits.
+    """
     evaluation = evaluate_cell(fit.desired, chart, fit.held_out, fit.seed + 2, quick=False)
     links = " and ".join(found.evaluation.nearest_bodies)
     before, after = found.function.chart.cell, chart.cell
@@ -364,6 +367,8 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart) -> CellDesign:
         for turn in found.evaluation.turns
     )
     how = _how(found) | {"held_out": fit.held_out}
+    if limits.distance > 0:
+        how["requested_body_distance"] = limits.distance
     design = CellDesign.of(fit.desired, chart, evaluation, **how)
     return replace(design, evaluation=replace(evaluation, turns=turns))
 

@@ -6,6 +6,7 @@ designed for sectors, which are the largest rectangles in the best floods.
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from itertools import combinations
 from typing import NamedTuple
@@ -29,7 +30,7 @@ from ..fit.trimming import Required, covered_share, near_all_round, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.kinematics import joined, placed
-from ..geometry.sector import HEIGHT, RADIUS, Sector
+from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, connected, flooded, rectangles
@@ -63,6 +64,9 @@ out; and number of such maxima that are tried down to the mean itself."""
 _BETTER = 0.2
 """Advantage in worth, relative, below which a place is not compared with the best one."""
 
+_LOOKED = 96
+"""Number of configurations at which colliding links are looked for, to name them."""
+
 _WINDOWS = 4
 """Number of middles for a box per flood and side of the arm."""
 
@@ -85,7 +89,8 @@ class LockedJoints(NamedTuple):
     extra, worst : float
         Extra joint speed relative to J⁺, on average and at the worst node.
     area : float
-        Area, radius times height, of the largest sector that the arm covers without collision, m².
+        Area, radius times height, of the largest rectangle in the sector that the arm covers
+        without collision, m².
     """
 
     joints: tuple[str, ...]
@@ -123,6 +128,8 @@ class WholeTable(NamedTuple):
     reach, rectangle : float
         Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
         in a flood without collision, m².
+    affordable : float
+        Area of the largest rectangle in which joint speed can meet its limits, m².
     floods : list of (I, J) arrays of bool
         For each flood that was tested, the nodes that it reaches without collision.
     table : Table
@@ -134,6 +141,7 @@ class WholeTable(NamedTuple):
     larger: LockedJoints | None
     reach: float
     rectangle: float
+    affordable: float
     floods: list[NDArray[np.bool_]]
     table: Table
 
@@ -141,6 +149,33 @@ class WholeTable(NamedTuple):
     def area(self) -> float:
         """Area of radius and height of the sector, m²."""
         return area_of(self.design.cell)
+
+    def __str__(self) -> str:
+        design, share = self.design, self.area / self.rectangle
+        text = (
+            f"the largest sector that was found: {self.area:.2g} m² of radius and height, "
+            f"{100 * share:.0f} % of the largest rectangle that the arm reaches; "
+            f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
+            f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
+        )
+        if share < _MUCH:
+            text += f"; it is not larger because {self._obstruction()}"
+        if design.requested_body_distance == _TIGHT:
+            text += (
+                f"; bodies keep {1e3 * _TIGHT:g} mm, because {1e3 * _CLEAR:g} mm would leave less "
+                f"than {100 * _MUCH:.0f} % of the reach"
+            )
+        return text
+
+    def _obstruction(self) -> str:
+        """Write what ends the sides of the sector."""
+        design = self.design
+        if self.area > _MUCH * self.affordable:
+            return f"joint speed meets its limits in at most {self.affordable:.2g} m²"
+        if design.body_distance < 2 * design.requested_body_distance:
+            links = " and ".join(design.evaluation.nearest_bodies)
+            return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
+        return "the function exceeds the limits of joint speed or of a joint elsewhere"
 
 
 def area_of(cell: Cell) -> float:
@@ -217,7 +252,7 @@ def whole_table(
     if not found.area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
-            "at this orientation",
+            f"at this orientation{_colliding(table, floods)}",
             remedy="turn the tool, or use --size or another kind of task",
         )
     fit = CellFit(Pseudoinverse(task), limit_margin=0.05, held_out=_HELD_OUT, seed=seed, keep=True)
@@ -234,6 +269,7 @@ def whole_table(
         _larger(table, locked, design, limits),
         reach,
         float(found.area.max() * SPACING**2),
+        float(within.area.max() * SPACING**2),
         list(clear.reached),
         table,
     )
@@ -414,9 +450,23 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
                 return design
     name = fit.desired.task.robot.name
     raise InputError(
-        f"no function covers a sector of {name} at this orientation",
+        f"no function covers a sector of {name} at this orientation{_failed(ranked, limits)}",
         remedy="turn the tool, or use --size",
     )
+
+
+def _failed(ranked: list[_Place], limits: Required) -> str:
+    """Write why the first place with a quick design fails, to complete an error message."""
+    design = next((place.design for place in ranked if place.design is not None), None)
+    if design is None:
+        return ""
+    if design.body_distance < limits.distance:
+        links = " and ".join(design.evaluation.nearest_bodies)
+        return f": {links} come to {1e3 * design.body_distance:.0f} mm"
+    if design.failures:
+        return f": {max(design.failures, key=lambda stop: stop.share).what}"
+    most = f"{100 * limits.mean:g} % on average and {100 * limits.worst:g} % at the worst pose"
+    return f": extra joint speed exceeds {most}"
 
 
 def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
@@ -595,6 +645,22 @@ def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangl
     return _CLEAR, wide, found
 
 
+def _colliding(table: Table, floods: _Floods) -> str:
+    """Name the two links that are most often nearest at the nodes of floods with a collision.
+
+    The text completes an error message; it is empty if there is no collision.
+    """
+    bodies, Q = bodies_of(table.task), _unlike(table, floods).Q.reshape(-1, table.task.n)
+    Q = Q[np.isfinite(Q[:, 0])]
+    Q = Q[:: max(1, len(Q) // _LOOKED)]
+    near = [bodies.nearest(q) for q in Q[bodies._nearer(Q, _TIGHT)]]
+    if not near:
+        return ""
+    (links, count), *_ = Counter(one.links for one in near).most_common()
+    share = 100 * count / len(Q)
+    return f": {' and '.join(links)} collide at {share:.0f} % of the poses that the arm reaches"
+
+
 def _unlike(table: Table, floods: _Floods) -> _Floods:
     """Select the floods with the largest rectangles and different postures in their middles.
 
@@ -684,13 +750,25 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
     rho, z = cell.middle
     at = [np.argmin(np.abs(table.radii - rho)), np.argmin(np.abs(table.heights - z))]
     nodes = np.tile(np.array(at), (len(held), 1))
-    Q = np.tile(design.posture, (len(held), 1))
-    Q[:, [one.joint for one in design.function.chart.cell.removed]] = 0.0
+    Q = np.tile(_at_zero(table, design), (len(held), 1))
     zero = held & (task.lower < 0) & (task.upper > 0)
     zero[: len(sets)] = False
     Q, good = table.solved(nodes, np.where(zero, 0.0, Q), held, _SETTLED)
     more = _Floods(flooded(table, nodes[good], Q[good], held[good]), nodes[good], held[good])
     return more if not len(locked.Q) else joined([locked, more])
+
+
+def _at_zero(table: Table, design: CellDesign) -> Array:
+    """Turn the posture of a design to the angle and the spin of a table: (n,)."""
+    q = design.posture.copy()
+    for one in design.function.chart.cell.removed:
+        p, R, _ = placed(table.task, q[None])
+        outward, side = table.outward, np.cross(table.up, table.outward)
+        away = p[0] - table.origin
+        spun = table.rotation.T @ R[0]
+        y, x = (side @ away, outward @ away) if one.coordinate == ANGLE else spun[1::-1, 0]
+        q[one.joint] -= one.sign * np.arctan2(y, x)
+    return q
 
 
 def _best_locked(
@@ -751,11 +829,11 @@ def _locked_joints(
 
     The body distance is in m.
     """
-    task, clear = table.task, locked.reached[k].copy()
+    task, clear = table.task, locked.reached[k] & inside
     on = np.argwhere(clear)
     shut = on[_near(table, on, locked.Q[k][clear], distance)]
     clear[shut[:, 0], shut[:, 1]] = False
-    Q = locked.Q[k][clear & inside]
+    Q = locked.Q[k][clear]
     if not len(Q):
         return None
     joints = np.flatnonzero(locked.held[k])
