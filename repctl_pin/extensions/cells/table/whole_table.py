@@ -70,6 +70,9 @@ _LOOKED = 96
 _WINDOWS = 4
 """Number of middles for a box per flood and side of the arm."""
 
+_DEGREE = 3
+"""Degree of functions of arms with r > 1."""
+
 _HELD_OUT = 8192
 _SETTLED = 40
 """Newton steps with which a random configuration is brought to a node."""
@@ -255,7 +258,15 @@ def whole_table(
             f"at this orientation{_colliding(table, floods)}",
             remedy="turn the tool, or use --size or another kind of task",
         )
-    fit = CellFit(Pseudoinverse(task), limit_margin=0.05, held_out=_HELD_OUT, seed=seed, keep=True)
+    fit = CellFit(
+        Pseudoinverse(task),
+        # with more unknowns than that, joint speed is lower on average but higher at the corners
+        "auto" if task.r == 1 else _DEGREE,
+        limit_margin=0.05,
+        held_out=_HELD_OUT,
+        seed=seed,
+        keep=True,
+    )
     limits = Required(*most_extra, distance)
     widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
     within = _affordable(clear, widest, limits)
@@ -472,13 +483,13 @@ def _failed(ranked: list[_Place], limits: Required) -> str:
 def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
     """Rate a quick design by area, range around the arm, body distance and joint speed.
 
-    Cuts at bodies later cost some 10 % of the area where bodies are near, and 30 % where they
-    collide at φ = 0. A table of half a turn is worth three quarters of a whole one. A place without
-    a quick design has half the worth of its area, and so is still tried.
+    Cuts at bodies later cost some 10 % of the worth where bodies are near, and 15 % where they
+    collide at some angle. A table of half a turn is worth three quarters of a whole one. A place
+    without a quick design has half the worth of its area, and so is still tried.
     """
     if design is None:
         return 0.5 * area_of(cell)
-    near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < distance else 1.0
+    near = 0.85 if design.body_distance < 0 else 0.9 if design.body_distance < distance else 1.0
     turns = [max(min(turn.reach / np.pi / 2, 1.0), 0.0) for turn in design.evaluation.turns]
     extra = float(np.nan_to_num(design.extra_speed, nan=1.0))
     return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
@@ -755,7 +766,7 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
     zero[: len(sets)] = False
     Q, good = table.solved(nodes, np.where(zero, 0.0, Q), held, _SETTLED)
     more = _Floods(flooded(table, nodes[good], Q[good], held[good]), nodes[good], held[good])
-    return more if not len(locked.Q) else joined([locked, more])
+    return more if not len(locked.Q) else joined([more, locked])
 
 
 def _at_zero(table: Table, design: CellDesign) -> Array:
@@ -792,8 +803,9 @@ def _best_locked(
         prices[k] = _locked_price(cell, Q, locked.held[k])
     dear = (prices > [limits.mean, limits.worst]).any(axis=1)
     best: LockedJoints | None = None
-    # those within the limits of joint speed first, then by area, then by price
-    for k in np.lexsort((prices[:, 0], -np.round(share / _ALMOST), dear))[:_COMPARED]:
+    # those within the limits of joint speed first, then by area and price, then from the middle
+    order = np.lexsort((np.round(prices[:, 0], 3), -np.round(share / _ALMOST), dear))
+    for k in order[:_COMPARED]:
         one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is not None and (best is None or one.share > best.share + _ALMOST):
             best = one
