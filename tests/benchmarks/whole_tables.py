@@ -2,7 +2,8 @@
 
 Run ``python tests/benchmarks/whole_tables.py [ARM …]``. Each line is one call of ``rp.best_cell``
 without a size: areas of radius and height in m², angle and spin in degrees, extra joint speed in
-percent, body distance in cm, and processor time in s. An arm is a catalogue name or a URDF.
+percent, body distance in cm, and processor time in s, with the time to read the bodies. An arm is
+a catalogue name or a URDF. The note of the table follows on standard error.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ def line(name: str) -> list[str]:
         return [name, f"refused: {error}"]
     seconds = time.process_time() - begin
     table, design = found.table, found.table.design
+    print(f"{name}: {table}", file=sys.stderr, flush=True)
     widths = dict(zip(found.cell.coordinate_names, found.cell.widths, strict=True))
     turns = [f"{np.degrees(2 * widths.get(way, 0.0)):.0f}" for way in ("angle", "spin")]
     return [

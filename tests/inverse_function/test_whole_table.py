@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from arms import planar_task
 from commands import refused, told
@@ -12,6 +15,7 @@ from numpy.typing import NDArray
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells.geometry.cut import cut_sides
+from repctl_pin.extensions.cells.table import whole_table
 from repctl_pin.extensions.cells.table.approach import approach_axis, with_approach
 from repctl_pin.extensions.cells.table.flood import rectangles
 
@@ -50,6 +54,106 @@ def test_a_cut_leaves_no_bad_pose_and_keeps_what_is_far_from_them(k: int) -> Non
     low, high = cut_sides(U, bad)
     assert not (bad & ((U >= low) & (U <= high)).all(axis=1)).any()
     assert (low == -1).all() and (high[1:] == 1).all() and 0.5 < high[0] < 0.7
+
+
+def test_a_cut_prefers_the_coordinate_that_counts_less() -> None:
+    """All bad poses lie in one corner: without weights either side may go, with them the light."""
+    U = np.random.default_rng(3).uniform(-1, 1, (2000, 2))
+    bad = (U > 0.7).all(axis=1)
+    for light in (0, 1):
+        weights = np.where(np.arange(2) == light, 0.3, 1.0)
+        _, high = cut_sides(U, bad, weights=weights)
+        assert high[light] < 0.8 and high[1 - light] == 1
+
+
+@pytest.mark.parametrize("name", ["panda", "tiago"])
+def test_a_posture_of_a_flood_is_turned_inside_the_limits(name: str) -> None:
+    """Law: the frame turns about the arm's axis and its own approach axis, and nothing else."""
+    task = rp.Robot.load(name).task()
+    task = with_approach(task, approach_axis(task))
+    line, symmetries = whole_table._symmetries(task)
+    rng = np.random.default_rng(5)
+    for q in rng.uniform(task.reference - 1, task.reference + 1, (5, task.n)):
+        for one in symmetries:
+            q[one.joint] = task.upper[one.joint] + 0.3
+        central, (around, about) = whole_table._central(task, symmetries, q)
+        joints = [one.joint for one in symmetries]
+        assert (task.limit_margin(central)[joints] > 0.5).all()
+        before, after = task.placement(q), task.placement(central)
+        turn = pin.exp3(around * line[1])
+        assert np.allclose(after.translation, line[0] + turn @ (before.translation - line[0]))
+        spun = turn @ before.rotation @ pin.exp3(np.array([0.0, 0.0, about]))
+        assert np.allclose(after.rotation, spun, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_links_that_collide_everywhere_are_named(tmp_path: Path) -> None:
+    """Below the top of a table, the hand of z1 is inside the table, and the message names both."""
+    slab = tmp_path / "slab.urdf"
+    slab.write_text(
+        '<robot name="cell"><link name="slab"><collision><origin xyz="0 0 -0.55"/><geometry>'
+        '<box size="4 4 1"/></geometry></collision></link></robot>',
+        "utf-8",
+    )
+    task = rp.Robot.load("z1", surroundings=slab).task(None, "axis")
+    with pytest.raises(rp.InputError, match=r"no sector of .* slab collide at 100 %"):
+        rp.best_cell(task, orientation="down", heights=(-0.3, -0.1))
+
+
+def test_what_fails_is_named() -> None:
+    """Quick twin: the words for links, for a failure and for joint speed, of made designs."""
+    limits = whole_table.Required(0.05, 0.3, 0.005)
+
+    def failed(distance: float, *failures: object) -> str:
+        evaluation = SimpleNamespace(nearest_bodies=("wall", "hand"))
+        made = SimpleNamespace(body_distance=distance, failures=failures, evaluation=evaluation)
+        return whole_table._failed([whole_table._Place(None, None, 1.0, made)], limits)
+
+    assert failed(-0.02) == ": wall and hand come to -20 mm"
+    stop = SimpleNamespace(share=0.5, what="joint 2 leaves its limits")
+    assert failed(1.0, stop) == ": joint 2 leaves its limits"
+    assert "exceeds 5 % on average and 30 % at the worst pose" in failed(1.0)
+    assert whole_table._failed([], limits) == ""
+
+
+def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
+    """Each sentence of the note, from a small function and made areas."""
+    place = panda_pose.placement(panda_pose.reference)
+    cell = rp.Sector(panda_pose, place, radius=0.05, height=0.06, angle="all")
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(panda_pose), cell, degree=2, options=FEW)
+    area = 4 * 0.05 * 0.06
+
+    def note(share: float, affordable: float, distance: float) -> str:
+        asked = replace(design, requested_body_distance=distance)
+        made = whole_table.WholeTable(
+            asked, None, None, 1.0, area / share, area / affordable, [], None
+        )
+        return str(made)
+
+    whole = note(1.0, 1.0, 0.005)
+    assert "0.012 m² of radius and height, 100 % of the largest rectangle" in whole
+    assert "at the worst pose" in whole and "not larger" not in whole
+    assert "joint speed meets its limits in at most 0.013 m²" in note(0.5, 0.95, 0.005)
+    near = note(0.5, 0.5, design.body_distance)
+    assert " and ".join(design.evaluation.nearest_bodies) + " come to" in near
+    assert "bodies keep 1 mm, because 5 mm would leave less than 85 %" in note(1.0, 1.0, 0.001)
+
+
+def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.Task) -> None:
+    """Against a small sector, a locked joint covers more: at each of its nodes it has the pose."""
+    task, rng = panda_pose, np.random.default_rng(0)
+    line, symmetries = whole_table._symmetries(task)
+    down = np.diag([1.0, -1.0, -1.0])
+    table, nodes, Q = whole_table._drawn(task, down, line, symmetries, (0.2, 0.5), rng)
+    floods = whole_table._locked_floods(table, nodes, Q, rng)
+    middle = pin.SE3(down, np.array([0.5, 0.0, 0.35]))
+    cell = rp.Sector(task, middle, radius=0.05, height=0.05, angle="all")
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=FEW)
+    found = whole_table._larger(table, floods, design, whole_table.Required(0.5, 2.0, 0.005))
+    assert found is not None and found.area > 4 * 0.05 * 0.05 * 1.02
+    assert len(found.joints) == task.r and 0 <= found.extra <= 0.5 and found.worst <= 2.0
+    dear = whole_table.Required(-1.0, 2.0, 0.005)
+    assert whole_table._larger(table, floods, design, dear) is None
 
 
 def test_shrink_moves_the_side_that_is_out_of_reach(tmp_path: Path) -> None:

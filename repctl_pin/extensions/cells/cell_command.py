@@ -366,7 +366,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     )
     cell = place.cell
     if place.table is not None:
-        note = "the largest sector that was found"
+        note = str(place.table)
         if place.table.locked is not None:
             note += f"; {place.table.locked}"
         if place.table.larger is not None:

@@ -152,12 +152,15 @@ class CellFit:
         design = cast(CellDesign, found)
         return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
 
-    def design(self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = ()) -> _Found:
+    def design(
+        self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = (), rough: bool = False
+    ) -> _Found:
         """Design a function over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
-        A quick design has a lower degree, fewer nodes, and a quick evaluation. ``guess`` is a quick
-        design from the same configuration, at which the fit with penalties begins.
+        A quick design has a lower degree, fewer nodes, and a quick evaluation; a ``rough`` one only
+        the latter. ``guess`` is a quick design from the same configuration, at which the fit with
+        penalties begins.
         """
         self.report("the reference", 0.1)
         count = self.samples or (
@@ -184,7 +187,7 @@ class CellFit:
         chart, turns = centred(_recharted(cell, chart, descent, terms, quick))
         if any(turn.reach <= 0 for turn in turns):
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
-        return self._evaluated(chart, turns, descent, degrees, samples=len(U), quick=quick)
+        return self._evaluated(chart, turns, descent, degrees, samples=len(U), quick=quick or rough)
 
     def _evaluated(
         self,

@@ -101,7 +101,7 @@ def trimmed(
                 return None
             cell, q = inner
         if left > _NEARLY and isinstance(quick, CellDesign):
-            found = fit.design(cell, q)
+            found = fit.design(cell, q, guess=quick, rough=True)
             return kept_where_good(fit, found, limits) if isinstance(found, CellDesign) else None
     return None
 
@@ -234,23 +234,37 @@ def _cut_until_good(
     stops = _stops(found, limits, bodies_only)
     for k in range(_CUTS):
         U, bad = _near(chart, limits.distance, seed=19 + k)
-        if not bodies_only:
+        # where bodies are near, joint speed is tested after the next cut
+        if not bodies_only and (k == 0 or not bad.any()):
             bad |= _uncovered(fit, chart, U, limits, dear=design.extra_speed > limits.mean)
         U, bad = np.concatenate([U, stops]), np.pad(bad, (0, len(stops)), constant_values=True)
         if bad.any():
             columns = [int(np.flatnonzero(chart.cell.whole.moved == i)[0]) for i in coordinates]
-            low, high = cut_sides(U[:, columns], bad, _INSIDE * (k + 1))
+            weights = None if bodies_only else _weights(chart.cell, coordinates)
+            low, high = cut_sides(U[:, columns], bad, _INSIDE * (k + 1), weights)
             left *= float(np.prod((high - low) / 2))
             if left < _LEAST:
                 return None
             ends = dict(zip(coordinates, zip(low, high, strict=True), strict=True))
             chart, stops = _cut(chart, ends, fit.limit_margin), stops[:0]
             continue
-        design = design if design.function.chart is chart else _evaluated(fit, found, chart)
+        if design.function.chart is not chart or design.held_out < fit.held_out:
+            design = _evaluated(fit, found, chart, limits)
         stops = _stops(design, limits, bodies_only)
         if not len(stops) and design.extra_speed <= limits.mean:
             return design
     return None
+
+
+def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
+    """Weigh the loss of a coordinate's range against that of radius and height: (K,).
+
+    A sector around a share s of the axis is worth (1 + s) / 2 of a whole one, so a loss of angle or
+    spin weighs s / (1 + s).
+    """
+    s = cell.widths[list(coordinates)] / np.pi
+    turns = np.isin(coordinates, [one.coordinate for one in cell.removed])
+    return np.where(turns, s / (1 + s), 1.0)
 
 
 def _stops(design: CellDesign, limits: Required, bodies_only: bool) -> Array:
@@ -336,9 +350,12 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
     return chart.between(low, high)
 
 
-def _evaluated(fit: CellFit, found: CellDesign, chart: Chart) -> CellDesign:
-    """Return the design of a function over the part of its sector that is left after the cuts."""
-    evaluation = evaluate_cell(fit.desired, chart, found.held_out, fit.seed + 2, quick=False)
+def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) -> CellDesign:
+    """Return the design of a function over the part of its sector that is left after the cuts.
+
+    Its requested body distance is that of the limits.
+    """
+    evaluation = evaluate_cell(fit.desired, chart, fit.held_out, fit.seed + 2, quick=False)
     links = " and ".join(found.evaluation.nearest_bodies)
     before, after = found.function.chart.cell, chart.cell
     names = {after.whole.coordinate_names[i]: 2 * after.widths[i] for i in before.free}
@@ -349,7 +366,10 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart) -> CellDesign:
         else turn
         for turn in found.evaluation.turns
     )
-    design = CellDesign.of(fit.desired, chart, evaluation, **_how(found))
+    how = _how(found) | {"held_out": fit.held_out}
+    if limits.distance > 0:
+        how["requested_body_distance"] = limits.distance
+    design = CellDesign.of(fit.desired, chart, evaluation, **how)
     return replace(design, evaluation=replace(evaluation, turns=turns))
 
 

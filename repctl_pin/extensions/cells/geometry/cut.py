@@ -8,14 +8,18 @@ from numpy.typing import NDArray
 from ....base.arguments import Array
 
 
-def cut_sides(U: Array, bad: NDArray[np.bool_], inside: float = 0.01) -> tuple[Array, Array]:
+def cut_sides(
+    U: Array, bad: NDArray[np.bool_], inside: float = 0.01, weights: Array | None = None
+) -> tuple[Array, Array]:
     """Find a large box of coordinates that has no bad pose: its low and high corner (k,).
 
     One side at a time is moved inward: the side that loses the smallest volume per excluded bad
     pose. U (K, k) are coordinates from −1 to 1; ``bad`` (K,) is True where a function fails. Each
-    cut lies further inward than the last excluded pose by ``inside``.
+    cut lies further inward than the last excluded pose by ``inside``. With ``weights`` (k,), a loss
+    along one coordinate counts more or less than along another.
     """
     k = U.shape[1]
+    weights = np.ones(k) if weights is None else weights
     low, high = np.full(k, -1.0), np.full(k, 1.0)
     wrong = U[bad]
     while len(wrong):
@@ -28,6 +32,7 @@ def cut_sides(U: Array, bad: NDArray[np.bool_], inside: float = 0.01) -> tuple[A
                 lost = (end - at + inside) / max(width, 1e-12)
                 # cost of the logarithm of the volume, per pose that is left out
                 cost = -np.log(np.maximum(1e-12, 1 - lost)) / np.arange(1, len(at) + 1)
+                cost = weights[axis] * cost
                 one = int(np.argmin(cost))
                 if cost[one] < best[0]:
                     best = float(cost[one]), axis, way, float(at[one])

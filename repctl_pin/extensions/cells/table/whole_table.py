@@ -6,6 +6,7 @@ designed for sectors, which are the largest rectangles in the best floods.
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from itertools import combinations
 from typing import NamedTuple
@@ -29,7 +30,7 @@ from ..fit.trimming import Required, covered_share, near_all_round, trimmed
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.kinematics import joined, placed
-from ..geometry.sector import HEIGHT, RADIUS, Sector
+from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, connected, flooded, rectangles
@@ -41,8 +42,9 @@ _MIDDLES, _TESTED, _DESIGNED = 12, 8, 3
 """Numbers of middles of locked floods from which others begin, of floods whose bodies are tested,
 and of postures for which functions are designed."""
 
-_ALIKE = 0.3
-"""Difference of the joints, rad or m, below which two postures are alike."""
+_ALIKE, _STILL = 0.3, 1e-9
+"""Difference of the joints, rad or m, below which two postures are alike; and largest entry of J,
+per joint, of joints that do not move the task."""
 
 _CLEAR, _TIGHT, _MUCH = 0.005, 0.001, 0.85
 """Body distance that a whole table keeps, m; that which it keeps if the larger one leaves less than
@@ -59,11 +61,17 @@ _DEAREST, _SHARES = 6.0, 5
 """Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
 out; and number of such maxima that are tried down to the mean itself."""
 
-_BETTER = 0.05
+_BETTER = 0.2
 """Advantage in worth, relative, below which a place is not compared with the best one."""
+
+_LOOKED = 96
+"""Number of configurations at which colliding links are looked for, to name them."""
 
 _WINDOWS = 4
 """Number of middles for a box per flood and side of the arm."""
+
+_DEGREE = 3
+"""Degree of functions of arms with r > 1."""
 
 _HELD_OUT = 8192
 _SETTLED = 40
@@ -84,7 +92,8 @@ class LockedJoints(NamedTuple):
     extra, worst : float
         Extra joint speed relative to J⁺, on average and at the worst node.
     area : float
-        Area, radius times height, of the largest sector that the arm covers without collision, m².
+        Area, radius times height, of the largest rectangle in the sector that the arm covers
+        without collision, m².
     """
 
     joints: tuple[str, ...]
@@ -122,6 +131,8 @@ class WholeTable(NamedTuple):
     reach, rectangle : float
         Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
         in a flood without collision, m².
+    affordable : float
+        Area of the largest rectangle in which joint speed can meet its limits, m².
     floods : list of (I, J) arrays of bool
         For each flood that was tested, the nodes that it reaches without collision.
     table : Table
@@ -133,6 +144,7 @@ class WholeTable(NamedTuple):
     larger: LockedJoints | None
     reach: float
     rectangle: float
+    affordable: float
     floods: list[NDArray[np.bool_]]
     table: Table
 
@@ -140,6 +152,33 @@ class WholeTable(NamedTuple):
     def area(self) -> float:
         """Area of radius and height of the sector, m²."""
         return area_of(self.design.cell)
+
+    def __str__(self) -> str:
+        design, share = self.design, self.area / self.rectangle
+        text = (
+            f"the largest sector that was found: {self.area:.2g} m² of radius and height, "
+            f"{100 * share:.0f} % of the largest rectangle that the arm reaches; "
+            f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
+            f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
+        )
+        if share < _MUCH:
+            text += f"; it is not larger because {self._obstruction()}"
+        if design.requested_body_distance == _TIGHT:
+            text += (
+                f"; bodies keep {1e3 * _TIGHT:g} mm, because {1e3 * _CLEAR:g} mm would leave less "
+                f"than {100 * _MUCH:.0f} % of the reach"
+            )
+        return text
+
+    def _obstruction(self) -> str:
+        """Write what ends the sides of the sector."""
+        design = self.design
+        if self.area > _MUCH * self.affordable:
+            return f"joint speed meets its limits in at most {self.affordable:.2g} m²"
+        if design.body_distance < 2 * design.requested_body_distance:
+            links = " and ".join(design.evaluation.nearest_bodies)
+            return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
+        return "the function exceeds the limits of joint speed or of a joint elsewhere"
 
 
 def area_of(cell: Cell) -> float:
@@ -216,10 +255,18 @@ def whole_table(
     if not found.area.any():
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
-            "at this orientation",
+            f"at this orientation{_colliding(table, floods)}",
             remedy="turn the tool, or use --size or another kind of task",
         )
-    fit = CellFit(Pseudoinverse(task), limit_margin=0.05, held_out=_HELD_OUT, seed=seed, keep=True)
+    fit = CellFit(
+        Pseudoinverse(task),
+        # with more unknowns than that, joint speed is lower on average but higher at the corners
+        "auto" if task.r == 1 else _DEGREE,
+        limit_margin=0.05,
+        held_out=_HELD_OUT,
+        seed=seed,
+        keep=True,
+    )
     limits = Required(*most_extra, distance)
     widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
     within = _affordable(clear, widest, limits)
@@ -233,6 +280,7 @@ def whole_table(
         _larger(table, locked, design, limits),
         reach,
         float(found.area.max() * SPACING**2),
+        float(within.area.max() * SPACING**2),
         list(clear.reached),
         table,
     )
@@ -252,7 +300,8 @@ def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array
     except InputError:
         return np.zeros((0, 3)), np.zeros((0, task.n))
     floods = _free_floods(table, nodes, Q, _locked_floods(table, nodes, Q, rng))
-    clear = _clear(table, floods, 0.0)
+    tested = _unlike(table, floods)
+    clear = _without(tested, _shut(table, tested, tested.reached, 0.0))
     sides = []
     for quarter in range(4):
         x, y, z = box.half_width if quarter % 2 == 0 else box.half_width[[1, 0, 2]]
@@ -321,14 +370,29 @@ def _sectors(
     worth = found.area * SPACING**2 * _turns(table, floods, found, symmetries)
     order = np.argsort(-worth)[: int((worth > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
-    return [
-        _Place(
-            _sector(table, line, symmetries, found.first[k], found.last[k]),
-            postures[k],
-            float(worth[k]),
-        )
-        for k in order
-    ]
+    places = []
+    for k in order:
+        q, turns = _central(table.task, symmetries, postures[k])
+        cell = _sector(table, line, symmetries, found.first[k], found.last[k], turns)
+        places.append(_Place(cell, q, float(worth[k])))
+    return places
+
+
+def _central(
+    task: Task, symmetries: tuple[Symmetry, ...], q: Array
+) -> tuple[Array, tuple[float, float]]:
+    """Move the joints that alone turn the arm and the tool to the middles of their ranges.
+
+    Floods do not check the limits of these joints. Return the configuration (n,), and the angles by
+    which the frame is turned about the arm's axis and the tool about its own, rad.
+    """
+    q, turns = q.copy(), [0.0, 0.0]
+    for k, one in enumerate(symmetries):
+        low, high = task.lower[one.joint], task.upper[one.joint]
+        if np.isfinite(low) and np.isfinite(high):
+            turns[k] = float(one.sign * ((low + high) / 2 - q[one.joint]))
+            q[one.joint] = (low + high) / 2
+    return q, (turns[0], turns[1])
 
 
 def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
@@ -366,7 +430,7 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
 def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
     """Rank places by a quick design of each, the best first.
 
-    Places that cannot be more than 5 % better than the best so far get no design.
+    Places that cannot be more than 20 % better than the best so far get no design.
     """
     worths, ranked = [0.0], []
     for k, place in enumerate(places):
@@ -397,21 +461,35 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
                 return design
     name = fit.desired.task.robot.name
     raise InputError(
-        f"no function covers a sector of {name} at this orientation",
+        f"no function covers a sector of {name} at this orientation{_failed(ranked, limits)}",
         remedy="turn the tool, or use --size",
     )
+
+
+def _failed(ranked: list[_Place], limits: Required) -> str:
+    """Write why the first place with a quick design fails, to complete an error message."""
+    design = next((place.design for place in ranked if place.design is not None), None)
+    if design is None:
+        return ""
+    if design.body_distance < limits.distance:
+        links = " and ".join(design.evaluation.nearest_bodies)
+        return f": {links} come to {1e3 * design.body_distance:.0f} mm"
+    if design.failures:
+        return f": {max(design.failures, key=lambda stop: stop.share).what}"
+    most = f"{100 * limits.mean:g} % on average and {100 * limits.worst:g} % at the worst pose"
+    return f": extra joint speed exceeds {most}"
 
 
 def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
     """Rate a quick design by area, range around the arm, body distance and joint speed.
 
-    Cuts at bodies later cost some 10 % of the area where bodies are near, and 30 % where they
-    collide at φ = 0. A table of half a turn is worth three quarters of a whole one. A place without
-    a quick design has half the worth of its area, and so is still tried.
+    Cuts at bodies later cost some 10 % of the worth where bodies are near, and 15 % where they
+    collide at some angle. A table of half a turn is worth three quarters of a whole one. A place
+    without a quick design has half the worth of its area, and so is still tried.
     """
     if design is None:
         return 0.5 * area_of(cell)
-    near = 0.7 if design.body_distance < 0 else 0.9 if design.body_distance < distance else 1.0
+    near = 0.85 if design.body_distance < 0 else 0.9 if design.body_distance < distance else 1.0
     turns = [max(min(turn.reach / np.pi / 2, 1.0), 0.0) for turn in design.evaluation.turns]
     extra = float(np.nan_to_num(design.extra_speed, nan=1.0))
     return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
@@ -566,36 +644,66 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
 
 def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangles]:
     """Choose the body distance to keep, m; return it with floods and rectangles that keep it."""
-    wide = _clear(table, floods, _CLEAR)
+    tested = _unlike(table, floods)
+    shut = _shut(table, tested, tested.reached, _CLEAR)
+    wide = _without(tested, shut)
     found = rectangles(wide.reached)
     if found.area.max() < _MUCH * rectangles(floods.reached).area.max():
-        tight = _clear(table, floods, _TIGHT)
+        tight = _without(tested, _shut(table, tested, shut, _TIGHT))
         most = rectangles(tight.reached)
         if found.area.max() < _MUCH * most.area.max():
             return _TIGHT, tight, most
     return _CLEAR, wide, found
 
 
-def _clear(table: Table, floods: _Floods, distance: float) -> _Floods:
-    """Remove nodes where bodies are too near, and nodes that are then no longer connected.
+def _colliding(table: Table, floods: _Floods) -> str:
+    """Name the two links that are most often nearest at the nodes of floods with a collision.
 
-    Only the best floods with different postures are kept. ``distance`` is the body distance to
-    keep, m.
+    The text completes an error message; it is empty if there is no collision.
+    """
+    bodies, Q = bodies_of(table.task), _unlike(table, floods).Q.reshape(-1, table.task.n)
+    Q = Q[np.isfinite(Q[:, 0])]
+    Q = Q[:: max(1, len(Q) // _LOOKED)]
+    near = [bodies.nearest(q) for q in Q[bodies._nearer(Q, _TIGHT)]]
+    if not near:
+        return ""
+    (links, count), *_ = Counter(one.links for one in near).most_common()
+    share = 100 * count / len(Q)
+    return f": {' and '.join(links)} collide at {share:.0f} % of the poses that the arm reaches"
+
+
+def _unlike(table: Table, floods: _Floods) -> _Floods:
+    """Select the floods with the largest rectangles and different postures in their middles.
+
+    Joints that do not move the task, such as the last one of an axis task, make no difference.
     """
     found = rectangles(floods.reached)
     order, postures = np.argsort(-found.area), floods.middles(found)[1]
-    order = order[unlike_rows(postures[order], _ALIKE, _TESTED)]
-    Q = floods.Q[order].copy()
-    for flood in Q:
-        on = np.argwhere(np.isfinite(flood[..., 0]))
-        shut = on[_near(table, on, flood[on[:, 0], on[:, 1]], distance)]
-        flood[shut[:, 0], shut[:, 1]] = np.nan
-    nodes, held = floods.nodes[order], floods.held[order]
-    clear = _Floods(Q, nodes, held)
+    moving = np.abs(placed(table.task, postures)[2]).max(axis=(0, 1)) > _STILL
+    order = order[unlike_rows(postures[order][:, moving], _ALIKE, _TESTED)]
+    return _Floods(floods.Q[order], floods.nodes[order], floods.held[order])
+
+
+def _shut(
+    table: Table, floods: _Floods, among: NDArray[np.bool_], distance: float
+) -> NDArray[np.bool_]:
+    """Test among some nodes of each flood (S, I, J) where bodies are nearer than a distance, m."""
+    shut = np.zeros_like(among)
+    for k, flood in enumerate(floods.Q):
+        on = np.argwhere(among[k])
+        shut[k][among[k]] = _near(table, on, flood[on[:, 0], on[:, 1]], distance)
+    return shut
+
+
+def _without(floods: _Floods, shut: NDArray[np.bool_]) -> _Floods:
+    """Remove nodes (S, I, J) from floods, and nodes that are then no longer connected."""
+    Q = floods.Q.copy()
+    Q[shut] = np.nan
+    clear = _Floods(Q, floods.nodes, floods.held)
     # the part in which the largest rectangle lies
     middles, _ = clear.middles(rectangles(clear.reached))
     Q[~connected(clear.reached, middles)] = np.nan
-    return _Floods(Q, middles, held)
+    return _Floods(Q, middles, floods.held)
 
 
 def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
@@ -617,16 +725,22 @@ def _sector(
     symmetries: tuple[Symmetry, ...],
     first: NDArray[np.intp],
     last: NDArray[np.intp],
+    turns: tuple[float, float] = (0.0, 0.0),
 ) -> Cell:
-    """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``."""
+    """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``.
+
+    Its middle is turned by two angles about the arm's axis and the tool's approach axis, rad.
+    """
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
     (rho, z), half = (low + high) / 2, (high - low) / 2
-    p = table.origin + rho * table.outward + z * table.up
+    around = pin.exp3(turns[0] * table.up)
+    p = table.origin + around @ (rho * table.outward) + z * table.up
+    R = around @ table.rotation @ pin.exp3(np.array([0.0, 0.0, turns[1]]))
     spin: Angle = "all" if len(symmetries) > 1 else 0.0
     sector = Sector(
         table.task,
-        pin.SE3(table.rotation, p),
+        pin.SE3(R, p),
         radius=float(half[0]),
         height=float(half[1]),
         angle="all",
@@ -647,13 +761,25 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
     rho, z = cell.middle
     at = [np.argmin(np.abs(table.radii - rho)), np.argmin(np.abs(table.heights - z))]
     nodes = np.tile(np.array(at), (len(held), 1))
-    Q = np.tile(design.posture, (len(held), 1))
-    Q[:, [one.joint for one in design.function.chart.cell.removed]] = 0.0
+    Q = np.tile(_at_zero(table, design), (len(held), 1))
     zero = held & (task.lower < 0) & (task.upper > 0)
     zero[: len(sets)] = False
     Q, good = table.solved(nodes, np.where(zero, 0.0, Q), held, _SETTLED)
     more = _Floods(flooded(table, nodes[good], Q[good], held[good]), nodes[good], held[good])
-    return more if not len(locked.Q) else joined([locked, more])
+    return more if not len(locked.Q) else joined([more, locked])
+
+
+def _at_zero(table: Table, design: CellDesign) -> Array:
+    """Turn the posture of a design to the angle and the spin of a table: (n,)."""
+    q = design.posture.copy()
+    for one in design.function.chart.cell.removed:
+        p, R, _ = placed(table.task, q[None])
+        outward, side = table.outward, np.cross(table.up, table.outward)
+        away = p[0] - table.origin
+        spun = table.rotation.T @ R[0]
+        y, x = (side @ away, outward @ away) if one.coordinate == ANGLE else spun[1::-1, 0]
+        q[one.joint] -= one.sign * np.arctan2(y, x)
+    return q
 
 
 def _best_locked(
@@ -677,8 +803,9 @@ def _best_locked(
         prices[k] = _locked_price(cell, Q, locked.held[k])
     dear = (prices > [limits.mean, limits.worst]).any(axis=1)
     best: LockedJoints | None = None
-    # those within the limits of joint speed first, then by area, then by price
-    for k in np.lexsort((prices[:, 0], -np.round(share / _ALMOST), dear))[:_COMPARED]:
+    # those within the limits of joint speed first, then by area and price, then from the middle
+    order = np.lexsort((np.round(prices[:, 0], 3), -np.round(share / _ALMOST), dear))
+    for k in order[:_COMPARED]:
         one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is not None and (best is None or one.share > best.share + _ALMOST):
             best = one
@@ -714,11 +841,11 @@ def _locked_joints(
 
     The body distance is in m.
     """
-    task, clear = table.task, locked.reached[k].copy()
+    task, clear = table.task, locked.reached[k] & inside
     on = np.argwhere(clear)
     shut = on[_near(table, on, locked.Q[k][clear], distance)]
     clear[shut[:, 0], shut[:, 1]] = False
-    Q = locked.Q[k][clear & inside]
+    Q = locked.Q[k][clear]
     if not len(Q):
         return None
     joints = np.flatnonzero(locked.held[k])
