@@ -17,6 +17,7 @@ import numpy as np
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...model.arm_links import arm_links, base_placements, link_origins, on_base
+from ...model.kind import Kind
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
@@ -218,6 +219,7 @@ def playback_page(
     else:
         lines = [on_base(base, path[None])[0] for path in paths]
     own_frames = len(task.frames) == len(chains)
+    hands = hand_names(task) if own_frames else [chain.task.frame for chain in chains]
     return animation_page(
         arms,
         lines,
@@ -228,7 +230,9 @@ def playback_page(
         frames=frames,
         headline=headline,
         part=(link, part_name(task, task.from_robot(tracks[0].Q[0]), link)),
-        hands=hand_names(task) if own_frames else [chain.task.frame for chain in chains],
+        hands=[
+            _hand(name, chain.task.kind) for name, chain in zip(hands, chains, strict=True)
+        ],
         joints=JointRows.of(task, [track.Q[frames.index] for track in tracks], frames),
         surfaces=surfaces,
         own=own,
@@ -271,6 +275,13 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
     if together:
         lines.append(f"together{_redundancy(together).lstrip(',')}")
     return ";\n".join(lines)
+
+
+def _hand(name: str, kind: Kind) -> str:
+    """Name a hand before the distance of its point, and say which rotation its task leaves free."""
+    if kind.turns and not kind.tool_axes:
+        return name
+    return f"{name}, free to turn{' about its axis' if kind.turns else ''}:"
 
 
 def _redundancy(task: Task) -> str:

@@ -127,8 +127,8 @@ async function main() {
     const leading = own && own.lead;
     const full = scene.live ? LIVE_FULL : fullDrift(arms);
     byId("drift-to").textContent = scene.live
-      ? `from ${formatLength(full)} off`
-      : `${formatLength(full)} off`;
+      ? `${formatLength(full)} and more from cycle 1`
+      : `${formatLength(full)} from the grey arm`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1);
     const part = clock.time - cycle;
     const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);

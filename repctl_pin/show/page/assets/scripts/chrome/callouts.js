@@ -4,11 +4,12 @@ import { tint } from "./chart.js";
 import { byId, element } from "../dom.js";
 import { formatLength } from "../numbers.js";
 
+const NARROW = "(max-width: 640px)"; // where what a number is measured from has fewer words
 const RIM = 13; // px from the hand to the rim of its ring
 
 export class Callouts {
   constructor(panes, scene) {
-    Object.assign(this, { panes, scene });
+    Object.assign(this, { panes, scene, narrow: window.matchMedia(NARROW) });
     this.sets = panes.arms.map((arm, k) => ({
       arm,
       part: makeCallout(panes.frames[k], ""),
@@ -21,7 +22,7 @@ export class Callouts {
   }
 
   words(off) {
-    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)} off`;
+    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)}`;
   }
 
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far
@@ -29,11 +30,7 @@ export class Callouts {
   say(read = null) {
     const { leading, hands: names } = this.scene;
     for (const { arm, part, hands } of this.sets) {
-      const grey = arm.ghostSpot() ? ", in grey" : "";
-      const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
-      const same = leading ? "" : "the same in every cycle";
-      const compared = arm.repeats ? same : `from ${base}${grey}`;
-      const from = leading === "slides" ? `from the start${grey}` : compared;
+      const from = this.measuredFrom(arm);
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
       const lost = Boolean(arm.lost) && !leading;
       part.box.style.visibility = lost ? "hidden" : "";
@@ -44,11 +41,24 @@ export class Callouts {
       hands.forEach((hand, f) => {
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        setText(hand.value, `${names[f]} ${formatLength(away)} off`);
+        const of = arm.repeats ? "from cycle 1" : "from the grey one";
+        setText(hand.value, `${names[f]} ${formatLength(away)} ${of}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     }
     if (!this.scene.leading) this.place(); // else the picture that follows places them
+  }
+
+  // What the number of an arm is measured from.
+  measuredFrom(arm) {
+    const { leading } = this.scene;
+    const grey = arm.ghostSpot() ? ", in grey" : "";
+    if (leading === "slides") return `from the start${grey}`;
+    if (leading && arm.repeats) return "the other is measured from here";
+    if (this.narrow.matches) return arm.repeats ? "from cycle 1" : "from the grey arm";
+    if (arm.repeats) return "from its place in cycle 1";
+    const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+    return `from ${base}${grey}`;
   }
 
   // The part's above the arm, the hand's below it; each with a line to what it speaks of.

@@ -685,7 +685,7 @@ export class Own {
   }
 
   bestWords() {
-    return `${formatLength(this.best.off)} off after ${CYCLES} cycles`;
+    return `${formatLength(this.best.off)} from its start after ${CYCLES} cycles`;
   }
 
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough
@@ -904,14 +904,14 @@ const LEAD_WORDS = {
 };
 const LOOP_WORDS = {
   verdict:
-    "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the " +
-    "usual control, 0 under the repeatable one.",
+    "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m from its start " +
+    "under the usual control, 0 under the repeatable one.",
   notes:
     "The joints move 0.8 % slower under the repeatable one (root mean square over cycle 1). " +
     "The usual control has the smallest joint speed at each instant, not over a whole cycle. " +
     "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
     "best, 0 fails). Collisions are not checked. Can you draw one, 25 cm or longer, under which " +
-    "the usual arm drifts less? Your best: 0.88 mm off after 10 cycles.",
+    "the usual arm drifts less? Your best: 0.88 mm from its start after 10 cycles.",
 };
 const PROVED_WORDS = " Closing is proved within 1.1 cm of the start; this loop was computed.";
 
