@@ -105,7 +105,7 @@ def _verdict(audit: Audit) -> list[Span]:
         when = "" if audit.begins is None else _time_span(audit.begins)
         start = f"repeats for {when}, then drifts" if when else "drifts"
         return [
-            Span(f"Your arm {start}: {fastest} "),
+            Span(f"Your arm {start}: {fastest} moves "),
             Span(rate.replace(" ", "\u00a0"), "bad"),
             Span(f" {_unbroken(interval)}."),
         ]
@@ -201,7 +201,11 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
         for value in (abs(audit.joints.rate[joint]) * seconds, audit.joints.error[joint] * seconds)
     )
     name = audit.task.joint_names[joint]
-    return (name, f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}", f"({_SURE}: ± {error})")
+    return (
+        name,
+        f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}",
+        f"({_SURE}: ± {error})",
+    )
 
 
 def _part_of(audit: Audit) -> str:
@@ -245,7 +249,7 @@ def _table(audit: Audit) -> str:
         values = (audit.differences[i], rate * each, rate * seconds, error * seconds)
         name = f"{audit.task.joint_names[i]}, {unit_of([audit.task.revolute[i]])}"
         rows.append([name, *map(_number, map(float, values))])
-    header = ["", "largest difference", "per return", f"per {unit}", f"±, {_SURE}"]
+    header = ["", "largest difference", "per return", f"per {unit}", "± 95 %"]
     return table(header, rows)
 
 

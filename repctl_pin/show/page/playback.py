@@ -230,9 +230,7 @@ def playback_page(
         frames=frames,
         headline=headline,
         part=(link, part_name(task, task.from_robot(tracks[0].Q[0]), link)),
-        hands=[
-            _hand(name, chain.task.kind) for name, chain in zip(hands, chains, strict=True)
-        ],
+        hands=[_hand(name, chain.task.kind) for name, chain in zip(hands, chains, strict=True)],
         joints=JointRows.of(task, [track.Q[frames.index] for track in tracks], frames),
         surfaces=surfaces,
         own=own,

@@ -309,7 +309,8 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
         said.append(Span(f"{words if plain else f'{words} {end}'} {'' if k else 'is '}{most}"))
         off = max(one.ends[end] for one in summaries)
         said.append(Span(_whole(metres(off)), "bad", f"{end}: {off:.3g} m"))
-        said.append(Span("" if k else " from its start"))
+        if not k:
+            said.append(Span(" from its start"))
     return [*said, Span(".")]
 
 

@@ -4,12 +4,12 @@ import { tint } from "./chart.js";
 import { byId, element } from "../dom.js";
 import { formatLength } from "../numbers.js";
 
-const NARROW = "(max-width: 640px)"; // where what a number is measured from has fewer words
+const PHONE = "(max-width: 640px)"; // where what a number is measured from has fewer words
 const RIM = 13; // px from the hand to the rim of its ring
 
 export class Callouts {
   constructor(panes, scene) {
-    Object.assign(this, { panes, scene, narrow: window.matchMedia(NARROW) });
+    Object.assign(this, { panes, scene, narrow: window.matchMedia(PHONE) });
     this.sets = panes.arms.map((arm, k) => ({
       arm,
       part: makeCallout(panes.frames[k], ""),

@@ -88,8 +88,8 @@ export class Chart {
 
   // Write the readings; gives the words for when they hold.
   say(done, cycle, part) {
-    const after = done ? `after ${done === 1 ? "1 cycle" : `${done} cycles`}` : "at the start";
-    const times = `${after}, from its start`;
+    const count = done === 1 ? "1 cycle" : `${done} cycles`;
+    const times = done ? `after ${count}, from its start` : "at the start";
     byId("done").textContent = `${times[0].toUpperCase()}${times.slice(1)}`;
     this.values.forEach((value, k) => {
       const arm = this.arms[k];
