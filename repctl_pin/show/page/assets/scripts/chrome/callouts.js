@@ -84,7 +84,8 @@ export class Callouts {
       const { beside } = panes;
       const at = arm.lost ? null : panes.seen(k, arm.partSpot());
       const ghost = at && arm.ghostSpot();
-      drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
+      const from = ghost && panes.seen(k, ghost);
+      drawLine(gap, from, at, width, height);
       const top = beside ? 8 : label.y + label.h + 6;
       const left = beside ? label.x + label.w + 8 : 8;
       placeCallout(part, box, at, top, width, height, left);
@@ -99,7 +100,7 @@ export class Callouts {
           width,
           height,
           8,
-          at,
+          at && along(from || at, at),
         );
       });
     });
@@ -122,32 +123,43 @@ function setText(node, words) {
 }
 
 // `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room
-// for it begins; `free`: a point to leave free, the box stands beside it, on the side that it stood
-// on before
+// for it begins; `free`: points to leave free, the box stands beside them, on the side that it stood
+// on before, or below them
 function placeCallout(callout, { w, h }, at, y, width, height, left, free) {
   const { box, leader } = callout;
   if (!at) {
     drawLine(leader, null, null);
     return;
   }
-  const top = Math.min(Math.max(y, 4), height - h - 4);
+  const within = (v) => Math.min(Math.max(v, 4), height - h - 4);
   const beside = (side) =>
     Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
-  const clear = (side) =>
+  const isClear = ([side, top]) =>
     !free ||
-    free.y < top - 8 ||
-    free.y > top + h + 8 ||
-    free.x < beside(side) - 8 ||
-    free.x > beside(side) + w + 8;
-  callout.side = [callout.side || 0, 0, 1, -1].find(clear) || 0;
+    free.every(
+      (p) =>
+        p.y < top - 8 || p.y > top + h + 8 || p.x < beside(side) - 8 || p.x > beside(side) + w + 8,
+    );
+  const rows = [within(y), within(Math.max(y, ...(free || []).map((p) => p.y + 9)))];
+  const places = rows.flatMap((row) => [callout.side || 0, 0, 1, -1].map((side) => [side, row]));
+  const [side, top] = places.find(isClear) || places[1];
+  callout.side = side;
   // the line to a part slants, so that it lies on no straight link
-  const x = beside(free ? callout.side : -1);
+  const x = beside(free ? side : -1);
   box.style.transform = `translate(${x}px, ${top}px)`;
   const from = {
     x: free ? Math.min(Math.max(at.x, x + 6), x + w - 6) : x + w / 2,
     y: at.y > top + h ? top + h : at.y < top ? top : NaN,
   };
   drawLine(leader, from, at, width, height);
+}
+
+// Points of a line, its ends among them.
+function along(p, q) {
+  return [0, 0.25, 0.5, 0.75, 1].map((t) => ({
+    x: p.x + t * (q.x - p.x),
+    y: p.y + t * (q.y - p.y),
+  }));
 }
 
 // Draw a line between two points of the window; none if there is no first point, or the second is

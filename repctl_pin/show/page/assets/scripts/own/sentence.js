@@ -78,7 +78,11 @@ function comparison(context, { encloses, turns, whose }) {
       [` from the start${runs.length === 2 ? " under both controls" : ""}.`],
     );
   else if (back)
-    sentence.push([`So is every part of the ${armWord(chain)}: `], ["0", "good"], [" from its start."]);
+    sentence.push(
+      [`So is every part of the ${armWord(chain)}: `],
+      ["0", "good"],
+      [" from its start."],
+    );
   else if (most.off >= SMALL) {
     const offs = listed((i) => value(i, FROM));
     sentence.push([`${capitalized(partWords(most.part))} is not: `], ...offs, ["."]);
