@@ -29,7 +29,7 @@ const OUT_OF_REACH = "That is out of reach.";
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
-  // computed(), or the study again; `paths`: those of the study, as they are drawn
+  // computed() after play's pauses, or the study again; `paths`: those of the study, as they are drawn
   constructor(data, { arms, panes, scene, clock, extent, player, paths }) {
     Object.assign(this, { arms, panes, scene, clock, extent, player });
     this.chain = new Chain(data);
@@ -243,6 +243,7 @@ export class Own {
         setTimeout(resolve);
       });
     }
+    work.return();
   }
 
   // ---- the gesture
@@ -605,6 +606,8 @@ export class Own {
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
     yield;
     this.endGesture();
+    yield* this.player.play({ ...result, paths: paths.filter(Boolean) });
+    yield;
     const lead = paths.find(Boolean);
     const shape = {
       encloses: enclosing(lead) > 0,
@@ -621,7 +624,7 @@ export class Own {
     byId("loop-csv").hidden = !points;
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
     byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
-    this.player.play({ ...result, paths: paths.filter(Boolean) });
+    yield;
     this.report(Math.min(cycle, result.cycles));
     this.clock.seek(this.shown);
   }
