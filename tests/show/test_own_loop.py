@@ -759,3 +759,40 @@ def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> Non
     driver.execute_script("repctl.seek(1)")
     assert driver.execute_script(pixels) == light
     assert errors(driver) == []
+
+
+_DRAWN = """
+const [points, done] = arguments, { own, viewer } = repctl;
+own.open({ points }).then(() => {
+  const play = () => own.player.play({ ...own.result, paths: own.paths().filter(Boolean) });
+  const { set_dirty } = viewer;
+  let pauses = 0, shown = 0;
+  const work = play();
+  work.next();
+  viewer.set_dirty = () => { shown += 1; };
+  while (!work.next().done) { pauses += 1; repctl.seek(pauses % 7); }
+  viewer.set_dirty = set_dirty;
+  const half = own.run(play());
+  own.leave();
+  half.then(() => {
+    repctl.seek(2);
+    const read = (id) => document.getElementById(id).textContent;
+    done([pauses, shown, own.state, read("done")]);
+  });
+});
+"""
+
+
+def test_what_was_computed_is_drawn_in_slices(driver: Any, page: Path) -> None:
+    """A pause after each trace; nothing of the motion is shown before all is drawn. A drawing that
+    something else ends leaves the page whole."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    home = np.array(driver.execute_script("return repctl.own.chain.homes[0]"))
+    points = [home, home + [0.05, 0, 0], home + [0.05, 0.05, 0], home]
+    pauses, shown, state, read = driver.execute_async_script(
+        _DRAWN, [point.tolist() for point in points]
+    )
+    assert pauses >= 2 * 2 and shown == 0
+    assert state == "study" and read == "After 2 cycles, from its start"
+    assert errors(driver) == []
