@@ -265,14 +265,18 @@ def _joint_origins(
 
 
 def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
-    """Describe the task of each chain in a line, and all chains ``together`` in another."""
-    lines = []
+    """Describe the tasks of the chains, one line per kind, and all chains ``together`` in another.
+
+    Without a common task, each chain has a line of its own.
+    """
+    if together is None:
+        tasks = [chain.task for chain in chains]
+        return ";\n".join(f"{one.frame_words}: {one.kind.words}{_redundancy(one)}" for one in tasks)
+    frames: dict[str, list[str]] = {}
     for chain in chains:
-        size = "" if together else _redundancy(chain.task)
-        lines.append(f"{chain.task.frame_words}: {chain.task.kind.words}{size}")
-    if together:
-        lines.append(f"together{_redundancy(together).lstrip(',')}")
-    return ";\n".join(lines)
+        frames.setdefault(chain.task.kind.words, []).append(chain.task.frame_words)
+    lines = [f"{', '.join(named)}: {words}" for words, named in frames.items()]
+    return ";\n".join([*lines, f"together{_redundancy(together).lstrip(',')}"])
 
 
 def _hand(name: str, kind: Kind) -> str:
