@@ -90,8 +90,8 @@ def words(told: Any) -> tuple[str, str]:
 def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
     sentence, notes = words(headline_of([USUAL, CLOSED], 10))
     assert sentence == (
-        BACK
-        + "The elbow is not: 32 cm from its start under the usual control, 0 under the repeatable one."
+        BACK + "The elbow is not: 32 cm from its start under the usual control, "
+        "0 under the repeatable one."
     )
     assert (
         notes == "The joints move 0.3 % faster under the repeatable one (root mean square over "
@@ -122,8 +122,8 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         ),
         (
             [replace(USUAL, part="link arm_3"), CLOSED],
-            BACK
-            + "Link arm_3 is not: 32 cm from its start under the usual control, 0 under the repeatable one.",
+            BACK + "Link arm_3 is not: 32 cm from its start under the usual control, "
+            "0 under the repeatable one.",
         ),
         (
             [replace(USUAL, part="link 3"), CLOSED],
@@ -164,8 +164,8 @@ def test_another_hand_that_moves_with_the_arm_is_named() -> None:
         headline_of([replace(USUAL, ends=ends), replace(CLOSED, ends=dict.fromkeys(ends, 0.0))], 10)
     )
     assert told[0] == (
-        BACK
-        + "The elbow is not: 32 cm from its start under the usual control, 0 under the repeatable one. "
+        BACK + "The elbow is not: 32 cm from its start under the usual control, "
+        "0 under the repeatable one. "
         "Under the usual control the other hand is 30 cm from its start, the head 40 cm."
     )
     feet = {"left_foot": 0.2, "right_foot": 0.1}
@@ -181,8 +181,9 @@ def test_a_hand_that_is_not_back_is_said() -> None:
     """Issue 37, item 15: in a motion without a path, such as one from a file."""
     told = words(headline_of([replace(USUAL, hand_off=0.12), CLOSED], 10))[0]
     assert told == (
-        "Under the usual control the hand is not back after 10 cycles: 12 cm from its start. After 10 cycles "
-        "the elbow is not back: 32 cm from its start under the usual control, 0 under the repeatable one."
+        "Under the usual control the hand is not back after 10 cycles: 12 cm from its start. "
+        "After 10 cycles the elbow is not back: 32 cm from its start under the usual control, "
+        "0 under the repeatable one."
     )
 
 
@@ -254,8 +255,8 @@ def test_limits_bodies_and_where_it_leads() -> None:
     )
     leading = replace(USUAL, leaves=(17, "joint 2"))
     assert (
-        "If every further cycle drifts like cycle 10, joint 2 leaves its range in cycle 17 under the usual control."
-        in (words(headline_of([leading, CLOSED], 10))[1])
+        "If every further cycle drifts like cycle 10, joint 2 leaves its range in cycle 17 "
+        "under the usual control." in (words(headline_of([leading, CLOSED], 10))[1])
     )
     assert "limits are kept in these 10 cycles." in words(headline_of([leading, CLOSED], 10))[1]
     slower = words(headline_of([USUAL, replace(CLOSED, speed=0.998 * USUAL.speed)], 10))[1]

@@ -265,7 +265,7 @@ def _leads(audit: Audit) -> list[str]:
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range
         more = _time_span(when)
-        said.append(f"! {joint} leaves its range in another {more} if the drift goes on like this")
+        said.append(f"! if the drift goes on like this, {joint} leaves its range in another {more}")
     said += _next_step(audit)
     worst = int(np.argmax(audit.visits.noise))
     noise = f"{_number(float(audit.visits.noise[worst]))} {unit_of([audit.task.revolute[worst]])}"
@@ -283,7 +283,7 @@ def _next_step(audit: Audit) -> list[str]:
         return []
     if audit.drifts or audit.verdict in (JUMPS, SCATTERS):
         study = f"repctl study {robot} --frame {','.join(task.frames)}{kind}"
-        return [f"next, a repeatable controller for this hand: {study}"]
+        return [f"next: {study} compares with a repeatable controller"]
     if audit.returns < ENOUGH - 1:
         return [f"next: record at least {ENOUGH - 1} returns to this pose"]
     return ["next: record more returns to this pose, or log the joints with less noise"]

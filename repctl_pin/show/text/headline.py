@@ -361,8 +361,8 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
 
 
-    ``unit`` is the text after each value (" from its start"), except a 0 that is not the first. If the most
-    displaced part depends on the controller, the smaller values name their part.
+    ``unit`` is the text after each value (" from its start"), except a 0 that is not the first. If
+    the most displaced part depends on the controller, the smaller values name their part.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
