@@ -123,8 +123,8 @@ function setText(node, words) {
 }
 
 // `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room
-// for it begins; `free`: points to leave free, the box stands beside them, on the side that it stood
-// on before, or below them
+// for it begins; `free`: points to leave free, the box stands beside them, on the side that it
+// stood on before, or below them
 function placeCallout(callout, { w, h }, at, y, width, height, left, free) {
   const { box, leader } = callout;
   if (!at) {

@@ -29,7 +29,7 @@ const OUT_OF_REACH = "That is out of reach.";
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
-  // computed() after play's pauses, or the study again; `paths`: those of the study, as they are drawn
+  // computed() after play's pauses, or the study again; `paths`: those of the study, as drawn
   constructor(data, { arms, panes, scene, clock, extent, player, paths }) {
     Object.assign(this, { arms, panes, scene, clock, extent, player });
     this.chain = new Chain(data);
