@@ -116,7 +116,7 @@ function moveOfKey(key, camera) {
 function waitingFor(target) {
   const keys =
     "Drag the target, or move it by the arrow keys, Page Up and Page Down; Home brings it back. ";
-  return `${target ? keys : ""}After each cycle this line says what is not where it was in cycle 1.`;
+  return `${target ? keys : ""}After each cycle this line says what has moved since cycle 1.`;
 }
 
 // The verdict so far: what is off where the hand was in cycle 1.
