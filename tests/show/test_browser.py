@@ -316,7 +316,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert joints.get_attribute("title").endswith(size)
     # at any time, what stands beside the bars is the end of the last finished cycle
     driver.execute_script("repctl.seek(1.5)")
-    assert text(element("done")) == "After 1 cycle"
+    assert text(element("done")) == "After 1 cycle, from its start"
     size = f"joints {motions['J⁺'].drift[0]:.3g} rad"
     assert size in joints.get_attribute("title")
     # the slider
@@ -628,7 +628,7 @@ def test_without_webgl_the_arms_are_lines(driver: Any, tmp_path: Path) -> None:
             time.sleep(0.05)
         assert min(driver.execute_script(coloured)) > 3
         names = [e.text for e in driver.find_elements("css selector", ".arm-label")]
-        assert names[0][-1] == "m" and names[1] == "repeatable: 0"
+        assert names[0].endswith("m from its start") and names[1] == "repeatable: 0 from its start"
         assert "WebGL is off" in driver.find_element("id", "drift-note").text
         assert not driver.find_element("id", "notice").is_displayed()
         assert not driver.find_element("id", "play").is_displayed()
