@@ -283,7 +283,7 @@ def _hand(name: str, kind: Kind) -> str:
     """Name a hand before the distance of its point, and say which rotation its task leaves free."""
     if kind.turns and not kind.tool_axes:
         return name
-    return f"{name}, free to turn{' about its axis' if kind.turns else ''}:"
+    return f"{name}, free to {'spin' if kind.turns else 'turn'}:"
 
 
 def _redundancy(task: Task) -> str:
