@@ -125,7 +125,7 @@ def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
     found = _other_circle(plain, q0, motion) if off < _HARDLY else None
     if found is not None and found[2] >= max(_HARDLY, 2 * off):
         plane, link, most = found
-        more = f"{link} is {100 * most:.2g} cm off after {motion.cycles} cycles"
+        more = f"{link} is {100 * most:.2g} cm from its start after {motion.cycles} cycles"
         return [f"on a circle of the same size in {plane} J⁺ drifts more: {more}"]
     if motion.drift[0] > _LITTLE:
         return []

@@ -137,7 +137,7 @@ def test_stray_points_of_a_mesh_do_not_count(stray: float, collision: str, tmp_p
 def leaves(motion: rp.Motion) -> list[tuple[str, ...]]:
     """When a page says that a joint leaves its range: joints and cycles."""
     page = rp.animation({"J⁺": motion}).page
-    return re.findall(r"At this rate (\S+) leaves its range in cycle (\d+)", page)
+    return re.findall(r"like cycle \d+, (\S+) leaves its range in cycle (\d+)", page)
 
 
 def moving(q: np.ndarray) -> rp.Motion:

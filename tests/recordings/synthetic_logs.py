@@ -15,18 +15,18 @@ Level = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
 
 
 def steady(s: np.ndarray, cycles: int, rng: np.random.Generator) -> np.ndarray:
-    """Creep at one rate; s counts the cycles."""
+    """Drift at one rate; s counts the cycles."""
     return s / cycles
 
 
 def onset(s: np.ndarray, cycles: int, rng: np.random.Generator) -> np.ndarray:
-    """Creep that begins after half to three quarters of the log."""
+    """Drift that begins after half to three quarters of the log."""
     begin = rng.uniform(0.5, 0.75) * cycles
     return np.maximum(s - begin, 0) / (cycles - begin)
 
 
 def saw_tooth(s: np.ndarray, cycles: int, rng: np.random.Generator) -> np.ndarray:
-    """Creep that is reset every few cycles."""
+    """Drift that is reset every few cycles."""
     teeth = int(rng.integers(3, max(4, cycles // 2 + 1)))
     return _steps(s, np.arange(cycles + 2) % teeth / (teeth - 1), rng)
 

@@ -1,4 +1,4 @@
-"""Audit of recorded joints: creep of logs with noise, gaps and pauses, and bad logs."""
+"""Audit of recorded joints: drift of logs with noise, gaps and pauses, and bad logs."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Log:
     def _when(self, t: np.ndarray) -> np.ndarray:
         return np.interp(t, self._clock, self.motion.t)
 
-    def creep(self, found: rp.Audit) -> tuple[np.ndarray, float]:
+    def drift(self, found: rp.Audit) -> tuple[np.ndarray, float]:
         """The true rates, of the joints and of the part that the audit names: by the same places
         of all cycles of the noise-free motion, at the times at which the log has them."""
         near = self._when(found.visits.t - 1e9) / self.period
@@ -95,13 +95,13 @@ def motion_of(problem: rp.Problem, radius: float, control: str, cycles: int = 9)
 
 
 @pytest.mark.parametrize(("name", "radius", "control"), MOTIONS)
-def test_the_creep_of_a_log_is_that_of_the_motion(
+def test_the_drift_of_a_log_is_that_of_the_motion(
     name: str, radius: float, control: str, problems: dict[str, rp.Problem]
 ) -> None:
     log = Log(motion_of(problems[name], radius, control))
     found = rp.audit((log.t, log.q), problems[name].task)
-    joints, part = log.creep(found)
-    assert found.verdict == "creeps" and not found.repeats and not found
+    joints, part = log.drift(found)
+    assert found.verdict == "drifts" and not found.repeats and not found
     assert found.returns >= 5
     assert found.rate == pytest.approx(part, rel=0.05)
     assert abs(found.rate - part) < found.error
@@ -109,7 +109,7 @@ def test_the_creep_of_a_log_is_that_of_the_motion(
     assert np.abs(found.joints.rate - joints).max() < 0.05 * np.abs(joints).max()
 
 
-def test_a_repeatable_controllers_log_has_no_creep(problems: dict[str, rp.Problem]) -> None:
+def test_a_repeatable_controllers_log_has_no_drift(problems: dict[str, rp.Problem]) -> None:
     problem = problems["planar3r"]
     task = problem.task
     design = rp.nearest_repeatable(
@@ -119,11 +119,11 @@ def test_a_repeatable_controllers_log_has_no_creep(problems: dict[str, rp.Proble
         options=rp.FitOptions(samples=256, held_out=256),
     )
     motion = rp.follow(design.inverse, problem.path, problem.start, cycles=9, steps=100, period=4.0)
-    for seed in range(8):  # chance would find a creep in one log of 20
+    for seed in range(8):  # chance would find a drift in one log of 20
         log = Log(motion, seed=seed, noise=0.0 if seed == 0 else 1e-3)
         found = rp.audit((log.t, log.q), task)
         assert found, found.summary()
-        assert "no creep above" in found.summary()
+        assert "no drift above" in found.summary()
         assert found.rate < 2 * found.error
 
 
@@ -131,7 +131,7 @@ def test_a_log_that_does_not_repeat_is_said_to(problems: dict[str, rp.Problem]) 
     log = Log(motion_of(problems["planar3r"], 0.2, "J⁺", cycles=2))
     part = log.t < log.t[0] + 0.9 * log.period
     found = rp.audit((log.t[part], log.q[part]), problems["planar3r"].task)
-    assert found.verdict == "no return" and not found.creeps and not found
+    assert found.verdict == "no return" and not found.drifts and not found
     assert found.visits.nearest > found.visits.tolerance
     assert "no hand pose is visited often enough" in found.summary()
     rest = np.tile(log.q[:1], (len(log.t), 1))
@@ -152,7 +152,7 @@ def test_a_pause_at_the_pose_is_one_visit() -> None:
     assert found.visits.q.std(axis=0).max() < 1e-4  # averaged: less than the noise
 
 
-def test_configurations_that_differ_without_a_trend_are_no_creep() -> None:
+def test_configurations_that_differ_without_a_trend_are_no_drift() -> None:
     """The same hand pose, with the elbow now here, now there."""
     problem = rp.Problem("planar3r")
     log = Log(motion_of(problem, 0.2, "J⁺", cycles=12))
@@ -163,7 +163,7 @@ def test_configurations_that_differ_without_a_trend_are_no_creep() -> None:
     assert sorted(np.bincount(found.found.groups)) == [6, 6]
 
 
-def test_full_turns_of_a_joint_without_limits_are_no_creep() -> None:
+def test_full_turns_of_a_joint_without_limits_are_no_drift() -> None:
     """A kinova's log holds angles between −π and π, or turns on and on; both are one motion."""
     task = rp.Robot.load("kinova").task(kind="position")
     t = np.arange(0, 60, 0.02)
@@ -172,7 +172,7 @@ def test_full_turns_of_a_joint_without_limits_are_no_creep() -> None:
     q[:, endless] += 2 * np.pi * t / 8
     for log in (q, np.where(np.isinf(task.upper), (q + np.pi) % (2 * np.pi) - np.pi, q)):
         found = rp.audit((t, log), task)
-        assert found.repeats and not found.creeps, found.summary()
+        assert found.repeats and not found.drifts, found.summary()
 
 
 def test_wrong_units_and_orders_are_named(problems: dict[str, rp.Problem], tmp_path: Path) -> None:
@@ -261,12 +261,14 @@ def test_the_command_answers_in_24_rows_and_writes_its_files(
     write(tmp_path / "arm.csv", task.joint_names, log.t, log.q)
     assert main(["audit", "arm.csv", "--robot", "planar3r"]) == 0
     out = capsys.readouterr().out
-    assert "Your arm creeps: " in out and "7 times" in out.replace("\n", " ")
+    assert "Your arm drifts: " in out and "7 times" in out.replace("\n", " ")
     assert small[0].count("\n") < 23
     page = (tmp_path / "repctl-out/arm/audit.html").read_text(encoding="utf-8")
-    assert "the recorded motion" in page and page.count("Your arm creeps") == 1
+    assert "the recorded motion" in page and page.count("Your arm drifts") == 1
     said = page[: page.index("</header>")]
-    assert said.count(" off") == 0 and "The elbow is not" not in said  # one measure
+    assert (
+        said.count(" off") == 0 and "from its start" not in said and "The elbow is not" not in said
+    )  # one measure
     assert (tmp_path / "repctl-out/arm/audit.png").stat().st_size > 10_000
     write(tmp_path / "deg.csv", task.joint_names, log.t, np.degrees(log.q))
     assert "degrees; use --degrees" in refused(capsys, "audit", "deg.csv", "--robot", "planar3r")
@@ -278,4 +280,4 @@ def test_the_command_answers_in_24_rows_and_writes_its_files(
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
     result = told(capsys, "audit", "arm.csv", "--robot", "planar3r")
-    assert result["creeps"] and result["returns"] == 7 and len(result["files"]) == 2
+    assert result["drifts"] and result["returns"] == 7 and len(result["files"]) == 2

@@ -32,15 +32,15 @@ def audited(level: Level, seed: int, task: rp.Task, **more: object) -> rp.Audit:
 
 
 TRUTHS: dict[Level, tuple[str, ...]] = {
-    steady: ("creeps",),
-    onset: ("creeps later", "creeps", "jumps", "scatters"),
+    steady: ("drifts",),
+    onset: ("drifts later", "drifts", "jumps", "scatters"),
     saw_tooth: ("jumps", "scatters"),
     two: ("jumps", "scatters"),
     three: ("jumps", "scatters"),
     scattered: ("scatters",),
     same: ("repeats",),
 }
-"""Verdicts that are true of each kind of log; "scatters" is true of all that neither creep steadily
+"""Verdicts that are true of each kind of log; "scatters" is true of all that neither drift steadily
 nor repeat."""
 
 
@@ -99,8 +99,8 @@ def held(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     [
         (np.tile([0.0, 0.0, 0.3], 10), "jumps"),
         (np.tile([0.0, 0.3], 10), "jumps"),
-        (np.r_[np.zeros(24), 0.04 * np.arange(1, 9)], "creeps later"),
-        (0.02 * np.arange(20), "creeps"),
+        (np.r_[np.zeros(24), 0.04 * np.arange(1, 9)], "drifts later"),
+        (0.02 * np.arange(20), "drifts"),
         (np.r_[np.zeros(29), 0.3], "jumps"),
         (np.zeros(20), "repeats"),
     ],
@@ -112,7 +112,7 @@ def test_the_logs_of_the_issue(levels: np.ndarray, verdict: str, task: rp.Task) 
     keep = np.arange(len(t)) % 40 < 24
     found = rp.audit((t[keep], q[keep]), task)
     assert found.verdict == verdict, found.summary()
-    if verdict == "creeps later":
+    if verdict == "drifts later":
         assert found.begins == pytest.approx(24 * 2.0, abs=4.0)
         rate = np.abs(found.joints.rate).max()  # type: ignore[union-attr]
         each = 0.5 * np.abs(np.ptp(found.visits.q[-8:], axis=0)).max() / 7
@@ -141,7 +141,7 @@ def test_sentence_json_and_page_agree(
     for level, words in (
         (two, "does not repeat: it jumps between 2 configurations"),
         (same, "Your arm repeats"),
-        (steady, "Your arm creeps"),
+        (steady, "Your arm drifts"),
     ):
         t, q = synthetic_log(level, 3, cycles=10, size=0.2, noise=1e-4, rests=True)
         np.savetxt("log.csv", np.c_[t, q], delimiter=",", header=names, comments="")

@@ -142,8 +142,8 @@ def test_two_arms(run: Run) -> None:
     names, drifts, _ = told.splitlines()
     assert names == "gripper_left_base_link + gripper_right_base_link, 16 joints:"
     found = re.findall(r"J⁺ (\S+), nearest repeatable (\S+)", drifts)[0]
-    creeping, closed = map(float, found)
-    assert creeping > 1 and closed < 1e-10
+    drifting, closed = map(float, found)
+    assert drifting > 1 and closed < 1e-10
 
 
 def test_a_weld_of_few_pieces_and_steps(

@@ -315,7 +315,7 @@ def test_its_first_paragraph_and_its_numbers_speak_the_users_words() -> None:
     (table,) = blocks("text")
     bridge = " ".join(next(p for p in PROSE.split("\n\n") if "So a " in p).split())
     assert "Panda" in bridge and "circle ten times" in bridge and "10 cycles" in table
-    for label, unit in (("elbow off at the end", "cm"), ("joints off at the end", "rad")):
+    for label, unit in (("elbow off its start", "cm"), ("joints off their start", "rad")):
         value = re.search(rf"{label}[^\n\d]*([\d.]+)", table)
         assert value is not None and f"{value[1]} {unit}" in bridge
 

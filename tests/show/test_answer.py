@@ -55,7 +55,7 @@ def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
     assert off[2:] == ["0"]
     sentence = (
         "After 3 cycles the hand is back under either control. Link 4 of the arm is not: "
-        f"{off[0]} off under the usual control, 0 under the repeatable one."
+        f"{off[0]} from its start under the usual control, 0 under the repeatable one."
     )
     assert " ".join(answer.split()).startswith(sentence)
     page = re.sub(r"<[^>]*>", "", rp.animation(study).page)
@@ -146,7 +146,7 @@ def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study, folder: Path
     )
     report = (folder / "stuck" / "report.html").read_text(encoding="utf-8")
     assert "Usual control stopped: the Jacobian &lt;loses&gt; rank." in report
-    assert answered(text, "link 4 off|farthest part off")[:2] == ["stopped"] * 2
+    assert answered(text, "link 4 off its start|farthest part off its start")[:2] == ["stopped"] * 2
     assert answered(text, "extra joint speed")[2] == "–"
     assert "note: + posture: the Jacobian <loses> rank" in text
     why = "stopped: the Jacobian <loses> rank."
@@ -177,7 +177,7 @@ def test_only_a_terminal_shows_tones_and_as_colours(
         assert printed(study, folder)[0] == answer
     assert "\x1b" not in answer and re.sub(r"\x1b\[\d+m", "", shown) == answer
     off = answered(answer, "link 4 off")[0]
-    assert f"\x1b[31m{off} off\x1b[0m" in shown and "\x1b[32myes\x1b[0m" in shown
+    assert f"\x1b[31m{off} from its start\x1b[0m" in shown and "\x1b[32myes\x1b[0m" in shown
 
 
 def test_what_is_off_most_is_one_number_everywhere(
@@ -188,7 +188,7 @@ def test_what_is_off_most_is_one_number_everywhere(
     moved = Drawn(study.robot).moved(*task.to_robot(motion.q[[-1, 0]])).max()
     (off,) = {answered(answer, "link 4 off")[0]}
     assert reads(off, moved)
-    assert f" {off} off under the usual control, 0 under" in first_of(study, folder)
+    assert f" {off} from its start under the usual control, 0 under" in first_of(study, folder)
     told = study.as_dict()["strategies"]["pseudoinverse"]["farthest"]
     assert told == {"link": "link4", "displacement": pytest.approx(moved, rel=1e-9)}
     found = rp.audit((motion.t, motion.q), task)
@@ -240,7 +240,7 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     assert away > 0.01
     text, _ = printed(two, tmp_path / "out")
     said = " ".join(text.split())
-    (off,) = re.findall(r"Under the usual control the other hand is (.*?) off", said)
+    (off,) = re.findall(r"Under the usual control the other hand is (.*?) from its start", said)
     assert reads(off, away)
     assert answered(text, "other hand off")[0] == off
     rows = two.as_dict()["strategies"]["pseudoinverse"]

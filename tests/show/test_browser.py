@@ -160,7 +160,7 @@ def the_colour_is_how_far_a_body_is_off_its_start(
     assert note.get_attribute("hidden")
     in_the_menu(driver, "show-drift").click()
     assert not note.get_attribute("hidden")
-    assert re.search(r"[1-9][\d.]* c?m off$", note.get_attribute("textContent"))
+    assert re.search(r"[1-9][\d.]* c?m from the grey arm$", note.get_attribute("textContent"))
 
 
 def in_the_menu(driver: Any, name: str) -> Any:
@@ -309,14 +309,14 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     driver.execute_script("repctl.seek(2)")
     assert text(element("clock")) == "after 2 of 2"
     first, second = (text(row) for row in driver.find_elements("class name", "reading"))
-    assert first.startswith("Usual control: ") and second.startswith("repeatable: 0 off")
-    assert text(element("done")) == "After 2 cycles"
+    assert first.startswith("Usual control: ") and second == "repeatable: 0"
+    assert text(element("done")) == "After 2 cycles, from its start"
     joints = driver.find_element("css selector", ".reading b")
     size = f"joints {motions['J⁺'].drift[-1]:.3g} rad, root of the sum of squares"
     assert joints.get_attribute("title").endswith(size)
     # at any time, what stands beside the bars is the end of the last finished cycle
     driver.execute_script("repctl.seek(1.5)")
-    assert text(element("done")) == "After 1 cycle"
+    assert text(element("done")) == "After 1 cycle, from its start"
     size = f"joints {motions['J⁺'].drift[0]:.3g} rad"
     assert size in joints.get_attribute("title")
     # the slider
@@ -364,7 +364,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     chart.send_keys(Keys.ARROW_RIGHT)
     assert driver.execute_script("return repctl.time") == 2
     assert chart.get_attribute("aria-valuenow") == "2"
-    assert "off after 2 cycles" in chart.get_attribute("aria-valuetext")
+    assert "after 2 cycles, from its start" in chart.get_attribute("aria-valuetext")
     # the keys are told, and the chart stands over the slider
     driver.find_element("tag name", "body").send_keys("?")
     assert "play or pause" in element("keys").text
@@ -628,7 +628,7 @@ def test_without_webgl_the_arms_are_lines(driver: Any, tmp_path: Path) -> None:
             time.sleep(0.05)
         assert min(driver.execute_script(coloured)) > 3
         names = [e.text for e in driver.find_elements("css selector", ".arm-label")]
-        assert " off" in names[0] and names[1] == "repeatable: 0 off"
+        assert names[0].endswith("m from its start") and names[1] == "repeatable: 0 from its start"
         assert "WebGL is off" in driver.find_element("id", "drift-note").text
         assert not driver.find_element("id", "notice").is_displayed()
         assert not driver.find_element("id", "play").is_displayed()

@@ -434,7 +434,7 @@ def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None
     hand(driver)
     ring = driver.find_element("class name", "ring")
     ring.send_keys(Keys.ARROW_LEFT * 6 + Keys.ENTER)
-    assert "encloses nothing: 0 off" in said(driver)
+    assert "encloses nothing: 0 from the start" in said(driver)
     ring.send_keys(Keys.ARROW_LEFT * 6 + Keys.ARROW_UP * 6 + Keys.ENTER)
     assert "The elbow is not: " in said(driver) or "hardly drifted" in said(driver)
     driver.find_element("id", "back").click()
@@ -496,7 +496,7 @@ def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: r
         f"in cycle {first} of your loop, at the red mark: its drift cannot be computed reliably"
         in told
     )
-    assert "under the repeatable control. So is every part of the arm: 0 off." in told
+    assert "under the repeatable control. So is every part of the arm: 0 from its start." in told
     assert "circle" not in driver.find_element("id", "title").text
     cut, mark, drawn = driver.execute_script(
         "const { own } = repctl, [arm] = own.arms; own.clock.seek(10);"
@@ -518,7 +518,7 @@ def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: r
     assert set(shown) == {"hidden"}
     rows = driver.find_elements("class name", "reading")
     readings = [row.get_attribute("textContent") for row in rows]
-    assert "not known" in readings[0] and "0 off" in readings[1]
+    assert "not known" in readings[0] and readings[1].endswith(": 0")
     # to 1 cm from the end of the arm's reach both can go, to 1 mm none
     angle = np.arctan2(home[1], home[0])
     for far, lost in ((2.99, False), (2.999, True)):
@@ -610,7 +610,11 @@ def test_a_loop_is_drawn_with_either_hand(
         e.get_attribute("textContent")
         for e in driver.find_elements("css selector", ".callout.hand")
     ]
-    assert callouts == ["left hand 0 off", "right hand 0 off"] * 2
+    assert callouts == [
+        f"{hand} hand 0 from {what}"
+        for what in ("the grey one", "cycle 1")
+        for hand in ("left", "right")
+    ]
     assert driver.execute_script("return repctl.own.rings.map((row) => row.length)") == [2, 2]
     driver.execute_script(
         "const { own } = repctl; own.mirrored = arguments[0]; own.grab(0, null, null, 1);"
@@ -755,4 +759,41 @@ def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> Non
     driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0], 50))")
     driver.execute_script("repctl.seek(1)")
     assert driver.execute_script(pixels) == light
+    assert errors(driver) == []
+
+
+_DRAWN = """
+const [points, done] = arguments, { own, viewer } = repctl;
+own.open({ points }).then(() => {
+  const play = () => own.player.play({ ...own.result, paths: own.paths().filter(Boolean) });
+  const { set_dirty } = viewer;
+  let pauses = 0, shown = 0;
+  const work = play();
+  work.next();
+  viewer.set_dirty = () => { shown += 1; };
+  while (!work.next().done) { pauses += 1; repctl.seek(pauses % 7); }
+  viewer.set_dirty = set_dirty;
+  const half = own.run(play());
+  own.leave();
+  half.then(() => {
+    repctl.seek(2);
+    const read = (id) => document.getElementById(id).textContent;
+    done([pauses, shown, own.state, read("done")]);
+  });
+});
+"""
+
+
+def test_what_was_computed_is_drawn_in_slices(driver: Any, page: Path) -> None:
+    """A pause after each trace; nothing of the motion is shown before all is drawn. A drawing that
+    something else ends leaves the page whole."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    home = np.array(driver.execute_script("return repctl.own.chain.homes[0]"))
+    points = [home, home + [0.05, 0, 0], home + [0.05, 0.05, 0], home]
+    pauses, shown, state, read = driver.execute_async_script(
+        _DRAWN, [point.tolist() for point in points]
+    )
+    assert pauses >= 2 * 2 and shown == 0
+    assert state == "study" and read == "After 2 cycles, from its start"
     assert errors(driver) == []

@@ -34,7 +34,7 @@ def written(value: float) -> set[str]:
     corners stand for all points)."""
     rounding = 1e-4 * value + 2e-6
     near = (value - rounding, value, value + rounding)
-    return {"0 off" if v < 1e-4 else f"{rounded(v)} off" for v in near}
+    return {"0" if v < 1e-4 else rounded(v) for v in near}
 
 
 def rounded(length: float) -> str:
@@ -89,6 +89,7 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
     exact = f"{drawn.links[ways.argmax()]}: {ways.max():.3g} m"
     assert f'title="{exact}">{words}' in html
     open_page(driver, page)
+    free = "" if study.task.kind.turns else ", free to turn:"
     told = driver.execute_script(TOLD, times)
     for k, key in enumerate(("pseudoinverse", "repeatable")):
         motion = study.row(key).motion
@@ -108,12 +109,12 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
             said = {f"{name} {words}" for words in written(value)}
             assert part[k] in said, (time, value)
-            assert hand[k] == "hand 0 off"
+            assert hand[k] == f"hand{free} 0 from {('the grey one', 'cycle 1')[k]}"
             assert np.ptp(study.task.positions(np.array(at)), axis=0).max() < 1e-3
             assert reading[k] in written(ends[done]) and reading[k] in bar
             assert int(now) == done
             ends_of = "1 cycle" if done == 1 else f"{done} cycles"
-            assert when == (f"After {ends_of}" if done else "At the start")
+            assert when == (f"After {ends_of}, from its start" if done else "At the start")
             said = re.search(r"joints (\S+) (.*), root of", exact[k])
             assert said is not None and said[2] == study.task.unit
             size = 0.0 if joints[done] < 1e-6 else joints[done]

@@ -59,7 +59,7 @@ def test_no_part_of_a_study_shows_it(tmp_path: Path, capsys) -> None:
     assert main([*command, "--out", str(folder)]) == 0
     out = capsys.readouterr().out
     assert " ".join(out.split()).startswith(f"The usual control {NO_NUMBER}. After 6 ")
-    (row,) = [line for line in out.splitlines() if line.startswith("joints off at")]
+    (row,) = [line for line in out.splitlines() if line.startswith("joints off their start")]
     assert row.split()[-3] == "–" and row.split()[-1] == "0"
     page = (folder / "animation.html").read_text("utf-8")
     assert f"The usual control {NO_NUMBER}." in page and '"label":"J⁺"' not in page

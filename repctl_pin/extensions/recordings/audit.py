@@ -1,6 +1,6 @@
 """Audit of a recorded joint motion: how the configurations at the visits of one hand pose differ.
 
-Creep is a steady drift: the configuration at the pose changes from visit to visit. A visit is a
+Drift is here a steady change of the configuration at the pose from visit to visit. A visit is a
 time at which the hand is at the pose; every visit but the first is a return. The hand is the frame
 that the task controls; if the task controls several frames, all must be at their poses.
 """
@@ -23,7 +23,7 @@ from ...motion.body_displacement import LinkPoints
 from ...motion.motion import CLOSED
 from ...studies.task_choice import choose_task
 from .joint_log import JointLog, joint_log, read_joint_log
-from .verdict import CREEPS, LATER, NO_RETURN, REPEATS, Trend, Verdict, trend, verdict
+from .verdict import DRIFTS, LATER, NO_RETURN, REPEATS, Trend, Verdict, trend, verdict
 from .visits import Visits, find_visits
 
 _FEWEST = 3
@@ -59,7 +59,7 @@ class Audit:
     part : int
         Index, among ``links``, of the link that is displaced most; see :mod:`.body_displacement`.
     rate : float
-        Speed at which the point of that link creeps, m/s; 0 with fewer than two returns.
+        Speed at which the point of that link drifts, m/s; 0 with fewer than two returns.
     error : float
         Half-width of the 95 % confidence interval of ``rate``, m/s.
     difference : float
@@ -96,8 +96,8 @@ class Audit:
 
         - ``repeats``: the largest difference between two visits is within the noise, and no slope
           is significant.
-        - ``creeps``: the joints change steadily.
-        - ``creeps later``: the joints are the same at first, and change steadily later.
+        - ``drifts``: the joints change steadily.
+        - ``drifts later``: the joints are the same at first, and change steadily later.
         - ``jumps``: each visit is in one of a few configurations.
         - ``scatters``: the configurations differ, without a steady change.
         - ``inconclusive``: there are two to four returns, or the noise could hide a difference.
@@ -111,13 +111,13 @@ class Audit:
         return self.verdict == REPEATS
 
     @property
-    def creeps(self) -> bool:
+    def drifts(self) -> bool:
         """True if some joint changes steadily, from the first visit or from a later one on."""
-        return self.verdict in (CREEPS, LATER)
+        return self.verdict in (DRIFTS, LATER)
 
     @property
     def joints(self) -> Trend | None:
-        """Creep of each joint, its steady change, rad/s or m/s; None below two returns."""
+        """Drift of each joint, its steady change, rad/s or m/s; None below two returns."""
         return None if self.found is None else self.found.trend
 
     @property
@@ -132,7 +132,7 @@ class Audit:
 
     @property
     def begins(self) -> float | None:
-        """Time of the log, s, at which a later creep begins; None for any other verdict."""
+        """Time of the log, s, at which a later drift begins; None for any other verdict."""
         if self.found is None or self.verdict != LATER:
             return None
         return float(self.visits.t[self.found.begins - 1] - self.log.t[0])
@@ -168,10 +168,10 @@ class Audit:
     def leaves_range(self) -> tuple[float, str] | None:
         """Predicted time after the log, s, at which a joint leaves its range, and the joint's name.
 
-        The prediction assumes that the creep continues at the measured rate. None if the arm does
-        not creep, or if the predicted time is more than 100 times as long as the log.
+        The prediction assumes that the drift continues at the measured rate. None if the arm does
+        not drift, or if the predicted time is more than 100 times as long as the log.
         """
-        if self.joints is None or not self.creeps:
+        if self.joints is None or not self.drifts:
             return None
         last = self.log.q[self.log.t >= self.visits.t[-2]]
         lower, upper, rate = self.task.lower, self.task.upper, self.joints.rate
@@ -192,13 +192,13 @@ class Audit:
         seconds, unit = self.clock
         error = f"{100 * self.error * seconds:.2g} cm per {unit}"
         name_of = self.links[self.part]
-        if self.creeps:
+        if self.drifts:
             rate = f"{100 * self.rate * seconds:.3g} ± {error}"
-            late = "" if self.verdict == CREEPS else f" after {self.begins:.4g} s"
-            return f"{name}: {name_of} creeps {rate}{late} in {times}"
+            late = "" if self.verdict == DRIFTS else f" after {self.begins:.4g} s"
+            return f"{name}: {name_of} drifts {rate}{late} in {times}"
         off = f"{name_of} differs by up to {100 * self.difference:.3g} cm in {times}"
         if self.repeats:
-            return f"{name}: repeats, no creep above {error}; {off}, within the noise"
+            return f"{name}: repeats, no drift above {error}; {off}, within the noise"
         return f"{name}: {self.verdict}; {off}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -210,7 +210,7 @@ class Audit:
             "seconds": float(self.log.t[-1] - self.log.t[0]),
             "verdict": self.verdict,
             "repeats": self.repeats,
-            "creeps": self.creeps,
+            "drifts": self.drifts,
             "returns": max(self.returns, 0),
             "tolerance": self.visits.tolerance,
             "noise": self.visits.noise,
@@ -247,11 +247,11 @@ def audit(
     degrees: bool = False,
     tolerance: float | None = None,
 ) -> Audit:
-    """Measure how far an arm creeps between returns to one end-effector pose, from a joint log.
+    """Measure how far an arm drifts between returns to one end-effector pose, from a joint log.
 
-    Creep is a steady change of the joints at one pose, as under J⁺. The pose that the end effector
+    Drift is a steady change of the joints at one pose, as under J⁺. The pose that the end effector
     visits most often is found among the poses f(q), equation (1), of the log. The arm repeats if
-    the largest difference of its configurations there is within the noise. A joint's creep is the
+    the largest difference of its configurations there is within the noise. A joint's drift is the
     median of the slopes between all pairs of visits (Theil and Sen), so an outlier, a gap or a
     pause does not change it. The confidence interval is that of a straight-line fit; its scatter is
     the robust scatter of the visits, but at least the noise of the log.
@@ -294,7 +294,7 @@ def audit(
     >>> motion = rp.follow(control, path, q0, cycles=6, steps=100)  # J⁺
     >>> found = rp.audit((motion.t, motion.q), task)
     >>> found.verdict, found.returns, bool(found.rate > 1e-4)  # m/s
-    ('creeps', 6, True)
+    ('drifts', 6, True)
     """
     degrees = flag(degrees, "degrees")
     if tolerance is not None:

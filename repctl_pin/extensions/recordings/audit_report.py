@@ -1,7 +1,7 @@
 """Report of an audit: an answer that fits a terminal of 24 rows, a page and a figure.
 
-A Span is a piece of text with a style, such as "bad" for red. Creep is a steady drift of the joints
-at one hand pose.
+A Span is a piece of text with a style, such as "bad" for red. Drift is a steady change of the
+joints at one hand pose.
 """
 
 from __future__ import annotations
@@ -39,6 +39,9 @@ _SHOWN, _LETTERS = 24, 26
 _STILL = 1e-3
 """Displacement of an origin, in m per rad or m of the joints, below which it does not move."""
 
+_SURE = "95 % confidence"
+"""Confidence of the intervals of rates."""
+
 _SPANS = ((3600.0, "h"), (60.0, "min"), (0.0, "s"))
 
 
@@ -49,7 +52,7 @@ _CYCLES = 240
 """Maximum number of cycles on the page."""
 
 _STYLES = ((INK, "o"), (PURPLE, "s"), (GREY, "^"), (SKY, "D"))
-"""Colours and markers of the joints in the figure, which are those that creep most."""
+"""Colours and markers of the joints in the figure, which are those that drift most."""
 
 _LEAST = 2e-3
 """Minimum height of an axis, m or rad, so that rounding errors are not magnified."""
@@ -79,27 +82,30 @@ def _audit_sentence(audit: Audit) -> list[Span]:
     A log in which no pose is visited often enough gets a sentence that says so.
     """
     if audit.found is None:
-        return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of creep.")]
-    back = capital(hands_are(len(audit.task.frames)))
-    returns = Span(f" {back} back at the same pose {audit.returns} times.")
+        return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of drift.")]
+    back = hands_are(len(audit.task.frames))
+    span = _time_span(float(audit.log.t[-1] - audit.log.t[0]))
+    returns = Span(
+        f" In this log of {_unbroken(span)} {back} back at the same pose {audit.returns} times."
+    )
     return [*_verdict(audit), returns]
 
 
 def _verdict(audit: Audit) -> list[Span]:
     """Write the verdict and its statistic as one sentence in pieces, with the key number marked.
 
-    The statistic is the rate with its interval if the arm creeps, and the largest difference if it
+    The statistic is the rate with its interval if the arm drifts, and the largest difference if it
     jumps or scatters. If the log is inconclusive, the sentence gives the reason.
     """
     assert audit.found is not None
     seconds, unit = audit.clock
     name, off = _farthest(audit)
-    if audit.creeps:
+    if audit.drifts:
         fastest, rate, interval = _fastest(audit)
         when = "" if audit.begins is None else _time_span(audit.begins)
-        start = f"repeats for {when}, then creeps" if when else "creeps"
+        start = f"repeats for {when}, then drifts" if when else "drifts"
         return [
-            Span(f"Your arm {start}: {fastest} "),
+            Span(f"Your arm {start}: {fastest} moves "),
             Span(rate.replace(" ", "\u00a0"), "bad"),
             Span(f" {_unbroken(interval)}."),
         ]
@@ -107,7 +113,7 @@ def _verdict(audit: Audit) -> list[Span]:
         error = f"{metres(audit.error * seconds)} per {unit}"
         return [
             Span("Your arm repeats: "),
-            Span("no\u00a0creep", "good"),
+            Span("no\u00a0drift", "good"),
             Span(f" above the noise, {error}; {name} differs by at most {off}."),
         ]
     if audit.verdict == JUMPS:
@@ -121,13 +127,13 @@ def _verdict(audit: Audit) -> list[Span]:
         return [
             Span(f"Your arm does not repeat: {name} differs by up to "),
             Span(off, "bad"),
-            Span(", without a steady creep."),
+            Span(", without a steady drift."),
         ]
     if audit.returns >= ENOUGH - 1:
         hides = "whether" if audit.found.within else "how"
         return [
             Span(f"Inconclusive: {name} differs by up to {off}, but the noise of the log "),
-            Span(f"hides {hides} the arm creeps."),
+            Span(f"hides {hides} the arm drifts."),
         ]
     noise = "within" if audit.found.within else "more than"
     few = f"Inconclusive: {ENOUGH - 1} returns are needed. So far, {name} differs by up to {off}"
@@ -179,7 +185,7 @@ def _unbroken(text: str) -> str:
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
-    """Write the creep of the most displaced link or, if it does not creep, of the fastest joint.
+    """Write the drift of the most displaced link or, if it does not drift, of the fastest joint.
 
     Returns three texts: the name, the rate per hour, minute or second, and the 95 % interval.
     """
@@ -188,14 +194,18 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
     if audit.rate > audit.error:
         low, high = (metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1))
         rate = f"{metres(audit.rate * seconds)} per {unit}"
-        return f"the {_part_of(audit)}", rate, f"(95 %: {low} to {high})"
+        return f"the {_part_of(audit)}", rate, f"({_SURE}: {low} to {high})"
     joint = int(np.argmax(np.abs(audit.joints.rate) / audit.joints.error))
     rate, error = (
         number(float(value))
         for value in (abs(audit.joints.rate[joint]) * seconds, audit.joints.error[joint] * seconds)
     )
     name = audit.task.joint_names[joint]
-    return (name, f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}", f"(± {error})")
+    return (
+        name,
+        f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}",
+        f"({_SURE}: ± {error})",
+    )
 
 
 def _part_of(audit: Audit) -> str:
@@ -222,9 +232,9 @@ def _number(value: float) -> str:
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of creep: the most displaced link, then the joints, the largest first.
+    """Format the table of drift: the most displaced link, then the joints, the largest first.
 
-    Its columns are the largest difference, the creep per return and per unit of time, and the
+    Its columns are the largest difference, the drift per return and per unit of time, and the
     half-width of the 95 % interval.
     """
     joints, visits = audit.joints, audit.visits
@@ -254,12 +264,29 @@ def _leads(audit: Audit) -> list[str]:
         said.append(_order(audit.found.groups))
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range
-        said.append(f"! at this rate {joint} leaves its range in another {_time_span(when)}")
-    noise = _number(float(audit.visits.noise.max()))
-    said.append(
-        f"the same pose: within {metres(audit.visits.tolerance)}; noise of the joints: {noise}"
-    )
+        more = _time_span(when)
+        said.append(f"! if the drift goes on like this, {joint} leaves its range in another {more}")
+    said += _next_step(audit)
+    worst = int(np.argmax(audit.visits.noise))
+    noise = f"{_number(float(audit.visits.noise[worst]))} {unit_of([audit.task.revolute[worst]])}"
+    same = metres(audit.visits.tolerance)
+    said.append(f"the same pose: within {same}; noise of the joints there, at most: {noise}")
     return said
+
+
+def _next_step(audit: Audit) -> list[str]:
+    """Write what to do after an audit: a list of one text, empty if the arm repeats."""
+    task = audit.task
+    robot = task.robot.name if task.robot.entry else task.robot.description.path.name
+    kind = f" --task {task.kind}" if len(task.frames) == 1 else ""
+    if audit.verdict == REPEATS:
+        return []
+    if audit.drifts or audit.verdict in (JUMPS, SCATTERS):
+        study = f"repctl study {robot} --frame {','.join(task.frames)}{kind}"
+        return [f"next: {study} compares with a repeatable controller"]
+    if audit.returns < ENOUGH - 1:
+        return [f"next: record at least {ENOUGH - 1} returns to this pose"]
+    return ["next: record more returns to this pose, or log the joints with less noise"]
 
 
 def _order(groups: NDArray[np.intp]) -> str:
@@ -346,7 +373,7 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def _audit_figure(audit: Audit) -> Figure:
-    """Draw ``audit.png``: creep of the most displaced link and of the joints over time.
+    """Draw ``audit.png``: drift of the most displaced link and of the joints over time.
 
     Dots are the visits of the hand pose, lines the measured rates.
     """

@@ -1,7 +1,7 @@
 """Verdict on the configurations at the visits of one pose, from their largest difference.
 
 A visit is a time at which the hand is at the pose. Differences are compared with the noise, which
-has two parts: the scatter of a reading, and a bias, which bounds its systematic errors. Creep is a
+has two parts: the scatter of a reading, and a bias, which bounds its systematic errors. Drift is a
 steady change.
 """
 
@@ -18,7 +18,7 @@ from scipy.stats import t as student
 from ...base.arguments import Array, read_only
 from ...motion.motion import CLOSED
 
-REPEATS, CREEPS, LATER = "repeats", "creeps", "creeps later"
+REPEATS, DRIFTS, LATER = "repeats", "drifts", "drifts later"
 JUMPS, SCATTERS, INCONCLUSIVE = "jumps", "scatters", "inconclusive"
 NO_RETURN = "no return"
 
@@ -34,10 +34,10 @@ _STEADY = 0.999
 """Confidence with which a slope is distinguished from scatter."""
 
 _QUIET = 3.0
-"""Minimum ratio of the later creep, had it lasted from the start, to the noise before it."""
+"""Minimum ratio of the later drift, had it lasted from the start, to the noise before it."""
 
 _LATER = 4
-"""Minimum number of visits of a later creep."""
+"""Minimum number of visits of a later drift."""
 
 _EXPLAINED = 0.5
 """Maximum range about a steady line, relative to the range of the values."""
@@ -79,11 +79,11 @@ class Verdict:
     Attributes
     ----------
     kind : str
-        ``repeats``, ``creeps``, ``creeps later``, ``jumps``, ``scatters`` or ``inconclusive``.
+        ``repeats``, ``drifts``, ``drifts later``, ``jumps``, ``scatters`` or ``inconclusive``.
     trend : Trend
-        Creep of every joint, rad/s or m/s, over the visits from ``begins`` on.
+        Drift of every joint, rad/s or m/s, over the visits from ``begins`` on.
     begins : int
-        Number of the visit at which a later creep begins; 0 for all other kinds.
+        Number of the visit at which a later drift begins; 0 for all other kinds.
     groups : (N,) array of int
         Number of each visit's configuration. Visits with equal numbers differ by no more than the
         noise.
@@ -129,8 +129,8 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     kind, begins = SCATTERS, 0
     if N < ENOUGH:
         kind = INCONCLUSIVE
-    elif within and _significant(visits.creep(0, _SURE)).any():
-        kind = CREEPS
+    elif within and _significant(visits.drift(0, _SURE)).any():
+        kind = DRIFTS
     elif within:
         blind = (np.median(r, axis=0) > _BLIND * scale).any()
         alike = _groups(q, sharp).max() == 0
@@ -140,10 +140,10 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     elif _few(q, sharp, _groups(q, sharp)):
         kind, groups = JUMPS, _groups(q, sharp)
     elif visits.steady(0, _STEADY).any():
-        kind = CREEPS
+        kind = DRIFTS
     elif visits.steady(0, _CONFIDENCE).any():
         kind = INCONCLUSIVE
-    return Verdict(kind, visits.creep(begins), begins, groups, bool(within))
+    return Verdict(kind, visits.drift(begins), begins, groups, bool(within))
 
 
 class _Visits(NamedTuple):
@@ -157,22 +157,22 @@ class _Visits(NamedTuple):
     r: Array
     least: Array
 
-    def creep(self, first: int, confidence: float = _CONFIDENCE) -> Trend:
+    def drift(self, first: int, confidence: float = _CONFIDENCE) -> Trend:
         """Fit the trend of the joints over the visits from ``first`` on."""
         share = 1 - (1 - confidence) / self.q.shape[1]
         return trend(self.t[first:], self.q[first:], self.least, share)
 
     def steady(self, first: int, confidence: float) -> NDArray[np.bool_]:
-        """Test which joints creep steadily over the visits from ``first`` on: (n,)."""
-        line = self.creep(first, confidence)
+        """Test which joints drift steadily over the visits from ``first`` on: (n,)."""
+        line = self.drift(first, confidence)
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
     def later(self, groups: NDArray[np.intp]) -> int:
-        """Find the visit from which on the arm creeps after it has repeated; 0 if there is none."""
+        """Find the visit from which on the arm drifts after it has repeated; 0 if there is none."""
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:
             return 0
-        lasted = np.abs(self.creep(head).rate) * (self.t[head - 1] - self.t[0])
+        lasted = np.abs(self.drift(head).rate) * (self.t[head - 1] - self.t[0])
         quiet = lasted > 2 * _QUIET * np.median(self.r, axis=0)
         return head if (self.steady(head, _CONFIDENCE) & quiet).any() else 0
 
@@ -219,7 +219,7 @@ def _significant(found: Trend) -> NDArray[np.bool_]:
 
 
 def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
-    """Test which joints (n,) creep: a significant slope, and a line that explains their values.
+    """Test which joints (n,) drift: a significant slope, and a line that explains their values.
 
     The line explains the values if their distances from it are at most half of their range, or
     within the noise r (N, n). A jump also has a slope, but no such line.

@@ -17,6 +17,7 @@ import numpy as np
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...model.arm_links import arm_links, base_placements, link_origins, on_base
+from ...model.kind import Kind
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
@@ -218,6 +219,7 @@ def playback_page(
     else:
         lines = [on_base(base, path[None])[0] for path in paths]
     own_frames = len(task.frames) == len(chains)
+    hands = hand_names(task) if own_frames else [chain.task.frame for chain in chains]
     return animation_page(
         arms,
         lines,
@@ -228,7 +230,7 @@ def playback_page(
         frames=frames,
         headline=headline,
         part=(link, part_name(task, task.from_robot(tracks[0].Q[0]), link)),
-        hands=hand_names(task) if own_frames else [chain.task.frame for chain in chains],
+        hands=[_hand(name, chain.task.kind) for name, chain in zip(hands, chains, strict=True)],
         joints=JointRows.of(task, [track.Q[frames.index] for track in tracks], frames),
         surfaces=surfaces,
         own=own,
@@ -263,14 +265,25 @@ def _joint_origins(
 
 
 def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
-    """Describe the task of each chain in a line, and all chains ``together`` in another."""
-    lines = []
+    """Describe the tasks of the chains, one line per kind, and all chains ``together`` in another.
+
+    Without a common task, each chain has a line of its own.
+    """
+    if together is None:
+        tasks = [chain.task for chain in chains]
+        return ";\n".join(f"{one.frame_words}: {one.kind.words}{_redundancy(one)}" for one in tasks)
+    frames: dict[str, list[str]] = {}
     for chain in chains:
-        size = "" if together else _redundancy(chain.task)
-        lines.append(f"{chain.task.frame_words}: {chain.task.kind.words}{size}")
-    if together:
-        lines.append(f"together{_redundancy(together).lstrip(',')}")
-    return ";\n".join(lines)
+        frames.setdefault(chain.task.kind.words, []).append(chain.task.frame_words)
+    lines = [f"{', '.join(named)}: {words}" for words, named in frames.items()]
+    return ";\n".join([*lines, f"together{_redundancy(together).lstrip(',')}"])
+
+
+def _hand(name: str, kind: Kind) -> str:
+    """Name a hand before the distance of its point, and say which rotation its task leaves free."""
+    if kind.turns and not kind.tool_axes:
+        return name
+    return f"{name}, free to {'spin' if kind.turns else 'turn'}:"
 
 
 def _redundancy(task: Task) -> str:

@@ -183,8 +183,11 @@ class Viewer:
     def _placements(self, Q: Array) -> Array:
         """Place the shapes at Q (T, n) relative to the task's base: (T, S, 4, 4), m."""
         rows = self.task.to_robot(Q)
+        placements = self._visuals.placements(rows)
+        if self.task.robot.base is None:
+            return placements
         base = base_placements(self.task.robot, rows)
-        return np.asarray(np.linalg.inv(base)[:, None] @ self._visuals.placements(rows))
+        return np.asarray(np.linalg.inv(base)[:, None] @ placements)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
         """Check that there is one configuration per controller; return them as an array (K, n).

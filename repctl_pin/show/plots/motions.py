@@ -292,7 +292,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     figure = Figure(figsize=(8.6, 4.4))
     ax, curves = figure.add_subplot(), _displacements(motions)
     _linear(ax, curves)
-    ax.set_ylabel("farthest part off its place (cm)")
+    ax.set_ylabel("farthest part from its start (cm)")
     ax.set_title(plain(title), fontsize=10, loc="left")
     _arrange(figure, np.array([[ax]]), top=0.24 if title else 0.1, bottom=0.47)
     corner = _free_corner(ax, curves)

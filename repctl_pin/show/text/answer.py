@@ -143,8 +143,8 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     unit = "" if some is None else f", {some.task.unit}"
     names = [
         "hand off its path, at most",
-        f"{_part(summaries)} off at the end",
-        f"joints off at the end{unit}",
+        f"{_part(summaries)} off its start",
+        f"joints off their start{unit}",
         "first cycle closes",
         "extra joint speed, cycle 1",
         "limits",
@@ -152,7 +152,7 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     known = [one for one in summaries if one is not None]
     ends = ends_off(known)
     if ends:
-        names.insert(2, f"{end_name(ends[0])} off at the end")
+        names.insert(2, f"{end_name(ends[0])} off its start")
     checked = any(one.body_distance is not None for one in known)
     if checked or not bodies_of(study.task).unchecked:
         names.append("closest links")

@@ -61,7 +61,8 @@ def drift_words(study: Study) -> str:
         first, last = (displacement(off) for off in cycle_displacements(motion)[[0, -1]])
         parts.append(f"{label} {first} after the first cycle, {last} after the last")
     return (
-        f"How far the farthest part of the arm is off after each cycle: {'; '.join(parts)}. "
+        "How far the farthest part of the arm is from its start after each cycle: "
+        f"{'; '.join(parts)}. "
         f"Inset: the joint drift, {study.task.unit}, on a log scale."
     )
 
@@ -156,7 +157,7 @@ def still_words(study: Study) -> str:
     ends = [
         row.failure
         if row.motion is None
-        else f"{displacement(cycle_displacements(row.motion)[-1])} off"
+        else f"{displacement(cycle_displacements(row.motion)[-1])} from its start"
         for row in rows
     ]
     names = [names_of(row.label)["title"] for row in rows]

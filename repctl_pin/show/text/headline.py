@@ -176,7 +176,7 @@ def headline_of(
         every = f"every part of the {'arm' if hands == 1 else 'arms'}"
         also = f"After {times} {every} is back: " if lost else f"So is {every}: "
         worst = max(summaries, key=lambda one: one.off)
-        said += [Span(also), Span("0", "good", _exact(worst)), Span(" off.")]
+        said += [Span(also), Span("0", "good", _exact(worst)), Span(" from its start.")]
     else:
         said += _drifted(summaries, f"After {times} " if lost else "")
     return Headline((*said, *_ends(summaries)), notes)
@@ -195,7 +195,7 @@ def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _whole(text: str) -> str:
-    """Replace spaces by no-break spaces, to keep a text such as "32 cm off" on one line."""
+    """Replace spaces by no-break spaces, to keep a text such as "32 cm" on one line."""
     return text.replace(" ", "\u00a0")
 
 
@@ -220,7 +220,7 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
     subject = f"{worst.part} of the arm" if numbered else named
     verb = "is not back" if after else "is not"
     if worst.off >= SMALL:
-        offs = _offs(summaries, " off")
+        offs = _offs(summaries, " from its start")
     elif any(one.turned for one in summaries):
         _, joint = max((one.joint_displacement for one in summaries), key=lambda x: x[0])
         subject = f"the joint {joint}"
@@ -260,7 +260,7 @@ def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
     if not turns or all(one.back and not one.turned for one in summaries):
         return []
     off = sum(not one.back or one.turned for one in summaries)
-    both = ": both arms are off" if len(summaries) == off == 2 else ""
+    both = ": neither arm is back" if len(summaries) == off == 2 else ""
     return [Span(f"{capital(winding_words(turns, joint))}{both}. ")]
 
 
@@ -308,8 +308,9 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
         words = f", the {name}" if k else name
         said.append(Span(f"{words if plain else f'{words} {end}'} {'' if k else 'is '}{most}"))
         off = max(one.ends[end] for one in summaries)
-        value = _whole(f"{metres(off)}{'' if k else ' off'}")
-        said.append(Span(value, "bad", f"{end}: {off:.3g} m"))
+        said.append(Span(_whole(metres(off)), "bad", f"{end}: {off:.3g} m"))
+        if not k:
+            said.append(Span(" from its start"))
     return [*said, Span(".")]
 
 
@@ -323,17 +324,17 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
     for one in summaries:
         if one.path_loss is not None:
             cycle, way, angle = one.path_loss
-            what = f"leaves its path in cycle {cycle}"
-            off = metres(way) if way > ON_PATH * one.size else radians(angle)
+            what = f"leaves its path in cycle {cycle}, by up to "
+            off, of = (metres(way) if way > ON_PATH * one.size else radians(angle)), ""
         elif _is_open(one):
-            what = f"is not back after {times}"
-            off = metres(one.hand_off)
+            what = f"is not back after {times}: "
+            off, of = metres(one.hand_off), " from its start"
         else:
             continue
         said += [
-            Span(f"Under {under(one.label)} the hand {what}: "),
-            Span(_whole(f"{off} off"), "bad"),
-            Span(". "),
+            Span(f"Under {under(one.label)} the hand {what}"),
+            Span(_whole(off), "bad"),
+            Span(f"{of}. "),
         ]
     return said
 
@@ -360,8 +361,8 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
 
 
-    ``unit`` is the text after each value (" off"), except a 0 that is not the first. If the most
-    displaced part depends on the controller, the smaller values name their part.
+    ``unit`` is the text after each value (" from its start"), except a 0 that is not the first. If
+    the most displaced part depends on the controller, the smaller values name their part.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -369,7 +370,7 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
         value, tone, exact = off_of(one)
         word = "" if one.back and k else unit
         word += "" if one.back or one.part == worst else f" ({one.part})"
-        said.append(Span(_whole(f"{value}{word}"), tone, exact))
+        said.append(Span(f"{_whole(value)}{word}", tone, exact))
     return said
 
 
@@ -434,8 +435,8 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
             said.append(Span(f"{times} the speed limit{by}.", "bad"))
     later = [
         Span(
-            f"At this rate {one.leaves[1]} leaves its range in cycle {one.leaves[0]}"
-            f"{_by(one, summaries)}."
+            f"If every further cycle drifts like cycle {cycles}, {one.leaves[1]} leaves its range "
+            f"in cycle {one.leaves[0]}{_by(one, summaries)}."
         )
         for one in summaries
         if one.leaves is not None
@@ -467,7 +468,7 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
         f"{' and '.join(one.near)} come as near as {_distance(one)}{one.checked}" for one in near
     ]
     if len(texts) == 2 and texts[0] == texts[1]:
-        said.append(Span(f"{texts[0]}, in both.", "near"))
+        said.append(Span(f"{texts[0]} under both controls.", "near"))
     else:
         said += [
             Span(f"{text}{_by(one, summaries)}.", "near")
@@ -476,7 +477,7 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
     if said or len(free) < len(summaries):
         return said
     least = min(free, key=lambda one: one.body_distance or 0.0)
-    both = ", in both" if len(free) == 2 else ""
+    both = " under both controls" if len(free) == 2 else ""
     checked = next((one.checked for one in free if one.checked), "")
     return [Span(f"Links stay at least {_distance(least)} apart{both}{checked}.")]
 

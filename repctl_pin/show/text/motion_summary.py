@@ -1,8 +1,8 @@
 """Summaries of motions, for headlines and tables: displacement, speed, limits, bodies.
 
 The displacement of a part of the arm is the distance between its positions at the start and at the
-end of all cycles. The outlook is the cycle in which a joint leaves its range if the drift goes on
-at this rate.
+end of all cycles. The outlook is the cycle in which a joint leaves its range if every further
+cycle drifts like the last one.
 """
 
 from __future__ import annotations
@@ -74,7 +74,8 @@ class MotionSummary:
     unchecked : str
         Text on the bodies that are not checked for collisions, see :attr:`.Bodies.not_checked`.
     leaves : (int, str) or None
-        The cycle in which a joint leaves its range if it drifts on at this rate, and the joint.
+        The cycle in which a joint leaves its range if every further cycle drifts like the last
+        one, and the joint.
     near : tuple of str
         The two links with the minimum body distance; empty without bodies.
     winding : (int, str)
@@ -171,8 +172,8 @@ def motion_summary(
 def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:
     """Add to the summary of a motion its outlook, and the two links with the minimum distance.
 
-    The outlook is the cycle in which a joint leaves its range if it drifts on at this rate; it
-    warns of a violation after the last cycle shown.
+    The outlook is the cycle in which a joint leaves its range if every further cycle drifts like
+    the last one; it warns of a violation after the last cycle shown.
 
     Parameters
     ----------

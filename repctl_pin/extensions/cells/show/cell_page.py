@@ -95,7 +95,7 @@ def cell_page(
     task, joint = design.task, elbow(design.task, design.posture)
     words = (
         "Slices through the centre of the cell (+). First: the smallest joint-limit margin. "
-        "Second: joint speed relative to the desired controller at the same configurations."
+        f"Second: joint speed relative to the {_usual(design)} control at the same configurations."
     )
     if isinstance(design.cell, Sector) and design.evaluation.turns and design.cell.tilted:
         words += " Third: range of the angle that is inside the joint's limits at every tilt."
@@ -194,12 +194,15 @@ def _cost(design: CellDesign) -> Span:
         ratio_in_percent(share, 2).replace("-", "−")
         for share in (design.extra_speed, design.extra_speed_worst)
     )
-    plain = type(design.desired) is Pseudoinverse
-    control = "usual" if plain else "desired"
     return Span(
-        f"Its joint speed is {mean} above that of the {control} control on average, "
+        f"Its joint speed is {mean} above that of the {_usual(design)} control on average, "
         f"{worst} at worst. "
     )
+
+
+def _usual(design: CellDesign) -> str:
+    """Say which control the speed of F is compared with: the usual one, J⁺, or the desired one."""
+    return "usual" if type(design.desired) is Pseudoinverse else "desired"
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:

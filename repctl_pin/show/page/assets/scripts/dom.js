@@ -1,5 +1,13 @@
 // The document: its elements, what is packed inside it, colours, canvases.
 
+// Do work that pauses without its pauses; gives what it returns.
+export function finished(work) {
+  for (;;) {
+    const { done, value } = work.next();
+    if (done) return value;
+  }
+}
+
 export const byId = (id) => document.getElementById(id);
 
 export function element(tag, attributes = {}, ...children) {

@@ -7,7 +7,7 @@ import { Chart } from "./chrome/chart.js";
 import { Clock } from "./chrome/clock.js";
 import { openConsole } from "./chrome/console.js";
 import { connect, rule } from "./chrome/controls.js";
-import { byId, forgetTones } from "./dom.js";
+import { byId, finished, forgetTones } from "./dom.js";
 import { follow } from "./live/live.js";
 import { formatLength } from "./numbers.js";
 import { Own } from "./own/own.js";
@@ -120,15 +120,17 @@ async function main() {
   const callouts = scene.live ? null : new Callouts(panes, scene);
   const address = readAddress();
   let tell = () => {};
-  let traces = scene.live ? [] : drawnTraces();
+  let traces = scene.live ? [] : finished(drawnTraces());
+  let drawing = false;
   let own = null;
   function show() {
+    if (drawing) return;
     const { cycles } = clock;
     const leading = own && own.lead;
     const full = scene.live ? LIVE_FULL : fullDrift(arms);
     byId("drift-to").textContent = scene.live
-      ? `from ${formatLength(full)} off`
-      : `${formatLength(full)} off`;
+      ? `${formatLength(full)} and more from cycle 1`
+      : `${formatLength(full)} from the grey arm`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1);
     const part = clock.time - cycle;
     const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
@@ -198,7 +200,7 @@ async function main() {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
       document.body.classList.toggle("enlarged", on);
-      traces = drawnTraces();
+      traces = finished(drawnTraces());
       show();
     },
   };
@@ -208,8 +210,9 @@ async function main() {
   };
   offerEnlarge();
   tell = connect(clock, view);
-  // another run in the player, of a visitor's loop or of the study
-  function play(cycles, perCycle, seconds, runs, paths_) {
+  // another run in the player, of a visitor's loop or of the study, at its end; pauses, and shows
+  // nothing of it until all is drawn
+  function* play(cycles, perCycle, seconds, runs, paths_) {
     player.plain();
     arms.forEach((arm, k) => arm.use(...runs[k]));
     Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
@@ -220,13 +223,20 @@ async function main() {
       seconds,
       time: cycles.length,
     });
-    line(paths_);
-    traces = drawnTraces();
-    rule(clock);
-    offerEnlarge();
-    panes.inRows();
-    chart.reserve();
-    show();
+    drawing = true;
+    traces = [];
+    try {
+      yield;
+      line(paths_);
+      traces = yield* drawnTraces();
+      rule(clock);
+      offerEnlarge();
+      panes.inRows();
+      yield;
+      chart.reserve();
+    } finally {
+      drawing = false;
+    }
   }
   const player = {
     plain() {
@@ -236,22 +246,26 @@ async function main() {
       line([]);
       for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
     },
-    play: (result) =>
-      play(
+    play(result) {
+      clock.play(false);
+      return play(
         Array.from({ length: result.cycles }, (_, c) => c + 1),
         result.perCycle,
         result.seconds,
         result.runs.map((one) => [one]),
         result.paths.map((path) => path.map((p) => new MeshCat.THREE.Vector3(...p))),
-      ),
+      );
+    },
     study() {
       scene.part = study.part;
-      play(
-        study.cycles,
-        study.perCycle,
-        study.seconds,
-        arms.map((arm) => [arm.study.run, arm.study.start]),
-        paths,
+      finished(
+        play(
+          study.cycles,
+          study.perCycle,
+          study.seconds,
+          arms.map((arm) => [arm.study.run, arm.study.start]),
+          paths,
+        ),
       );
       pointAt(arms, (s) => study.arms[0].part[s]);
       show();

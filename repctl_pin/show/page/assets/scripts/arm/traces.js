@@ -146,8 +146,8 @@ export function drawPaths(arms, paths, extent) {
 }
 
 // The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the
-// arm is drawn.
-export function drawTraces(arms, scene, extent) {
+// arm is drawn. Pauses after each.
+export function* drawTraces(arms, scene, extent) {
   const F = scene.perCycle;
   const thick = THICK * extent;
   const lines = [];
@@ -162,7 +162,7 @@ export function drawTraces(arms, scene, extent) {
       for (const [which, width, ball, tint] of [
         ["tip", 1.35, 3.4, () => full],
         ["elbow", 1, 2.8, shade],
-      ])
+      ]) {
         lines.push({
           arm,
           which,
@@ -170,6 +170,8 @@ export function drawTraces(arms, scene, extent) {
           trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint),
           ball: new Marker(arm.traces, ball * thick, arm.data.color),
         });
+        yield;
+      }
   }
   return lines;
 }

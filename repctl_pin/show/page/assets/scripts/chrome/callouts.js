@@ -4,11 +4,12 @@ import { tint } from "./chart.js";
 import { byId, element } from "../dom.js";
 import { formatLength } from "../numbers.js";
 
+const PHONE = "(max-width: 640px)"; // where what a number is measured from has fewer words
 const RIM = 13; // px from the hand to the rim of its ring
 
 export class Callouts {
   constructor(panes, scene) {
-    Object.assign(this, { panes, scene });
+    Object.assign(this, { panes, scene, narrow: window.matchMedia(PHONE) });
     this.sets = panes.arms.map((arm, k) => ({
       arm,
       part: makeCallout(panes.frames[k], ""),
@@ -21,7 +22,7 @@ export class Callouts {
   }
 
   words(off) {
-    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)} off`;
+    return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)}`;
   }
 
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far
@@ -29,11 +30,7 @@ export class Callouts {
   say(read = null) {
     const { leading, hands: names } = this.scene;
     for (const { arm, part, hands } of this.sets) {
-      const grey = arm.ghostSpot() ? ", in grey" : "";
-      const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
-      const same = leading ? "" : "the same in every cycle";
-      const compared = arm.repeats ? same : `from ${base}${grey}`;
-      const from = leading === "slides" ? `from the start${grey}` : compared;
+      const from = this.measuredFrom(arm);
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
       const lost = Boolean(arm.lost) && !leading;
       part.box.style.visibility = lost ? "hidden" : "";
@@ -44,11 +41,24 @@ export class Callouts {
       hands.forEach((hand, f) => {
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        setText(hand.value, `${names[f]} ${formatLength(away)} off`);
+        const of = arm.repeats ? "from cycle 1" : "from the grey one";
+        setText(hand.value, `${names[f]} ${formatLength(away)} ${of}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     }
     if (!this.scene.leading) this.place(); // else the picture that follows places them
+  }
+
+  // What the number of an arm is measured from.
+  measuredFrom(arm) {
+    const { leading } = this.scene;
+    const grey = arm.ghostSpot() ? ", in grey" : "";
+    if (leading === "slides") return `from the start${grey}`;
+    if (leading && arm.repeats) return "the other is measured from here";
+    if (this.narrow.matches) return arm.repeats ? "from cycle 1" : "from the grey arm";
+    if (arm.repeats) return "from its place in cycle 1";
+    const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+    return `from ${base}${grey}`;
   }
 
   // The part's above the arm, the hand's below it; each with a line to what it speaks of.
@@ -74,7 +84,8 @@ export class Callouts {
       const { beside } = panes;
       const at = arm.lost ? null : panes.seen(k, arm.partSpot());
       const ghost = at && arm.ghostSpot();
-      drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
+      const from = ghost && panes.seen(k, ghost);
+      drawLine(gap, from, at, width, height);
       const top = beside ? 8 : label.y + label.h + 6;
       const left = beside ? label.x + label.w + 8 : 8;
       placeCallout(part, box, at, top, width, height, left);
@@ -89,7 +100,7 @@ export class Callouts {
           width,
           height,
           8,
-          at,
+          at && along(from || at, at),
         );
       });
     });
@@ -112,32 +123,43 @@ function setText(node, words) {
 }
 
 // `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room
-// for it begins; `free`: a point to leave free, the box stands beside it, on the side that it stood
-// on before
+// for it begins; `free`: points to leave free, the box stands beside them, on the side that it
+// stood on before, or below them
 function placeCallout(callout, { w, h }, at, y, width, height, left, free) {
   const { box, leader } = callout;
   if (!at) {
     drawLine(leader, null, null);
     return;
   }
-  const top = Math.min(Math.max(y, 4), height - h - 4);
+  const within = (v) => Math.min(Math.max(v, 4), height - h - 4);
   const beside = (side) =>
     Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
-  const clear = (side) =>
+  const isClear = ([side, top]) =>
     !free ||
-    free.y < top - 8 ||
-    free.y > top + h + 8 ||
-    free.x < beside(side) - 8 ||
-    free.x > beside(side) + w + 8;
-  callout.side = [callout.side || 0, 0, 1, -1].find(clear) || 0;
+    free.every(
+      (p) =>
+        p.y < top - 8 || p.y > top + h + 8 || p.x < beside(side) - 8 || p.x > beside(side) + w + 8,
+    );
+  const rows = [within(y), within(Math.max(y, ...(free || []).map((p) => p.y + 9)))];
+  const places = rows.flatMap((row) => [callout.side || 0, 0, 1, -1].map((side) => [side, row]));
+  const [side, top] = places.find(isClear) || places[1];
+  callout.side = side;
   // the line to a part slants, so that it lies on no straight link
-  const x = beside(free ? callout.side : -1);
+  const x = beside(free ? side : -1);
   box.style.transform = `translate(${x}px, ${top}px)`;
   const from = {
     x: free ? Math.min(Math.max(at.x, x + 6), x + w - 6) : x + w / 2,
     y: at.y > top + h ? top + h : at.y < top ? top : NaN,
   };
   drawLine(leader, from, at, width, height);
+}
+
+// Points of a line, its ends among them.
+function along(p, q) {
+  return [0, 0.25, 0.5, 0.75, 1].map((t) => ({
+    x: p.x + t * (q.x - p.x),
+    y: p.y + t * (q.y - p.y),
+  }));
 }
 
 // Draw a line between two points of the window; none if there is no first point, or the second is

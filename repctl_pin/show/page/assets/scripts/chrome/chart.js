@@ -54,7 +54,7 @@ export class Chart {
     if (this.scene.own)
       // numbers of any loop find room
       values.forEach((value, i) => {
-        value.textContent = "0.88 mm off";
+        value.textContent = "0.88 mm";
         most[i] = Math.max(most[i], value.offsetWidth);
         widths.push(box.scrollWidth);
       });
@@ -88,13 +88,14 @@ export class Chart {
 
   // Write the readings; gives the words for when they hold.
   say(done, cycle, part) {
-    const times = done ? `after ${done === 1 ? "1 cycle" : `${done} cycles`}` : "at the start";
+    const count = done === 1 ? "1 cycle" : `${done} cycles`;
+    const times = done ? `after ${count}, from its start` : "at the start";
     byId("done").textContent = `${times[0].toUpperCase()}${times.slice(1)}`;
     this.values.forEach((value, k) => {
       const arm = this.arms[k];
       const { data } = arm;
       const off = this.after(arm, cycle, part);
-      value.textContent = off === null ? "not known" : `${formatLength(off)} off`;
+      value.textContent = off === null ? "not known" : formatLength(off);
       value.className = off === null ? "" : tint(off);
       if (off === null) {
         value.title = "Close to a singularity the drift cannot be computed reliably";

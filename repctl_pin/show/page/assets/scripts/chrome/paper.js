@@ -54,7 +54,7 @@ export function still(viewer, clock, arms, panes, resize) {
     draw.fillStyle = data.color;
     draw.font = `600 ${text}px sans-serif`;
     draw.fillText(
-      `${data.title}: ${formatLength(data.off.at(-1)[1])} off`,
+      `${data.title}: ${formatLength(data.off.at(-1)[1])} from its start`,
       x + 0.6 * text,
       y + 1.5 * text,
     );

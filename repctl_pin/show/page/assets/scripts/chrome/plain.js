@@ -49,7 +49,7 @@ export async function drawPlain(scene) {
       role: "img",
       "aria-label":
         `${data.title}: the arm at the start and after ${scene.cycles.at(-1)} cycles, ` +
-        `${formatLength(data.off.at(-1)[1])} off`,
+        `${formatLength(data.off.at(-1)[1])} from its start`,
     });
     byId("panes").append(
       element(
@@ -63,7 +63,7 @@ export async function drawPlain(scene) {
             "span",
             { class: "name" },
             element("span", { class: "chip" }),
-            `${data.title}: ${formatLength(data.off.at(-1)[1])} off`,
+            `${data.title}: ${formatLength(data.off.at(-1)[1])} from its start`,
           ),
         ),
       ),

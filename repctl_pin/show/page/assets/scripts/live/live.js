@@ -116,7 +116,7 @@ function moveOfKey(key, camera) {
 function waitingFor(target) {
   const keys =
     "Drag the target, or move it by the arrow keys, Page Up and Page Down; Home brings it back. ";
-  return `${target ? keys : ""}After each cycle it is said here what is off.`;
+  return `${target ? keys : ""}After each cycle this line says what has moved since cycle 1.`;
 }
 
 // The verdict so far: what is off where the hand was in cycle 1.
@@ -129,7 +129,8 @@ function writeVerdict(arms, scene, { hand, cycles, target }) {
   const times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
   const off = arms.flatMap((arm, k) => [
     k ? ", " : "",
-    element("b", { class: tint(largest[k][0]) }, `${formatLength(largest[k][0])} off`),
+    element("b", { class: tint(largest[k][0]) }, formatLength(largest[k][0])),
+    k ? "" : " from there",
     ` under ${arm.data.under}`,
   ]);
   const article = /\d$/.test(name) ? "" : "the ";

@@ -29,7 +29,7 @@ const OUT_OF_REACH = "That is out of reach.";
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
-  // computed(), or the study again; `paths`: those of the study, as they are drawn
+  // computed() after play's pauses, or the study again; `paths`: those of the study, as drawn
   constructor(data, { arms, panes, scene, clock, extent, player, paths }) {
     Object.assign(this, { arms, panes, scene, clock, extent, player });
     this.chain = new Chain(data);
@@ -243,6 +243,7 @@ export class Own {
         setTimeout(resolve);
       });
     }
+    work.return();
   }
 
   // ---- the gesture
@@ -605,6 +606,8 @@ export class Own {
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
     yield;
     this.endGesture();
+    yield* this.player.play({ ...result, paths: paths.filter(Boolean) });
+    yield;
     const lead = paths.find(Boolean);
     const shape = {
       encloses: enclosing(lead) > 0,
@@ -621,7 +624,7 @@ export class Own {
     byId("loop-csv").hidden = !points;
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
     byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
-    this.player.play({ ...result, paths: paths.filter(Boolean) });
+    yield;
     this.report(Math.min(cycle, result.cycles));
     this.clock.seek(this.shown);
   }
@@ -685,7 +688,7 @@ export class Own {
   }
 
   bestWords() {
-    return `${formatLength(this.best.off)} off after ${CYCLES} cycles`;
+    return `${formatLength(this.best.off)} from its start after ${CYCLES} cycles`;
   }
 
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough
@@ -904,14 +907,14 @@ const LEAD_WORDS = {
 };
 const LOOP_WORDS = {
   verdict:
-    "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the " +
-    "usual control, 0 under the repeatable one.",
+    "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m from its start " +
+    "under the usual control, 0 under the repeatable one.",
   notes:
     "The joints move 0.8 % slower under the repeatable one (root mean square over cycle 1). " +
     "The usual control has the smallest joint speed at each instant, not over a whole cycle. " +
     "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
     "best, 0 fails). Collisions are not checked. Can you draw one, 25 cm or longer, under which " +
-    "the usual arm drifts less? Your best: 0.88 mm off after 10 cycles.",
+    "the usual arm drifts less? Your best: 0.88 mm from its start after 10 cycles.",
 };
 const PROVED_WORDS = " Closing is proved within 1.1 cm of the start; this loop was computed.";
 

@@ -118,7 +118,7 @@ function* runOf(law, arm, { Q, V, perCycle, last }, rows, cycles) {
   // the bodies, the hands, the elbows and the mark at each sample
   const broken =
     last === null
-      ? firstViolation(chain, Q, V, perCycle, cycles)
+      ? yield* firstViolation(chain, Q, V, perCycle, cycles)
       : lostAt(chain, at(last), last, perCycle);
   const lost = last === null ? Infinity : last / perCycle;
   const data = { ...arm.study.run.data, broken, lost };
@@ -278,9 +278,10 @@ function offAt(arm, i, chain) {
 }
 
 // The first limit that a motion breaks, of a position or of a rate.
-function firstViolation(chain, Q, V, perCycle, cycles) {
+function* firstViolation(chain, Q, V, perCycle, cycles) {
   const { n, names } = chain;
   for (let row = 0; row <= cycles * perCycle; row++) {
+    if (row % 250 === 0) yield;
     const { joint, margin } = chain.nearest(Q.subarray(row * n, (row + 1) * n));
     const fast = chain.fastestJoint(V.subarray(row * n, (row + 1) * n));
     const at = row / perCycle;

@@ -6,6 +6,7 @@ const SMALL = 0.01; // m, below which a part has hardly drifted
 const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
+const FROM = " from its start";
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop"
@@ -68,18 +69,22 @@ function comparison(context, { encloses, turns, whose }) {
     const { off, part } = worst[i];
     const zero = off < BACK;
     const also = zero || part === most.part ? "" : ` (${part})`;
-    return [unbroken(`${formatLength(off)}${zero && i ? "" : unit}${also}`), toneOf(off)];
+    return [`${unbroken(formatLength(off))}${zero && i ? "" : unit}${also}`, toneOf(off)];
   };
   if (back && !encloses)
     sentence.push(
       ["A way there and back encloses nothing: "],
       ["0", "good"],
-      [runs.length === 2 ? " off under both." : " off."],
+      [` from the start${runs.length === 2 ? " under both controls" : ""}.`],
     );
   else if (back)
-    sentence.push([`So is every part of the ${armWord(chain)}: `], ["0", "good"], [" off."]);
+    sentence.push(
+      [`So is every part of the ${armWord(chain)}: `],
+      ["0", "good"],
+      [" from its start."],
+    );
   else if (most.off >= SMALL) {
-    const offs = listed((i) => value(i, " off"));
+    const offs = listed((i) => value(i, FROM));
     sentence.push([`${capitalized(partWords(most.part))} is not: `], ...offs, ["."]);
   } else if (Math.max(...joints) >= TURNED) {
     const angles = listed((i) => angleWords(joints[i]));
@@ -135,7 +140,8 @@ function othersOf({ ends }, arms, runs, k) {
     [one ? ` Under ${moved[0].data.under} ` : " "],
     ...away.flatMap((end, i) => [
       [named(end, i)],
-      [unbroken(`${formatLength(end.off)}${i ? "" : " off"}`), "bad"],
+      [unbroken(formatLength(end.off)), "bad"],
+      [i ? "" : FROM],
     ]),
     ["."],
   ];
