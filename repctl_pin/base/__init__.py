@@ -1,1 +1,1 @@
-"""What every module of the package may use: arguments, errors, files, tables, progress."""
+"""Tools for all modules of the package: argument checks, errors, files, tables, progress."""

@@ -1,7 +1,7 @@
 """Argument validation: convert the value, or raise a one-line InputError.
 
 The error names the argument and the remedy. ``name`` is the argument's name in the message, and
-``each`` or ``what`` describes what it must be.
+``each`` or ``what`` describes the required value there.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
 
 
 def function(value: F, name: str, what: str, takes: int = 1) -> F:
-    """Require a function of ``takes`` positional arguments, described by ``what``; return it."""
+    """Require a function of ``takes`` positional arguments, and return it."""
     if callable(value) and not isinstance(value, type) and _binds(value, takes):
         return value
     raise InputError(f"must be {what}; got {shown(value)}", argument=name)
@@ -79,7 +79,7 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
 
 
 def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
-    """Require one of ``names``; in the message, ``kind`` says what is chosen."""
+    """Require one of ``names``; the message calls a name by the noun ``kind``, such as ``goal``."""
     names = tuple(names)
     if isinstance(value, str) and value in names:
         return value
@@ -136,8 +136,8 @@ def per_joint(
 ) -> Array:
     """Convert one number above 0, or n of them, to an array (n,).
 
-    Infinity is allowed unless ``finite`` is True. That is for lengths by which joint positions are
-    divided, so these must also exceed the rounding error of a joint position.
+    Infinity is allowed unless ``finite`` is True. Joint positions are divided by finite numbers, so
+    these must also exceed the rounding error of a joint position.
     """
     array = as_numbers(values)
     most = (
@@ -170,7 +170,8 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
 def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
     """Convert finite configurations, one per row, to an array (K, n); with n = None, any n.
 
-    ``whose`` begins the message. A single q is refused, with the hint to write [q].
+    ``whose`` begins the message, such as ``this cell``. A single q is refused, with the hint to
+    write [q].
     """
     array = as_numbers(values)
     if (
@@ -196,11 +197,11 @@ def as_matrices(
 ) -> list[Array]:
     """Convert stacks of matrices with matching sizes, each given as (name, array, axes).
 
-    The formulas take arrays of one configuration and of many, so that shapes must be checked.
-    ``axes`` are the sizes of the last axes, as in ``("J", J, "m n"), ("V", V, "n r")``: a number,
-    or a letter that stands for the same size in all arrays. Sizes are at least 1, except r and K.
-    Leading axes must broadcast; ``exact`` allows none. Without ``finite``, NaN and infinity are
-    accepted.
+    The formulas take arrays for one configuration and for many, so shapes must be checked. ``axes``
+    are the sizes of the last axes, as in ``("J", J, "m n"), ("V", V, "n r")``: a number, or a
+    letter that stands for the same size in all arrays. Sizes are at least 1, except r and K.
+    Leading axes must broadcast; with ``exact``, there must be none. Without ``finite``, NaN and
+    infinity are accepted.
     """
     sizes: dict[str, int] = {}
     arrays = []
@@ -225,7 +226,7 @@ def as_matrices(
 
 
 def _known(letters: Sequence[str], sizes: Mapping[str, int]) -> str:
-    """Write the sizes that earlier arrays have given to letters, such as ``n = 7``."""
+    """Write the sizes that letters have in earlier arrays, such as ``n = 7``."""
     return ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes)
 
 
@@ -241,20 +242,23 @@ def _require_broadcast(
             np.broadcast_shapes(*leading)
         except ValueError:
             names = ", ".join(name for name, _, _ in given)
-            raise InputError(f"{names} have different leading sizes: {leading}") from None
+            raise InputError(
+                f"{names} have different leading sizes: {leading}; "
+                "give arrays for the same configurations"
+            ) from None
 
 
 def evaluated(
     function: Callable[..., ArrayLike], q: Array, shape: tuple[int, ...], what: str, *more: Array
 ) -> Array:
-    """Call a user's function of q, and of ``more``, which must return finite numbers of a shape.
+    """Call a user's function of q and ``more``; check that it returns finite numbers of a shape.
 
     ``what`` names the function in the message.
 
     Raises
     ------
     InputError
-        If the function returns anything else; the message names the result, and q.
+        If the function returns anything else; the message shows the result and q.
     """
     required = " × ".join(map(str, shape)) + " finite numbers"
     try:
@@ -309,7 +313,7 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 def freeze(made: object, /, **values: Any) -> None:
     """Set attributes of a frozen dataclass while it is created; arrays become read-only views.
 
-    ``made`` is the object. A result can then not be changed by accident, and the caller's own
+    ``made`` is the new object. Its arrays then cannot be changed by accident; the caller's own
     arrays stay writable.
     """
     for name, value in values.items():
@@ -346,7 +350,7 @@ def row(q: Array) -> str:
 
 
 def percentage(share: float) -> str:
-    """Format a share in per cent, ``5.8 %``; ``0 %`` and ``100 %`` are exact, not rounded."""
+    """Format a share in per cent, ``5.8 %``; only exactly 0 and 1 give ``0 %`` and ``100 %``."""
     if 0 < share < 0.0005:
         return "< 0.1 %"
     if 0.9995 <= share < 1:
@@ -386,7 +390,7 @@ def _number(value: Any) -> float:
 
 
 def as_numbers(values: ArrayLike) -> Array | None:
-    """Copy numbers to an array of native doubles; None if it is ragged or not of numbers.
+    """Copy numbers to an array of native doubles; None if they are ragged or not numbers.
 
     The caller makes the message for None, because only it knows what was expected.
     """

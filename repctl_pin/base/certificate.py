@@ -1,9 +1,10 @@
 """Certificate of a design or of a cell's function: the bounds that were proved.
 
 A design is a controller for a region Ω of joint space; a cell is a box of poses covered by one
-function from poses to configurations. A leaf is a set h(q) = c on which the controller keeps the
-arm, and the leaf margin σ_min(Nᵀ V̂) its distance from an algorithmic singularity. Samples cannot
-exclude a singularity between them; a proof over boxes that cover all of Ω does.
+function from poses to configurations. The controller holds potentials h(q) constant; a leaf is a
+set h(q) = c, on which the arm then stays. The leaf margin σ_min(Nᵀ V̂) is the distance from an
+algorithmic singularity, at which the controller fails. Samples cannot exclude a singularity between
+them; a proof over boxes that cover all of Ω does.
 """
 
 from __future__ import annotations
@@ -41,28 +42,30 @@ _SAME_ANGLE = 1e-7
 class ClosingRadius:
     """Distance from a start pose, or from a closed path, within which every closed path closes.
 
-    Every closed path of the frame (of all frames) whose poses are all within :attr:`metres` **and**
-    :attr:`radians` of the start pose closes, however long it is: its motion, begun at the end of
-    the straight way from the start, stays in Ω, the region of joint space that was proved, and ends
-    where it began. Around a path that closes itself, every closed path that deviates by less than
-    both, at each moment, closes too. That the path itself closes is proved if :attr:`checked` is 0;
-    else it was checked by following the path, at that many points. Where the path crosses itself,
-    this does not cover a path that switches to the other branch. ``bool(radius)`` tells whether a
-    radius of at least 1 mm is proved.
+    A path closes if its motion ends in the configuration it began in. If all poses of a closed path
+    are within :attr:`metres` **and** :attr:`radians` of the start pose, the path closes, however
+    long it is. The motion must begin at the end of a straight line from the start, and then stays
+    in Ω, the region of joint space that was proved.
+
+    A radius around a path is for closed paths that deviate from this path by less than both numbers
+    at each moment. They close if the path itself closes. This is proved if :attr:`checked` is 0;
+    else it was checked at that many points by following the path. Where the path crosses itself,
+    paths that switch to the other branch are not covered. ``bool(radius)`` tells whether a radius
+    of at least 1 mm is proved.
 
     Attributes
     ----------
     metres : float
-        Distance of the positions, m.
+        Maximum distance of the positions, m.
     radians : float or None
-        Angle of the rotations, rad, for an axis task of the tool axis; 0 for paths of constant
-        orientation, None for a task without orientation.
+        Maximum angle of the rotations, rad; for an axis task, of the tool axis. 0 for paths of
+        constant orientation, None for a task without orientation.
     around : str
         ``"start"`` or ``"path"``.
     kind : str
         Kind of task.
     start : (n,) array
-        Configuration on the leaf, at the start, rad or m.
+        Start configuration, rad or m; its leaf is that of the radius.
     positions, rotations : (K, 3) and (K, 3, 3) arrays
         The start pose, or poses along the path, m. With F frames: (K, 3 F) and (K, 3 F, 3), those
         of the first frame first.
@@ -74,8 +77,8 @@ class ClosingRadius:
     reason : str
         Why the radius is not larger.
     checked : int
-        Number of points at which it was checked, not proved, that the path itself closes; 0 if it
-        is proved, or for the surroundings of a start.
+        Number of points of the path, if closing of the path itself was checked and not proved. 0 if
+        it is proved, or if the radius is around a start.
 
     Examples
     --------
@@ -113,9 +116,9 @@ class ClosingRadius:
     def contains(self, placement: Any) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
-        Nothing is wrong with a pose beyond the radius: paths through it are not proved to close. A
-        pose does not tell the leaf, the set h(q) = c on which the arm is; it must be that of
-        :attr:`start`, see :meth:`RepeatableInverse.same_leaf`.
+        A pose beyond the radius is no fault: paths through it are only not proved to close. The arm
+        must be on the leaf of :attr:`start`, a set h(q) = c. A pose cannot show this; see
+        :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
@@ -126,7 +129,7 @@ class ClosingRadius:
         Raises
         ------
         InputError
-            If it is no placement, or not one per frame.
+            If ``placement`` is not a placement, or not a list of one per frame.
         """
         kinds = self.kind.split(" + ")
         several = isinstance(placement, tuple) or len(kinds) > 1
@@ -145,10 +148,11 @@ class ClosingRadius:
         return bool(near.any())
 
     def _near(self, kind: str, T: Array, frame: slice) -> NDArray[np.bool_]:
-        """Test to which poses of one of the frames a placement is near enough: a mask (K,).
+        """Test which of the K poses of one frame are within the radius of a placement: (K,) bool.
 
-        ``kind`` is the kind of the frame's task, T its placement (4, 4), and ``frame`` the columns
-        of the frame in ``positions`` and ``rotations``. Only what the task controls is compared.
+        T is the placement (4, 4), ``kind`` the kind of the frame's task, and ``frame`` the columns
+        of the frame in ``positions`` and ``rotations``. Only coordinates that the task controls are
+        compared.
         """
         away = T[:3, 3] - self.positions[:, frame]
         if len(kind) == 2:
@@ -167,8 +171,9 @@ class ClosingRadius:
     def squared_chord(self) -> float:
         """Squared chord of the angle: ``(2 sin(α/2))² = ‖R − R₀‖²_F / 2 = ‖z − z₀‖²``.
 
-        It is 0 for a task without orientation. It is compared with the chord of a pose, which takes
-        no trigonometric function.
+        The angle α is :attr:`radians`, between two orientations R and R₀ or two tool axes z and z₀.
+        The result is 0 for a task without orientation. Chords are compared instead of angles,
+        because a chord needs no trigonometric function.
         """
         if self.radians is None:
             return 0.0
@@ -176,12 +181,12 @@ class ClosingRadius:
 
     @property
     def path_proved(self) -> bool:
-        """Whether the radius is that of a path that is proved to close."""
+        """True if the radius is around a path, and this path is proved to close."""
         return self.around == "path" and not self.checked
 
     @property
     def words(self) -> str:
-        """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``.
+        """Proved statement: ``closed paths within 6 cm and 11° of the start close``.
 
         The summary of a proof and exported code quote it.
         """
@@ -206,9 +211,9 @@ class ClosingRadius:
 def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
     """Test whether a configuration is outside the closing radius of a repeatable inverse.
 
-    Within the radius of the start, closed paths are proved to close. True means that q is on
-    another leaf than the start, the set h(q) = c, or that its pose is farther from the start's than
-    the radius. A governor reports it while the robot moves.
+    Closed paths within the radius are proved to end in the configuration they began in. True means
+    that q is not on the leaf of the start, a set h(q) = c, or that the pose at q is outside the
+    radius. A governor reports this while the robot moves.
     """
     if not inverse.same_leaf(q, closes.start):
         return True
@@ -221,8 +226,7 @@ class Proof:
     """Lower bounds that are proved over a whole region or cell, or the box that prevented a proof.
 
     ``bool(proof)`` is :attr:`proved`. A proof belongs to one design: to its chain, limits, region
-    or cell, potentials and coefficients. A design to which it does not belong drops it, with a
-    warning.
+    or cell, potentials and coefficients. Any other design drops the proof, with a warning.
 
     Attributes
     ----------
@@ -250,8 +254,8 @@ class Proof:
     theorem : int
         Version of the theorem (:data:`_THEOREM`) that was used.
     excepted : tuple of str
-        Joints left out of the limit margin, because they reach their limits. Such limits end the
-        range of a sector's angle or spin that was given as ``"all"``.
+        Joints left out of the limit margin, because they reach their limits. Such a limit ends the
+        range of an angle of the cell that was given as ``"all"``.
     closes : ClosingRadius, optional
         Distance from the start, or from the path, within which every closed path closes. None if it
         was not requested, or for a tube without a path.
@@ -301,8 +305,8 @@ class Proof:
     def extra_speed_direction(self) -> float:
         """Upper bound of the extra joint speed over J⁺, for any ẋ: ``‖G ẋ‖ / ‖J⁺ ẋ‖ − 1``.
 
-        It is ``1 / leaf_margin − 1``, since ``‖G J‖₂ = ‖I − G J‖₂`` is the inverse of the leaf
-        margin; infinite if no leaf margin is proved.
+        The bound is ``1 / leaf_margin − 1``, since ``‖G J‖₂ = ‖I − G J‖₂`` is the inverse of the
+        leaf margin. It is infinite if no leaf margin is proved.
         """
         return 1 / self.leaf_margin - 1 if self.leaf_margin > 0 else np.inf
 
@@ -357,7 +361,7 @@ class Proof:
     def extra_speed_words(self) -> str:
         """Text of the bound of the extra joint speed, in per cent, rounded up.
 
-        The extra joint speed is that of the controller over J⁺, the inverse of minimum joint speed.
+        The extra joint speed compares the controller with J⁺, the inverse of minimum joint speed.
         """
         if not np.isfinite(self.extra_speed_direction):
             return "no bound"
@@ -370,7 +374,7 @@ class Proof:
 
     @property
     def _limit_words(self) -> str:
-        """Text of the bound of the limit margin, with the joints that it leaves out."""
+        """Text of the bound of the limit margin; it names the joints that are left out."""
         words = "no bound" if self.limit_margin == -np.inf else self._above(self.limit_margin)
         return f"{words} (without {', '.join(self.excepted)})" if self.excepted else words
 

@@ -28,8 +28,8 @@ class RepctlError(Exception):
     """Base of the errors that this package raises on purpose.
 
     The message reads ``argument fact; remedy``. The fact describes the fault and its cause. If
-    there is an argument, the fact follows its name, as in ``must be above 0`` and ``: there is no
-    such folder``.
+    there is an argument, the fact follows the argument's name, as in ``must be above 0`` and ``:
+    there is no such folder``.
 
     A program that shows the message can replace ``argument`` and ``remedy`` by its own words;
     :func:`str` uses the current ones.
@@ -80,7 +80,7 @@ class RepctlError(Exception):
 def _restored(kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]) -> RepctlError:
     """Create an error from its parts, without its constructor, which may take other arguments.
 
-    Errors cross from worker processes by pickle. ``args`` and ``parts`` are its attributes.
+    Worker processes pickle their errors. ``args`` and ``parts`` are the attributes of the error.
     """
     error = kind.__new__(kind, *args)
     vars(error).update(parts)
@@ -136,7 +136,7 @@ _PACKAGES = {"collada": "pycollada", "PIL": "pillow", "umsgpack": "meshcat"}
 
 
 def needed(*modules: str, by: str) -> None:
-    """Check that optional packages, which ``by`` requires, are installed.
+    """Check that optional packages are installed; ``by`` names the feature that requires them.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def unknown(
     aliases
         Other spellings, with the name that each stands for.
     likely
-        Names to list first where none is similar.
+        Names to list first if no known name is similar.
     listing
         Where all names are listed; appended to the message.
     """
@@ -197,7 +197,7 @@ def unknown(
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
     """Find up to four known names that contain a name, begin with it, or are spelled alike.
 
-    ``names`` maps what can be written, aliases too, to the names that are suggested.
+    ``names`` maps each spelling, such as an alias, to the name that is suggested for it.
     """
     written = name.strip().lower()
     folded = {k.lower(): v for k, v in names.items()}

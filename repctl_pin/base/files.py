@@ -43,7 +43,7 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
 def prepare_folder(folder: Path) -> Path:
     """Create a folder if it does not exist, and check that files can be written into it.
 
-    A command calls it before a long computation, whose result could otherwise not be saved.
+    A command calls it before a long computation, so that the result can be saved.
     """
     return check_folder(folder, make=True)
 
@@ -65,13 +65,13 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Context manager: a temporary folder whose files replace those in ``folder``, all or none.
+    """Context manager: yield a temporary folder, and finally move all its files to ``folder``.
 
     A folder in it is moved as a whole, but replaces nothing.
 
-    One process at a time moves its files, so that a folder never holds files of two runs. A
-    symbolic link in ``folder`` is replaced; its target, which the user did not name, is not
-    written. After an exception the files in ``folder`` are unchanged.
+    Either all files are moved or none. One process at a time moves its files, so that a folder
+    never holds files of two runs. A symbolic link in ``folder`` is replaced; its target, which the
+    user did not name, is not written. After an exception the files in ``folder`` are unchanged.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def written_together(folder: Path) -> Iterator[Path]:
 def _staged(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder in ``folder``, and move its files there at the end.
 
-    Errors name the files by the folder that the user knows.
+    Errors name ``folder`` instead of the temporary folder, which the user does not know.
     """
     try:
         staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
@@ -112,7 +112,7 @@ def _staged(folder: Path) -> Iterator[Path]:
 
 
 def _move(file: Path, target: Path) -> None:
-    """Move a file to a target, which keeps its mode.
+    """Move a file to a target, whose permissions are kept.
 
     A link is replaced. A device, such as /dev/null, is written to, because a file must not replace
     it. A folder is moved to where nothing is. InputError is raised for a link that cannot be
@@ -211,7 +211,9 @@ def read_whole(path: str | Path, largest: int) -> str:
     try:
         return read_bytes(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"cannot read {path}: the file is not UTF-8 text") from None
+        raise InputError(
+            f"cannot read {path}: the file is not UTF-8 text; save it as UTF-8"
+        ) from None
 
 
 def read_bytes(path: str | Path, largest: int) -> bytes:
@@ -241,7 +243,9 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
         what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise InputError(f"cannot read {path}: it is {what}; give a file")
     if len(data) > largest:
-        raise InputError(f"cannot read {path}: the file is larger than {largest / 1e6:g} MB")
+        raise InputError(
+            f"cannot read {path}: the file is larger than {largest / 1e6:g} MB; give a smaller file"
+        )
     return data
 
 
@@ -285,7 +289,7 @@ def _target(path: str | Path) -> Path:
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror}") from None
     if not str(path):
-        raise InputError(f"cannot write {path}: the file name is empty")
+        raise InputError(f"cannot write {path}: the file name is empty; give a file name")
     if folder:
         raise InputError(f"cannot write {path}: the path is a folder; give a file name")
     return target
@@ -294,7 +298,7 @@ def _target(path: str | Path) -> Path:
 def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
     """Write data to a temporary file with a random name beside the target, and rename it.
 
-    ``old`` is the status of the file that is replaced, whose mode is kept; None if there is none.
+    ``old`` is the status of the replaced file, whose permissions are kept; None for a new file.
     Data and folder are flushed to the disk. After an error the temporary file is removed.
     """
     temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")

@@ -1,6 +1,7 @@
 """Options of a fit: nodes, random seed and stopping.
 
-Nodes are the configurations at which a fit evaluates its cost; held-out nodes evaluate its result.
+Nodes are the configurations at which a fit evaluates its cost. Held-out nodes are others, at which
+the result is evaluated.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ class FitOptions:
     ----------
     samples : int, optional
         Number of nodes of the fit. By default :func:`nearest_repeatable` takes ``defaults.NODES``,
-        or 32 times the unknowns divided by m if that is more; :func:`nearest_inverse_function`
-        takes as many as the unknowns require.
+        or, if more, 32 times the number of unknowns divided by the number m of task coordinates;
+        :func:`nearest_inverse_function` takes as many as the unknowns require.
     held_out : int, optional
         Number of nodes of the evaluation; by default ``defaults.NODES``, or half as many for a
         cell.
@@ -39,7 +40,7 @@ class FitOptions:
     Raises
     ------
     InputError
-        If a number is out of its range; the message names it.
+        If a number is out of its range; the message names the option.
 
     Examples
     --------
@@ -69,7 +70,7 @@ class FitOptions:
     def require_only(self, names: tuple[str, ...], by: str) -> None:
         """Raise InputError if an option other than ``names`` differs from its default.
 
-        ``by`` is the name of the function that has only these options, for the message.
+        ``by`` names, in the message, the function that has only these options.
         """
         defaults = vars(FitOptions())
         for name, value in vars(self).items():

@@ -1,7 +1,7 @@
 """Additions to the core: this package's extensions, and plugins of other packages.
 
-A folder in ``extensions/`` registers what it adds in its ``__init__``, as an :class:`Extension`.
-The core imports none of them: it finds them here, by name, when they are needed.
+A folder in ``extensions/`` registers its additions in its ``__init__``, as an :class:`Extension`.
+The core imports no extension: it finds the additions here, by name, when they are needed.
 
 Other packages register strategies, potentials and paths as entry points, in ``pyproject.toml``::
 
@@ -37,7 +37,7 @@ _ONE_OF = {"strategies": "strategy", "potentials": "basis of potentials", "paths
 
 @dataclass(frozen=True)
 class Extension:
-    """Additions of one extension to the core, as names of its modules; it imports none of them.
+    """Additions of one extension to the core, given as names of modules, which are imported later.
 
     Attributes
     ----------
@@ -48,8 +48,8 @@ class Extension:
     files
         Modules with a ``KIND`` of design files, by the file's ``format``.
     parts
-        Objects that the core uses at the places where it accepts additions. Each is
-        ``module:name``, by the name of the place, see :func:`parts`.
+        Objects, each as ``module:name``, by the name of the place: a point of the core that accepts
+        additions, see :func:`parts`.
     """
 
     package: str
@@ -74,17 +74,18 @@ def all_extensions() -> tuple[Extension, ...]:
 
 
 def parts(place: str) -> list[Any]:
-    """Import what extensions add to a place of the core, such as notes of a study.
+    """Import the additions of extensions at one place of the core, such as notes of a study.
 
-    The core asks for a place by name and does not know the extensions.
+    A place is a named point of the core that accepts additions; the core imports no extension
+    itself.
 
     Parameters
     ----------
     place
-        ``study_design``: functions (design, seconds spent, say) → design, for a study's design;
-        ``study_notes``: functions design → notes, for the design of a study;
-        ``study_row``: functions row → row, for each strategy of a study;
-        ``problem``: a kind of design, and the function (design, start, path, plane) → problem.
+        ``study_design``: functions (design, seconds spent, progress callback) → design;
+        ``study_notes``: functions design → notes, for the design of a study; ``study_row``:
+        functions row → row, for each strategy of a study; ``problem``: pairs of a design class and
+        its function (design, start, path, plane) → problem.
     """
     found = []
     for extension in all_extensions():
@@ -132,7 +133,8 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
         made = point.load()
     except Exception as error:
         raise InputError(
-            f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}"
+            f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}; "
+            "correct or uninstall this package"
         ) from error
     if not callable(made):
         raise InputError(f"{name!r} of {package} must be a function or a class, not {made!r}")

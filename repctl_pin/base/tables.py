@@ -1,8 +1,8 @@
 """Reading and writing of tables: CSV files, NumPy's .npz, and Parquet if pyarrow is installed.
 
 Every file of numbers is read here. :func:`read_table` and :func:`read_csv` open a file and check
-its header; a reader then takes the columns that it needs by name, and an error names the line. A
-table that is written again keeps all other cells as they are.
+its header; a reader then takes the columns that it needs by name, and an error names the line. If a
+table is written again with new columns, all other cells stay as they are.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Table(ABC):
         Raises
         ------
         InputError
-            If a cell is not a number or, with ``finite``, not a finite one.
+            If a cell is not a number or, with ``finite``, is infinite or NaN.
         """
         for name in names:
             if not self.widths[name]:
@@ -156,7 +156,7 @@ def read_csv(
     unnamed
         Names of the columns of a file without a header, one tuple for each number of columns.
     rows
-        What a line is, for the message.
+        Noun in the message for the lines of the file.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def read_csv(
 
 
 def number(text: str) -> float:
-    """Parse a number; nan if it is not one."""
+    """Parse a text as a number; nan for any other text."""
     return float(text) if _is_number(text) else np.nan
 
 
@@ -184,8 +184,9 @@ def refuse_twice(names: Sequence[str], where: str | Path) -> None:
 def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
     """Write columns in the format of the file's suffix, atomically: .csv, .npz or .parquet.
 
-    Columns are arrays with one row per frame. In a CSV file, column k of a wider array is
-    ``name_k``. InputError is raised for another suffix, or if pyarrow is missing for Parquet.
+    Columns are arrays with one row per frame. In a CSV file, an array with several numbers per row
+    becomes columns ``name_0``, ``name_1``, and so on. InputError is raised for another suffix, or
+    if pyarrow is missing for Parquet.
     """
     suffix = _format(file)
     if suffix == ".csv":
@@ -254,7 +255,7 @@ class CsvTable(Table):
     ) -> list[str]:
         """Choose the names of a file without a header, by the number of fields of its first row.
 
-        InputError is raised if none of the ``unnamed`` forms has this number.
+        InputError is raised if no tuple of names in ``unnamed`` has this number of fields.
         """
         names = list(next((own for own in unnamed if len(own) == len(first)), ()))
         if first and not names:
@@ -295,7 +296,7 @@ class CsvTable(Table):
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the line number and the cells of each row.
 
-        InputError is raised if a line has not as many cells as the header.
+        InputError is raised if a line does not have as many cells as the header.
         """
         size = len(self.names)
         for line, row, _ in self._records():
@@ -353,7 +354,9 @@ class CsvTable(Table):
                 yield reader.line_num, row, "".join(raw)
                 raw.clear()
         except UnicodeDecodeError:
-            raise InputError(f"cannot read {self.file}: the file is not UTF-8 text") from None
+            raise InputError(
+                f"cannot read {self.file}: the file is not UTF-8 text; save it as UTF-8"
+            ) from None
         except csv.Error as error:
             raise InputError(f"{self.file}, line {reader.line_num}: {error}") from None
 
@@ -361,7 +364,7 @@ class CsvTable(Table):
         return cell if cell in self._known else cell.strip("#\"' \t")
 
     def _loaded(self, places: Sequence[int]) -> Array | None:
-        """Read numbers by NumPy, in a third of the time; None if cells must be read one by one."""
+        """Read numbers fast, by NumPy; None if the cells must be read one by one."""
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         kinds = [(f"c{i}", float if i in places else "U1") for i in range(len(self.names))]
         one = len(set(places)) == len(self.names)
@@ -412,7 +415,7 @@ def _raw_cells(body: str) -> list[str]:
 
 
 def _texts(values: Array) -> Iterator[str]:
-    """Write numbers (K, 1) as text, block by block, with as many digits as identify them."""
+    """Write numbers (K, 1) as text, block by block, with enough digits to read the same number."""
     for k in range(0, len(values), _BLOCK):
         yield from map(repr, values[k : k + _BLOCK].ravel().tolist())
 
@@ -485,9 +488,9 @@ _NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZ
 
 
 def replaced(old: Column | None, cells: NewCells) -> Column:
-    """Put new numbers into a column (K, …), which keeps its shape and, unless integer, its type.
+    """Return a column (K, …) with new numbers; its shape stays, and its type if it is a float type.
 
-    A column that the file lacks (None) has one number per row.
+    If ``old`` is None, because the file lacks the column, it gets one number per row.
     """
     if old is None:
         return cells.values[:, 0]
@@ -510,7 +513,7 @@ def _npz_bytes(arrays: Mapping[str, Column]) -> bytes:
 
 
 class _Parquet(Table):
-    """A Parquet file; lists of equal length are rows of numbers."""
+    """Parquet file as a table; a column of lists of equal length has several numbers per row."""
 
     def __init__(self, file: Path) -> None:
         import pyarrow
@@ -588,7 +591,7 @@ def _item(kind: Any) -> Any:
 
 
 def arrow_width(column: Any) -> int:
-    """Count the numbers per row of a Parquet column; 0 for text, and lists of several lengths."""
+    """Count the numbers per row of a Parquet column; 0 for text and for lists of unequal length."""
     import pyarrow
     import pyarrow.compute
 
@@ -613,9 +616,10 @@ def _flat(column: Any) -> Any:
 
 
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
-    """Keep the metadata of a Parquet file, without the features of columns that it lacks now.
+    """Adapt the metadata of a Parquet file to the columns of a changed table.
 
-    The library ``datasets`` refuses a file whose features are not its columns.
+    Features describe columns; the library ``datasets`` refuses a file whose features do not match
+    its columns.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:

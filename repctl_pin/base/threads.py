@@ -44,7 +44,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class PerThread(threading.local, Generic[T]):
-    """Value that is created once per thread, on first use, and again in a copy or another process.
+    """Value that each thread, copy and process creates for itself on first use.
 
     Scratch memory of Pinocchio and of C cannot be shared between threads, nor pickled.
 

@@ -133,7 +133,7 @@ def commands() -> Iterator[tuple[str, Any]]:
 
 
 def _as_options(arguments: list[str]) -> list[str]:
-    """Rewrite ``help COMMAND`` and ``version``, commands of other programs, as options."""
+    """Rewrite ``help COMMAND`` as ``COMMAND --help``, and ``version`` as ``--version``."""
     first, rest = arguments[:1], arguments[1:]
     if first == ["help"]:
         return [*rest, "--help"]

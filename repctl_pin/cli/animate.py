@@ -118,7 +118,7 @@ def _check(options: Options) -> None:
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
     """Read the motions of the CSV file ``--motion``, and draw them on a page.
 
-    The motions are those that ``--only`` names, or all. The result is that of :func:`_drawn`.
+    The motions are those that ``--only`` names, or all. Return the result of :func:`_drawn`.
     """
     from ..show.page.playback import read_playbacks
 
@@ -167,7 +167,7 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
     """Follow the path with a saved design and with its desired inverse, and show both motions.
 
     The design approximates the desired inverse, usually J⁺, so the page shows what repeatability
-    changes. The result is that of :func:`_drawn`.
+    changes. Return the result of :func:`_drawn`.
     """
     from ..paths.several_paths import paths_of
     from ..show.page.own_loop import own_loop
@@ -194,7 +194,7 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     """Run a study, and show its motions under J⁺ and the nearest repeatable inverse.
 
-    This is the default of the command for a robot without ``--motion``. The result is that of
+    This is the default of the command for a robot without ``--motion``. Return the result of
     :func:`_drawn`.
     """
     from ..show.study_files import study_page

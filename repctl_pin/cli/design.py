@@ -2,7 +2,7 @@
 
 The region Ω is the part of joint space for which the design is made: a box around the start, or a
 tube around a motion. The design is fitted at some configurations (nodes) and evaluated at others
-(held-out nodes). It approximates the desired inverse, usually J⁺.
+(held-out nodes). The design approximates the desired inverse, usually J⁺.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ def _designed(
 ) -> tuple[rp.Problem, rp.Design]:
     """Design the repeatable inverse nearest to ``desired``, and add its region to the problem.
 
-    The remedy of a SingularRegionError names options.
+    The remedy of a SingularRegionError names options of the command.
     """
     from ..studies.around_motion import design_for
 
@@ -255,8 +255,9 @@ def _check(options: Options, degree: Any) -> None:
 def _problem(options: Options, degree: Any) -> rp.Problem:
     """Make the problem to design for: with the path of ``--path`` or, without it, a box as region.
 
-    With a path, Ω will be a tube around the motion; without one, Ω is that of :func:`_region`.
-    ``degree`` is ``auto`` or a number; InputError is raised if it requires too many polynomials.
+    With a path, Ω will be a tube around the motion; without one, Ω is the result of
+    :func:`_region`. ``degree`` is ``auto`` or a number; InputError is raised if this degree
+    requires too many polynomials.
     """
     from ..studies.design_choice import check_degree
 

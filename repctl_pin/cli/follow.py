@@ -2,7 +2,8 @@
 
 The controller is a saved design, a named strategy (``pseudoinverse``), or a design made here around
 the motion. A leaf is the set of configurations on which a repeatable controller stays, because its
-potentials are constant there. Ω is the region of joint space of a design.
+potentials are constant there. Ω is the region of joint space of a design. Within the closing radius
+of a start, every closed path is proved to end in the configuration it began in.
 """
 
 from __future__ import annotations
@@ -134,10 +135,11 @@ def run(options: Options) -> int:
 
 
 class _Followed(NamedTuple):
-    """Motion along the path, motion to send to a robot, and notes on both.
+    """Motion along the path, the motion to send to a robot, and notes.
 
-    ``commanded`` is the motion corrected onto the leaf of a repeatable controller. ``unresolved``
-    is a note that the drift depends on the number of steps; empty if it does not.
+    ``commanded`` is the motion with the velocities that a repeatable controller commands, else the
+    motion itself. ``unresolved`` is a note that the drift depends on the number of steps; empty if
+    it does not.
     """
 
     motion: rp.Motion
@@ -200,7 +202,7 @@ def _timed(options: Options, motion: rp.Motion, say: Callable[[str], None]) -> r
 
 
 def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) -> rp.BestLeaf:
-    """Search for the leaf of ``--best-leaf``; InputError without a repeatable controller."""
+    """Search for the leaf of ``--best-leaf``; InputError if the controller is not repeatable."""
     if not isinstance(case.strategy, rp.RepeatableInverse):
         raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
     say("searching for the best leaf")
@@ -304,8 +306,8 @@ class _Case(NamedTuple):
 
     A case is made from a saved design or from a robot. ``region`` is Ω, the region of joint space
     of the design, ``period`` the duration of one cycle, s, and ``desired`` the desired inverse,
-    which the design approximates. ``closes`` is the proved closing radius, within which every
-    closed path also closes in the joints. Each of these four is None if unknown.
+    which the design approximates. ``closes`` is the proved closing radius. Each of these four is
+    None if unknown.
     """
 
     strategy: Strategy
@@ -325,8 +327,7 @@ class _Case(NamedTuple):
 def _saved(options: Options) -> _Case:
     """Load a saved design to follow, with its default cycle or the path of ``--path``.
 
-    The result includes known data of the design: region, period and closing radius, within which
-    every closed path is proved to close in the joints.
+    The result includes known data of the design: region, period and closing radius.
     """
     design = options.load_saved()
     problem = options.problem_of(design)
@@ -343,8 +344,8 @@ def _saved(options: Options) -> _Case:
 def _made(options: Options, say: Callable[[str], None]) -> _Case:
     """Make the controller and the problem for a robot that is given without a saved design.
 
-    The controller is that of ``--strategy`` or ``--potentials``. Without either, the nearest
-    repeatable inverse is designed. ``say`` receives the name of each step.
+    ``--strategy`` or ``--potentials`` gives the controller. Without either, the nearest repeatable
+    inverse is designed. ``say`` receives the name of each step.
     """
     say("finding a path")
     problem = options.problem()
@@ -442,7 +443,7 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
-    """Write the report as text; it begins with notes on leaving Ω and on the leaf of a search."""
+    """Write the report as text; first come notes on leaving Ω and on the leaf that was found."""
     from ..show.text.table import outside_words
 
     loud = [*outside_words(slowed.outside or 0.0), *searched]
@@ -506,8 +507,8 @@ def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
 def _timing_words(result: dict[str, Any]) -> str:
     """Write how a motion was timed, as text that follows its duration; empty if not timed.
 
-    The motion was slowed down to the speed limits (``slowed_by``), or timed from rest to rest. Then
-    ``stops`` is the number of stops at corners per cycle.
+    The motion was slowed down to the speed limits (``slowed_by``), or timed from rest to rest. In
+    the second case, ``stops`` is the number of stops at corners per cycle.
     """
     slowed = result["slowed_by"]
     if slowed is not None:

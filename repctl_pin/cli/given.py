@@ -56,7 +56,7 @@ class Options(argparse.Namespace):
     def load_robot(self) -> rp.Robot:
         """Load the robot that the argument ROBOT or WHAT names, with --lock and --base applied.
 
-        InputError is raised for a saved design, and for --robot beside a robot.
+        InputError is raised for a saved design, and for --robot, which only a saved design takes.
         """
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
@@ -118,8 +118,8 @@ class Options(argparse.Namespace):
     def load_saved(self) -> rp.Design | rp.CellDesign:
         """Load the design that WHAT names, on the robot of ``--robot`` or of the catalogue.
 
-        The result is a design over joint space, or the function of a cell, which gives the joints
-        for each pose in a box of poses. Warnings are printed as notes.
+        The result is a design over joint space, or the function of a cell, which gives a
+        configuration for each pose in a box of poses. Warnings are printed as notes.
 
         Raises
         ------
@@ -146,8 +146,7 @@ class Options(argparse.Namespace):
     def load_design(self) -> rp.Design:
         """Load the saved design over joint space that WHAT names.
 
-        InputError is raised for the function of a cell, which is another kind of design that the
-        command cannot use.
+        InputError is raised for a saved function of a cell, which the command cannot use.
         """
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
@@ -191,7 +190,8 @@ class Options(argparse.Namespace):
         """Parse ``--frame`` and ``--task``: one of each, or several separated by commas.
 
         Return ``frame`` and ``kind`` as :class:`Problem` takes them: a text or None for one frame,
-        a list for several frames. With one kind per frame, they are a list of pairs and None.
+        a list for several frames. With one kind per frame, ``frame`` is a list of pairs (frame,
+        kind), and ``kind`` is None.
         """
         frames = _listed(self.frame)
         kinds = _listed(self.task)
@@ -210,7 +210,7 @@ class Options(argparse.Namespace):
     def asked_path(self) -> Any:
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
-        The result is as :class:`Problem` takes it. A single path is that of the first frame; the
+        The result is as :class:`Problem` takes it. A single path belongs to the first frame; the
         other frames do not move. In a list, the word ``hold`` or None means that a frame does not
         move. A CSV file names the frames that move.
         """
@@ -339,7 +339,7 @@ def proved(design: D, say: Callable[[str], None]) -> D:
 def require_proofs(asked: bool) -> None:
     """Raise an error if proofs are ``asked`` for, but the native library for them is missing.
 
-    Called before the design, which takes long and would otherwise be made in vain.
+    Commands call this before the design, which takes long and would otherwise be made in vain.
     """
     if asked:
         from ..native import required_library  # loads NumPy
@@ -359,7 +359,7 @@ def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
 def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
     """Write a note, as a tuple of one text, that names the joints at whose limits a box was cut.
 
-    The box was cut if it is narrower than ``half_width``, as requested; otherwise the tuple is
+    The box was cut if it is narrower than the requested ``half_width``; otherwise the tuple is
     empty.
     """
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)

@@ -183,7 +183,8 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 def _frames(found: Mapping[str, Any]) -> list[str]:
     """Format a table of the frames and their positions, m, with a legend: a list of two texts.
 
-    The user can choose a frame and a path from it. ``found`` is the result of :func:`_inspection`.
+    The user can choose a frame and a path from the table. ``found`` is the result of
+    :func:`_inspection`.
     """
     from ..show.text.table import table
 

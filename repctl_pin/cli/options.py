@@ -30,13 +30,13 @@ _WINDOW = "`repctl study ROBOT` writes a page for the browser, animation.html"
 
 
 class _Base(argparse.Action):
-    """Store the link of --base or --on, of which one may be given."""
+    """Store the link of --base or --on; only one of them may be given."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: Any, value: Any, option: str | None = None
     ) -> None:
         if getattr(namespace, self.dest) is not None:
-            parser.error("--base and --on are mutually exclusive, and name one link")
+            parser.error("--base and --on are mutually exclusive; give one of them, once")
         setattr(namespace, self.dest, value)
 
 
@@ -119,8 +119,8 @@ class Parser(argparse.ArgumentParser):
     def add_argument(self, *names: Any, **how: Any) -> argparse.Action:
         """Add an argument as argparse does, and put an option into its group of the help.
 
-        The groups, such as ``robot`` and ``path``, make a long help readable. The arguments are
-        argparse's.
+        The groups, such as ``robot`` and ``path``, make a long help readable. The parameters of
+        this method are argparse's.
         """
         option = str(names[0]).removeprefix("--") if names else ""
         title = next((g for g, own in _GROUPS.items() if option in own.split()), None)
@@ -166,7 +166,8 @@ class Parser(argparse.ArgumentParser):
     ) -> None:
         """Add the argument WHAT, a robot or a saved design, and the options for loading it.
 
-        ``what`` is its help. ``--robot`` names the robot of a design that is not in the catalogue.
+        ``what`` is the help text of this argument. ``--robot`` names the robot of a design that is
+        not in the catalogue.
         """
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
@@ -239,7 +240,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--weight", metavar="M", help=what)
 
     def json(self, instead: str = "text", *, quiet: bool = False) -> None:
-        """Add --json and, if ``quiet``, --quiet; the help says that JSON replaces ``instead``."""
+        """Add --json and, if ``quiet``, --quiet; ``instead`` names the output replaced by JSON."""
         add = self.add_argument
         add("--json", action="store_true", help=f"print JSON instead of {instead}")
         if quiet:

@@ -107,7 +107,7 @@ def run(options: Options) -> int:
 
 
 def _studied(options: Options, say: Callable[[str], None]) -> rp.Study:
-    """Run the study; the remedies of errors name options."""
+    """Run the study; the remedies of errors name options of the command."""
     from ..studies.problem import at_minimum_speed
 
     say("loading the robot and finding a start and a path")

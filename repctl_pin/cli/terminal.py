@@ -43,7 +43,8 @@ def progress(quiet: bool) -> Callable[[str], None]:
 def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
     """Make the callback that reports a long step and its finished fraction, from 0 to 1.
 
-    The library calls it with both. The resulting text, such as ``fitting 40 %``, goes to ``say``.
+    The library calls the callback with both. The resulting text, such as ``fitting 40 %``, goes to
+    ``say``.
     """
     return lambda step, fraction: say(
         f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step
@@ -112,7 +113,7 @@ def page_lines(files: Sequence[Path]) -> list[str]:
 def _as_json(value: Any, indent: int | None = None) -> str:
     """Write a value as JSON, with unprintable characters escaped, which could control a terminal.
 
-    Non-ASCII letters stay readable; ``indent`` is that of ``json.dumps``.
+    Non-ASCII letters stay readable; ``indent`` is as in ``json.dumps``.
     """
     text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)

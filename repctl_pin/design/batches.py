@@ -86,7 +86,7 @@ class Batches:
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
 
-        ``function`` is one of :mod:`criterion`, such as the cost, and ``arguments`` are the
+        ``function`` is a function of :mod:`criterion`, such as the cost, and ``arguments`` are the
         coefficients A. The result is one tuple of sums.
         """
         batches = chain(self._kept, self._build(len(self._kept)))
@@ -104,9 +104,9 @@ class BarrierCost:
     """Nodes of a fit, and additional points of Ω that act as a barrier against singularities.
 
     The points are configurations between the nodes at which an earlier fit had det(Nᵀ V) = 0, an
-    algorithmic singularity. Each is an additional node. Its cost tends to infinity as det(Nᵀ V)
-    tends to 0, so that a descent stays away from a singularity there. V are the gradients of the
-    potentials, and N spans the null space of J.
+    algorithmic singularity. Each of these points is an additional node, whose cost tends to
+    infinity as det(Nᵀ V) tends to 0, so that a descent stays away from a singularity there. V are
+    the gradients of the potentials, and N spans the null space of J.
 
     Parameters
     ----------
@@ -147,8 +147,8 @@ class BarrierCost:
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points.
 
-        ``function`` is one of :mod:`criterion`, such as the cost of coefficients A. The result is
-        one tuple of sums, which a descent uses in place of those over the nodes alone.
+        ``function`` is a function of :mod:`criterion`, such as the cost of coefficients A. The
+        result is one tuple of sums, which a descent uses in place of those over the nodes alone.
         """
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])

@@ -1,8 +1,9 @@
 """Continuation in the degree of the potentials, to an optimum without algorithmic singularities.
 
 At an algorithmic singularity the repeatable inverse fails though J has full rank: det(Nᵀ V) = 0,
-where N spans the null space of J, and V = ∂hᵀ/∂q are the gradients of the r potentials h. "V" and
-the coefficients A of the potentials in their basis stand for one candidate design.
+where N spans the null space of J, and V = ∂hᵀ/∂q are the gradients of the r potentials h. The
+coefficients A of the potentials in their basis determine V, so either one stands for a candidate
+design. V is regular if no algorithmic singularity is found in Ω.
 
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
 So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
@@ -43,7 +44,7 @@ _COARSE_TOLERANCE = 1e-4
 class FitProblem:
     """Arguments of a fit of potentials over one region Ω; see :func:`nearest_repeatable`.
 
-    A fit in a smaller region, or of another degree, is a copy with that argument replaced.
+    A fit in a smaller region, or of another degree, takes a copy with that argument replaced.
 
     Attributes
     ----------
@@ -132,8 +133,9 @@ class Continuation:
 
         The coarse nodes are the few configurations of the early descents. The starting points are
         the solution of the linear problem and ``below``, an optimum with fewer potentials. The
-        starting point of lower cost is tried first. Return the best regular optimum that descents
-        from it and random restarts reach; None if neither starting point leads to one.
+        starting point of lower cost is tried first. If this point does not lead to a regular
+        optimum, the other one is tried. Random restarts may improve the optimum. Return the best
+        one; None if neither starting point leads to a regular optimum.
         """
         begin = self._start(size)
         starts = (
@@ -178,9 +180,9 @@ class Continuation:
         """Make the error that no V without an algorithmic singularity in Ω was found.
 
         V = D A are the gradients of the potentials, and Ω is the region of the design. The message
-        names a configuration where the V of the linear problem is singular. If there is none, it
-        names the configuration of the given error. Without an error, it states that the nodes Q
-        (K, n) are too few.
+        names a configuration where the V of the linear problem is singular. If there is none, the
+        message names the configuration of the given error. Without an error, the message states
+        that the nodes Q (K, n) are too few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
@@ -204,8 +206,9 @@ class Continuation:
     def _between_nodes(self, Q: Array) -> SingularRegionError:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
-        This is so if the V of the linear problem is regular, but every descent ends in a V that is
-        singular between the nodes. The remedy in the message is more nodes or fewer potentials.
+        The nodes are too few if the V of the linear problem is regular, but every descent ends in a
+        V that is singular between the nodes. The remedy in the message is more nodes or fewer
+        potentials.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept

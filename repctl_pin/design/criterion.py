@@ -8,7 +8,8 @@ paper's.
 Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
 (34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost`,
 :func:`linearised` and :func:`gauss_newton` take one batch and return its terms of the sums over all
-batches. If A has fewer rows than there are potentials, only the first potentials are used.
+batches. If A has fewer rows than there are potentials, only the first potentials are used. B is a
+basis of coefficients in which the gradients of the potentials are orthonormal over Ω.
 """
 
 from __future__ import annotations
@@ -102,8 +103,8 @@ class Builder:
     def __call__(self, Q: Array, weights: Array) -> Batch:
         """Build the batch of the nodes Q (K, n), with quadrature weights (K,).
 
-        It evaluates the arm and the potentials once; every cost of the batch is linear algebra
-        after that.
+        The arm and the potentials are evaluated only here; every cost of the batch is linear
+        algebra after that.
         """
         task = self.desired.task
         N, G, D = evaluate(self.desired, self.potentials, Q)
@@ -239,10 +240,11 @@ def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Differential:
-    """First-order change ``dX = L dA P⁻¹`` of the differences X (38) at K nodes.
+    """First-order change ``dX = L dA P⁻¹`` of ``X = F A P⁻¹`` (38), ``P = E A``, at K nodes.
 
-    Its mean square is the Gauss–Newton model of the cost, ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL)
-    dA[:, j']`` with S = P⁻¹ P⁻ᵀ.
+    X is the difference of the null-space components of G_r and G_d. The mean square of dX is the
+    Gauss–Newton model of the cost, ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with S = P⁻¹
+    P⁻ᵀ.
 
     Attributes
     ----------
@@ -273,7 +275,7 @@ class Differential:
     def matrix(self) -> Array:
         """Build the Gauss–Newton matrix (r, N, r, N), with the blocks ``Σ S[j, j'] LᵀL``.
 
-        It costs about K m N² r (r + 1) operations.
+        Building the matrix costs about K m N² r (r + 1) operations.
         """
         size, r = self.L.shape[-1], len(self.S)
         rows = self.L.reshape(-1, size)
@@ -289,7 +291,7 @@ class Differential:
 
 
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
-    """Draw ``count`` nodes at random; their matrix estimates that of all nodes without bias.
+    """Draw ``count`` nodes at random; their matrix estimates the matrix of all without bias.
 
     A node is drawn with a probability that is half constant, half in proportion to the trace of its
     term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The
@@ -311,8 +313,8 @@ def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differ
 def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], SignCount]:
     """Evaluate this batch's terms of the cost C(A), its gradient, and its first-order model.
 
-    E and F are the matrices of the :class:`Batch`. With P = E A, X = F A P⁻¹ and L = F − X E,
-    ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order ``dX = L dA P⁻¹``.
+    E and F are the matrices of the :class:`Batch`. With P = E A, X = F A P⁻¹ and L = F − X E, ``½
+    ∂C/∂A = mean Lᵀ X P⁻ᵀ``, and the first-order change of X is ``dX = L dA P⁻¹``.
 
     Returns
     -------
@@ -341,9 +343,8 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
     """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
 
-    They are those of :func:`linearised`, but with the model
-    ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` and ``S = P⁻¹ P⁻ᵀ`` as a matrix
-    (r, N, r, N).
+    The terms are those of :func:`linearised`, but with the model ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ
+    (mean S[j, j'] LᵀL) dA[:, j']`` and ``S = P⁻¹ P⁻ᵀ`` as a matrix (r, N, r, N).
     """
     total, gradient, (differential,), sides = linearised(b, A)
     return total, gradient, differential.matrix(), sides
@@ -359,7 +360,7 @@ def named(task: Task, q: Array) -> str:
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
     """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), with P = E A, for coefficients A (N, r).
 
-    It is the difference of the null-space components of the repeatable and of the desired inverse.
+    X is the difference of the null-space components of the repeatable and of the desired inverse.
     Return X (K, m, r), P⁻¹ (K, r, r), and the number of nodes with either sign of det P.
     """
     K, n, size = b.EF.shape

@@ -2,8 +2,9 @@
 
 The start is the solution of a linear least-squares problem. V = D A are the gradients of the
 potentials h, D those of their basis, and N spans the null space of J: det(Nᵀ V) = 0 is an
-algorithmic singularity. B is a basis of coefficients in which the gradients are orthonormal, and C
-the cost, the mean of ‖G_r − G_d‖² over the region, from the repeatable inverse to the desired one.
+algorithmic singularity. B is a basis of coefficients in which the gradients are orthonormal. The
+cost C is the mean over the region of ‖G_r − G_d‖², with G_r the repeatable inverse and G_d the
+desired one.
 """
 
 from __future__ import annotations
@@ -148,11 +149,11 @@ def descend(
     """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
     The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C
-    alone is invariant under A → A T. It is also nearly invariant under relabelled leaves h(q) = c,
-    h → φ(h), and under added functions of a joint that does not affect the task. Along these
-    directions, a fit to finitely many nodes can end in a singularity between the nodes. Among all V
-    of nearly equal cost, the penalty selects the one closest to N Nᵀ N(center), the projection of
-    N(center) onto the null space.
+    alone is invariant under A → A T with any invertible T. C is also nearly invariant under
+    relabelled leaves h(q) = c, h → φ(h), and under added functions of a joint that does not affect
+    the task. Along these directions, a fit to finitely many nodes can end in a singularity between
+    the nodes. Among all V of nearly equal cost, the penalty selects the one closest to N Nᵀ
+    N(center), the projection of N(center) onto the null space.
 
     Parameters
     ----------
@@ -201,8 +202,8 @@ differentials, and the number of nodes with either sign of det(Nᵀ V)."""
 class _PenalisedCost:
     """Penalised cost as a least-squares problem in the coordinates ``x = B⁻¹ A``.
 
-    It is the problem that :func:`levenberg_marquardt` solves. A (N, r) are the coefficients of the
-    potentials, and B is ``basis`` (N, N), chosen so that the gradients of the potentials are
+    This is the problem that :func:`levenberg_marquardt` solves. A (N, r) are the coefficients of
+    the potentials, and B is ``basis`` (N, N), chosen so that the gradients of the potentials are
     orthonormal over Ω in x. A step solves ``(H + μ I) dx = −g``, with the penalty included in H and
     g. If potentials are nearly dependent, B is large, and the rounding errors of ``Bᵀ H B``
     determine the smallest useful μ.
@@ -270,8 +271,8 @@ class _PenalisedCost:
     def _closeness(self, x: Array) -> float:
         """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant, at ``A = B x``.
 
-        It draws V towards the projection of N(center), the null space at the centre of Ω, onto the
-        null space at each node. τ is its weight.
+        The penalty draws V towards the projection of N(center), the null space at the centre of Ω,
+        onto the null space at each node. τ is its weight.
         """
         quadratic = np.sum(x * (self.EE @ x))
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
@@ -282,8 +283,8 @@ class _MatrixFree(_PenalisedCost):
 
     The Gauss–Newton matrix of all nodes costs K m N² r (r + 1) operations, and a product with it 4
     K m N r. So the matrix is built from a random sample of the nodes, as a preconditioner only; the
-    iteration multiplies by that of all nodes. With a sample of 32 N / m nodes, a step needs about
-    ten products.
+    iteration multiplies by the matrix of all nodes. With a sample of 32 N / m nodes, a step needs
+    about ten products.
     """
 
     terms: Sum = staticmethod(criterion.linearised)
@@ -291,7 +292,8 @@ class _MatrixFree(_PenalisedCost):
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
         """Evaluate half the gradient, and three parts of the Gauss–Newton matrix H in x.
 
-        The parts are the differentials of all nodes, H of a sample of the nodes, and mean(diag H).
+        The parts are the first-order changes (:class:`criterion.Differential`) at all nodes, H of a
+        sample of the nodes, and mean(diag H).
         """
         gradient, differentials, sides = at.data
         count = _SAMPLE * len(self.basis) // len(differentials[0].L)
@@ -301,7 +303,7 @@ class _MatrixFree(_PenalisedCost):
         return g, (differentials, H, level)
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` by conjugate gradients, with the same μ D as the dense step.
+        """Solve ``(H + μ D) dx = −g`` by conjugate gradients; see :meth:`_PenalisedCost.step`.
 
         The residual is at most 1e-4 of ``‖g‖``. The gradient is exact, so the residual changes the
         steps towards the optimum, but not the optimum.

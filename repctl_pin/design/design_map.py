@@ -1,4 +1,4 @@
-"""Plots of a report as data: maps of a design over two joints, and the cost per degree.
+"""Data of a report's plots: maps of a design over two joints, and the cost per degree.
 
 G_r is the repeatable inverse of the design, G_d the desired one, and Ω the region of joint space.
 The maps also show the defect of G_d, by which it violates the Lie bracket condition: where the
@@ -96,7 +96,7 @@ def design_map(
 def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
     """List the configurations of a grid over two joints, row by row: (k², n).
 
-    x and y (k,) are the values of the two joints; all other joints are those of ``center`` (n,).
+    x and y (k,) are the values of the two joints; all other joints are as in ``center`` (n,).
     """
     Q = np.tile(center, (len(x) * len(y), 1))
     Q[:, joints] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -172,10 +172,10 @@ class ReportMaps:
 
 
 def report_maps(design: Design) -> ReportMaps:
-    """Evaluate the plots of a report: the design and the defect of G_d over two joints, and costs.
+    """Evaluate the data of a report's plots: maps over two joints, and costs.
 
-    The grid has 41 × 41 configurations. Costs of lower degrees and of simpler inverses show whether
-    the degree is worthwhile.
+    The maps show the design and the defect of G_d, the desired inverse, on 41 × 41 configurations.
+    Costs of lower degrees and of simpler inverses show whether the degree is worthwhile.
     """
     grid = design_map(design, points=_POINTS)
     Q = _grid(design.region.center, grid.joints, grid.x, grid.y)

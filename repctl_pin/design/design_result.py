@@ -54,7 +54,7 @@ class Design:
         gradients of the potentials are orthonormal over Ω.
     converged : bool
         True if the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
-        last three steps gave none. Richer potentials may still lower the cost.
+        last three steps gave none. More potentials may still lower the cost.
     steps : int
         Number of Gauss–Newton steps.
     samples, held_out : int
@@ -155,8 +155,8 @@ class Design:
         same leaf margin and the same joint paths: ``G_r' = G_r A⁻¹``. Cost and margins are
         evaluated again; ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees``
         still describe the original fit, and ``cycle`` is None. The leaf and limit margins of a
-        certificate stay valid. Its bound on σ_min(J) becomes smaller, and its closing radius is
-        converted, because distances are measured at another point.
+        certificate stay valid. The bound on σ_min(J) in the certificate becomes smaller. The
+        closing radius is converted, because distances are then measured at another point.
 
         Parameters
         ----------
@@ -183,9 +183,9 @@ class Design:
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.
 
-        G_r is the repeatable inverse, G_d the desired one, and Ω the region. It equals :attr:`cost`
-        for r = 1 and is smaller for r > 1, where the Frobenius norm, which a design minimises,
-        includes all singular values.
+        G_r is the repeatable inverse, G_d the desired one, and Ω the region. The result equals
+        :attr:`cost` for r = 1. For r > 1 it is smaller, because the Frobenius norm, which a design
+        minimises, includes all singular values.
         """
         return spectral_cost(
             self.inverse, self.desired, self.region, samples=self.held_out, seed=self.seed + 1

@@ -117,8 +117,8 @@ def evaluate_design(
 class _Replicate(NamedTuple):
     """Means over one set of nodes, and its nodes with the lowest leaf margins.
 
-    ``cost`` is the mean of ‖G_r − G_d‖_F², ``norm`` of ‖G_d‖_F², and ``inside`` the fraction inside
-    the joint limits.
+    ``cost`` is the mean of ‖G_r − G_d‖_F², ``norm`` the mean of ‖G_d‖_F², and ``inside`` the
+    fraction of nodes inside the joint limits.
     """
 
     cost: float
@@ -136,7 +136,7 @@ def _evaluated(
     count: int,
     seed: int,
 ) -> _Replicate:
-    """Evaluate one set of ``count`` nodes; SingularRegionError if one has a leaf margin below 0."""
+    """Evaluate one set of ``count`` nodes; SingularRegionError if a leaf margin is below 0."""
     task = inverse.task
     Q = region.random(count, seed)
     weights = region.weights(Q)
@@ -159,7 +159,7 @@ def _evaluated(
 
 
 def _singular(task: Task, at: Array) -> SingularRegionError:
-    """Name the configuration (n,) near which an algorithmic singularity lies."""
+    """Make the error for an algorithmic singularity near the configuration ``at`` (n,)."""
     what = f"an algorithmic singularity lies in Ω near {named(task, at)}"
     return SingularRegionError(what, at, None)
 
@@ -210,8 +210,8 @@ class Baseline:
 def _constant_rows(task: Task, center: Array) -> RepeatableInverse:
     """Make the repeatable inverse whose V is constant, ``V = N(center)``: linear potentials.
 
-    N(center) is the null-space basis at the configuration ``center`` (n,). It is the simplest
-    repeatable inverse, with which a design is compared.
+    N(center) is the null-space basis at the configuration ``center`` (n,). A design is compared
+    with this inverse, the simplest repeatable one.
     """
     N = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
     linear = Polynomial(center, 1)

@@ -39,8 +39,8 @@ def fit(problem: FitProblem) -> Design:
     Raises
     ------
     SingularRegionError
-        If the region contains a singularity of the arm, or no V without an algorithmic singularity
-        in it was found.
+        If the region contains a singularity of the arm, or if every fit has an algorithmic
+        singularity in the region.
     InputError
         If the nodes are too few for the potentials.
     """
@@ -94,9 +94,9 @@ def _refuse_arm_singularities(problem: FitProblem) -> None:
 
 
 def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
-    """Compute two numbers of nodes: of the whole fit, and of the smaller set for most descents.
+    """Compute two numbers of nodes: for the final fit, and for the cheaper descents before it.
 
-    InputError is raised if even the whole set has too few nodes for the potentials.
+    InputError is raised if the final fit has too few nodes for the potentials.
     """
     task, size, samples = problem.desired.task, problem.potentials.size, problem.options.samples
     unknowns = (size - task.r) * task.r
@@ -120,8 +120,8 @@ def _refined(
     """Descend on all nodes, from a result on few nodes; evaluate the design on held-out nodes.
 
     A singularity that the evaluation finds becomes a barrier point of ``fine``, and the descent is
-    repeated. The last singularity is returned if the start itself, ``near``, is singular there or
-    the rounds are used up. ``samples`` is the number of all nodes.
+    repeated. The last singularity is returned if the result on few nodes, ``near``, is singular
+    there itself, or after the last repetition. ``samples`` is the number of all nodes.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):
@@ -142,7 +142,7 @@ def _refined(
 
 
 def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
-    """Test whether there are more potentials than equations, of which each node gives m.
+    """Test whether there are more potentials than equations; each node gives m equations.
 
     A fit to so few nodes would be meaningless: it is refused, and a search of the degree ends.
     """

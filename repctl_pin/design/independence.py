@@ -32,8 +32,7 @@ _DEPENDENT = 1e-8
 class Independent:
     """The independent potentials of a basis, which a fit over a region Ω uses.
 
-    Dependent potentials would leave the coefficients undetermined. Functions of x = f(q) alone have
-    the same value at all configurations of one pose.
+    Dependent potentials would leave the coefficients undetermined.
 
     Attributes
     ----------
@@ -98,7 +97,7 @@ def independent(
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
-            f"{len(kept)} independent potentials cannot give r = {r} of them{why}; "
+            f"{len(kept)} independent potentials are too few for r = {r}{why}; "
             "raise the degree or add others"
         )
     return Independent(

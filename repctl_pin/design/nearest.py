@@ -44,9 +44,8 @@ def nearest_repeatable(
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
     Ω is the region, and V are the gradients of the r potentials that the inverse keeps constant.
-    Linear least squares give a start, which damped Gauss–Newton steps improve. Only the column
-    space of V matters. A line search keeps the sign of det(Nᵀ V) at the nodes. Large fits begin
-    with a smaller set of nodes.
+    Linear least squares give a start, which damped Gauss–Newton steps improve. A line search keeps
+    the sign of det(Nᵀ V) at the nodes. Large fits begin with a smaller set of nodes.
 
     Parameters
     ----------
@@ -59,13 +58,13 @@ def nearest_repeatable(
     degree
         Alternative to potentials: all polynomials up to this degree over the box around Ω.
         ``"auto"`` raises the degree from 1 until the cost on held-out nodes falls by less than 1 %;
-        the maximum is degree 6 (8 for n ≤ 3), 1000 unknowns, and for given ``samples`` as many
-        potentials as they determine.
+        the search ends at degree 6 (8 for n ≤ 3), at 1000 unknowns, or at as many potentials as
+        given ``samples`` determine.
     shrink
         If Ω contains a singularity, or a leaf margin below 0.1, design over the largest region with
-        the same center that has neither.
+        the same centre that has neither.
     options
-        Nodes, seed, workers and stopping: :class:`FitOptions`.
+        Nodes, seed and stopping: :class:`FitOptions`.
     progress
         True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
@@ -82,7 +81,7 @@ def nearest_repeatable(
         too few nodes.
     SingularRegionError
         If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message
-        names a configuration, and the largest singularity-free region with the same center.
+        names a configuration, and the largest singularity-free region with the same centre.
 
     Examples
     --------
@@ -119,8 +118,8 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
     """Design with rising degree until the cost on held-out nodes stops falling; return the best.
 
     The search ends at degree 6 (8 for up to three joints), at too many unknowns or too few nodes,
-    at a singularity, or at an improvement below 1 %. ``degrees`` of the design lists what was
-    tried.
+    at a singularity, or at an improvement below 1 %. ``degrees`` of the design lists the degrees
+    that were tried.
     """
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
@@ -210,10 +209,10 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
 def _check(
     desired: Inverse, potentials: PotentialBasis | None, region: Region, degree: int | str | None
 ) -> None:
-    """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not.
+    """Check the arguments of :func:`nearest_repeatable`; raise InputError if they do not match.
 
-    The task must be redundant, the region must have its joints and overlap their limits, and either
-    potentials or a degree must be given. So a mistake is found before a long fit starts.
+    The task must be redundant, the region must be in the task's joints and overlap their limits,
+    and either potentials or a degree must be given. So a mistake is found before a long fit starts.
     """
     task = desired.task
     if task.r < 1:

@@ -83,7 +83,8 @@ class SingularRegionError(SingularityError):
 class Lowest:
     """Smallest value of a measure that a search of a region found, and where.
 
-    The measure is a distance from a singularity; 0 or less means that one was found.
+    The measure is a distance from a singularity; a value of 0 or less means that a singularity was
+    found.
 
     Attributes
     ----------
@@ -135,9 +136,10 @@ class LeafMargin:
     """Signed leaf margin: a measure of the distance from an algorithmic singularity.
 
     Its absolute value is ``σ_min(Nᵀ V̂)``, with N the null space of J, and V̂ the gradients V of
-    the potentials, orthonormalised. It is negative where ``det [J; Vᵀ]`` has the opposite sign of
-    that at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where J has full
-    rank, it is smooth, its zeros included, except at crossings of singular values.
+    the potentials, orthonormalised. The margin is negative where ``det [J; Vᵀ]`` has the opposite
+    sign of the determinant at ``center`` (n,), so that it changes sign at an algorithmic
+    singularity. Where J has full rank, the margin is smooth, also at its zeros, except where
+    singular values cross.
 
     With ``V = V̂ R`` and ``J_V X = [0; I]``, it is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)``,
     because ``X Rᵀ = N (V̂ᵀ N)⁻¹``. It is 0 where J_V is exactly singular.
@@ -220,7 +222,7 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
 
 
 def _newton(measure: Dexterity, region: Region, Q: Array, value: Array) -> None:
-    """Lower values at Q (S, n) in place by Newton steps, until one of them reaches 0."""
+    """Lower the values at Q (S, n), in place, by Newton steps, until one value reaches 0."""
     scale = region.bounds.half_width
     ends = Q.copy()
     for _ in range(_NEWTON):
@@ -255,9 +257,10 @@ def search(measure: _Measure, region: Region, Q: Array, values: Array | None = N
 def _corners(region: Region, Q: Array) -> Array:
     """Move configurations Q (K, n) along diagonals of joint space, clipped to Ω.
 
-    Half of the moves are twice the half-widths of Ω, which leads to the corners of a box: to all of
-    them for n ≤ 7, else to every combination of the first seven joints. The other half are a tenth
-    of the half-widths along random diagonals, because a tube is narrow. Return at most 256 rows.
+    Half of the moves have twice the half-widths of Ω as lengths, which leads to the corners of a
+    box: to all of them for n ≤ 7, else to every combination of the first seven joints. The other
+    half have a tenth of the half-widths, along random diagonals, because a tube is narrow. Return
+    at most 256 rows.
     """
     rng = np.random.default_rng(0)
     start = np.resize(Q, (_CORNERS, Q.shape[1]))

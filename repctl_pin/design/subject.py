@@ -42,7 +42,7 @@ def check_configurations(task: Task) -> Array:
 def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
     """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m.
 
-    Fingerprints and saved files identify frames by these points, whatever their names.
+    Fingerprints and saved files identify frames by these points, not by their names.
     """
     ids = [frame_id(task.model, name) for name in frames]
     return frame_placements(task.model, ids, task._matrix(Q))[:, :, :3, 3]
@@ -53,7 +53,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 
     The chain has all placements and axes from base to frame, with locked joints in place, and the
     map from q to its joints: mimic ratios. For several frames, the result is one such tuple per
-    frame. The fingerprint of a proof contains these data, to recognise its robot.
+    frame. The fingerprint of a proof contains these data, so that the robot is recognised.
     """
     if isinstance(task, SeveralFrames):
         return tuple(task_parts(part) for part in task.parts)
@@ -80,8 +80,8 @@ def rounded(values: ArrayLike) -> Array:
 def subject_of(task: Task, potentials: PotentialBasis, coefficients: Array, region: Region) -> str:
     """Compute the fingerprint of a repeatable inverse over a region.
 
-    It covers the joint chain with its limits, the potentials, their coefficients and the region.
-    The text is empty for user-defined potentials and regions, of which nothing can be proved.
+    The fingerprint covers the joint chain with its limits, the potentials, their coefficients and
+    the region. It is empty for user-defined potentials and regions, of which nothing can be proved.
     """
     basis = _basis_parts(potentials)
     shape = _region_parts(region)

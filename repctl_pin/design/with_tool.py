@@ -1,7 +1,8 @@
 """Conversion of a design to another tool on the same body, with the same potentials and leaves.
 
-``J' = A J`` with an invertible A, so the null space N, ``σ_min(Nᵀ V̂)`` and the joint paths of
-closed motions stay the same, and ``G_r' = G_r A⁻¹``. See :mod:`repctl_pin.model.tool`.
+The Jacobian of the new tool is ``J' = A J`` with an invertible A, so the null space N, ``σ_min(Nᵀ
+V̂)`` and the joint paths of closed motions stay the same, and ``G_r' = G_r A⁻¹``. See
+:mod:`repctl_pin.model.tool`.
 """
 
 from __future__ import annotations
@@ -34,14 +35,14 @@ _BELOW = 1 - 1e-12
 def for_task(design: Any, task: Task) -> Any:
     """Convert a :class:`Design` to the task of another frame on the same body.
 
-    The figures are evaluated again on the design's held-out nodes; those of the fit are kept, and
-    the cycle is dropped. A changed gripper then needs no new fit. Ω is the region of joint space of
-    the design.
+    The figures are evaluated again on the design's held-out nodes; the figures of the fit are kept,
+    and the cycle is dropped. A changed gripper then needs no new fit. Ω is the region of joint
+    space of the design.
 
     Raises
     ------
     InputError
-        If the frame is on another body, the task is no pose task, or Ω is a workspace box.
+        If the frame is on another body, the task is not a pose task, or Ω is a workspace box.
     """
     require_pose(design.task)
     tool = placement_between(design.task, task)
@@ -103,7 +104,7 @@ def _proof(proof: Proof, tool: pin.SE3) -> Proof:
 
 
 def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
-    """Convert a closing radius ρ, α to a λρ, λα that the same proof covers.
+    """Convert a closing radius ρ, α to a smaller one, λρ and λα, that the same proof covers.
 
     Within the closing radius, ρ metres and α radians from the start pose, each closed path is
     proved to close. The frame's origin is ``p = p' − R t``, t the offset of the tool, so ``|p − p₀|

@@ -88,7 +88,10 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
 
 @derivative.register
 def _(strategy: WeightedInverse, Q: Array) -> _Derivative:
-    """Evaluate the formula of J⁺ for ``J⁺_M = B (J B)⁺`` with ``M⁻¹ = B Bᵀ``, if M is constant."""
+    """Evaluate ∂G/∂q of ``J⁺_M = B (J B)⁺`` by the formula of J⁺, if M is constant.
+
+    B is determined by ``M⁻¹ = B Bᵀ``.
+    """
     if isinstance(strategy.weight, str) or callable(strategy.weight):
         return derivative.dispatch(object)(strategy, Q)
     B = np.linalg.inv(np.linalg.cholesky(strategy.weight)).T
@@ -103,7 +106,7 @@ def _(strategy: WeightedInverse, Q: Array) -> _Derivative:
 
 @derivative.register
 def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
-    """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``.
+    """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, by ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``.
 
     H_k = ∂J/∂q_k, J_V = [J; Vᵀ], and V are the gradients of the potentials that the repeatable
     inverse G_r keeps constant. Without their second derivatives, differences are used.
@@ -135,7 +138,7 @@ def inside_limits(task: Task, Q: Array) -> Array:
 
 
 def require_inverse(strategy: Inverse) -> Inverse:
-    """Require an inverse, a strategy with a matrix G(q), and return it; InputError otherwise.
+    """Require an inverse, a strategy with a matrix G(q), and return it; else raise InputError.
 
     Repeatability tests differentiate G, which a posture control, for instance, does not have.
     """
@@ -144,7 +147,7 @@ def require_inverse(strategy: Inverse) -> Inverse:
 
 
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
-    """Estimate the rounding error of ∂G/∂q_k, (K, n), by a formula that inverts a matrix (K, a, n).
+    """Estimate rounding errors (K, n) of a ∂G/∂q_k whose formula inverts a matrix (K, a, n).
 
     The error grows with the condition number of the matrix, J or J_V. ``L`` (n,) is the unit of
     each joint, 1 rad or the arm's length. A test compares defects with this error.
@@ -163,9 +166,9 @@ def differentiate(
     Central differences with steps h, h/2, …, h/32 are extrapolated to h → 0 (Romberg's table,
     orders 2 to 12). The result is the table entry that differs least from its two parents, so step
     and order adapt to the function: short steps and high order if it is smooth, long steps and low
-    order if it is noisy. That difference is the error estimate (Ridders' method), unless the noise
-    at the shortest steps is larger. If the error exceeds 1e-6 of the derivative, as near a pole,
-    the procedure is repeated with steps an eighth as long.
+    order if it is noisy. The difference from these parents is the error estimate (Ridders' method),
+    unless the noise at the shortest steps is larger. If the error exceeds 1e-6 of the derivative,
+    as near a pole, the procedure is repeated with steps an eighth as long.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motion left after a small
 loop of the frame along a, b, −a, −b. Its part in the null space of J, the defect, is drift: the
-frame has returned, and the joints have not.
+frame is back at its start, and the joints are not.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class _Defects:
     def norm(self) -> Array:
         """Norm of the relative defects, ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``: (K,).
 
-        It is 0 if and only if the Lie bracket condition holds there.
+        The norm is 0 if and only if the Lie bracket condition holds at the configuration.
         """
         return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
 
@@ -97,7 +97,7 @@ def measure(strategy: Inverse, Q: Array) -> _Defects:
     unit of each joint (1 rad, or the arm's length), and ``L⁻¹ G = B R`` with orthonormal columns of
     B. The columns of ``G R⁻¹`` span the column space of G (Proposition 1), and have the defects
     ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``. Λ_cd is the rate, per unit of joint motion, at
-    which the motion leaves the span of directions c and d.
+    which motions along c and d leave the column space.
     """
     found = derivative(strategy, Q)
     L = joint_scale(strategy.task, Q[0])
@@ -148,7 +148,7 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     Raises
     ------
     InputError
-        If q has not n numbers.
+        If q does not have n numbers.
     SingularityError
         If J, or G, is singular at q.
 
@@ -187,7 +187,7 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        If q has not n numbers.
+        If q does not have n numbers.
     SingularityError
         If J, or G, is singular at q.
 

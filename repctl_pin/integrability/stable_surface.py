@@ -1,8 +1,8 @@
 """Candidate and stable surfaces of an inverse that is not repeatable.
 
 The defects of G (see :mod:`lie_bracket`) can vanish on a surface s(q) = 0 of joint space, the
-candidate. If motions of G that begin on it also stay on it, it is stable, and these motions are
-repeatable nevertheless.
+candidate. If motions of G that begin on this surface also stay on it, the surface is stable, and
+these motions are repeatable nevertheless.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Surfaces:
     points : (K, n) array
         Points on s = 0 in the region.
     kind : (K,) array of str
-        ``stable``: (9) holds and s stays 0 along the motion; ``candidate``: s = 0, but the motion
-        leaves it; ``singular``: the search ended at a singularity of J, where the test does not
-        apply.
+        ``stable``: ``(∂s/∂q) G = 0`` (9) holds and s stays 0 along the motion; ``candidate``: s =
+        0, but the motion leaves this surface; ``singular``: the search ended at a singularity of J,
+        where the test does not apply.
     rate : (K,) array
         ``‖(∂s/∂q) G‖`` of (9), per unit of joint motion; nan if singular.
     tolerance : (K,) array
@@ -70,17 +70,17 @@ class Surfaces:
 
     @property
     def stable(self) -> Array:
-        """Points on stable surfaces (·, n), on which motions stay and are repeatable."""
+        """Points (·, n) on stable surfaces: motions do not leave them, and are repeatable."""
         return self.points[self.kind == _STABLE]
 
     @property
     def candidate(self) -> Array:
-        """Points on candidate surfaces that are not stable (·, n): motions leave them."""
+        """Points (·, n) on candidate surfaces that are not stable: motions leave them."""
         return self.points[self.kind == _CANDIDATE]
 
     @property
     def singular(self) -> Array:
-        """Points at which the search ended at a singularity (·, n)."""
+        """Points (·, n) at which the search ended at a singularity."""
         return self.points[self.kind == _AT_SINGULARITY]
 
     def summary(self) -> str:
@@ -247,9 +247,9 @@ def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> 
 
 
 def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size: Array) -> Array:
-    """Take the best of five lengths of the steps from Q (K, n), and drop points that none improves.
+    """Try five lengths of each step from Q (K, n), take the best, and drop points without progress.
 
-    ``size`` (K,) is ‖s‖ at Q; a point that is dropped is a local minimum above 0.
+    ``size`` (K,) is ‖s‖ at Q. A point that is dropped is a local minimum of ‖s‖ above 0.
     """
     trials = Q[:, None] + 0.5 ** np.arange(5)[:, None] * step[:, None]  # (K, 5, n)
     norms = _norms(strategy, function, trials.reshape(-1, Q.shape[1])).reshape(len(Q), -1)
@@ -313,9 +313,9 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
 
     On a stable surface, ‖s‖ stays 0.
 
-    Returns for each row the maximum ‖s‖, and the minimum fraction of the length that was completed
-    before a singularity: (K,) each. The length is 0.2 rad, or shorter where G changes direction
-    within less than 1 rad.
+    Returns for each row the maximum ‖s‖, and the minimum fraction of the motion that was completed
+    before a singularity: (K,) each. The length of the motion is 0.2 rad, or less where G changes
+    direction within less than 1 rad.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])

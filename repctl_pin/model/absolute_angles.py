@@ -16,8 +16,8 @@ def absolute_angles(task: Task) -> Array:
 
     ``ψ_i = ± q_1 ± … ± q_i`` over the revolute joints up to the i-th is the angle of link i to the
     base, with minus for a joint whose axis is opposite to that of the first one. For a prismatic
-    joint, ψ_i = q_i. For an arm that the paper describes by absolute angles, the paper's J⁺ is this
-    inverse.
+    joint, ψ_i = q_i. For an arm that the paper describes by absolute angles, the paper's J⁺ is the
+    inverse with weight M.
 
     Parameters
     ----------

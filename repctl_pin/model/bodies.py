@@ -92,7 +92,7 @@ class Bodies:
         of a link of the surroundings always overlap, the second name is ``shape of link``.
     missing : tuple of str
         Unusable shapes of the robot: meshes that are missing or unreadable, named as in the URDF,
-        and shapes without a size. Those links have no body.
+        and shapes without a size. These shapes have no body.
     unchecked : tuple of str
         Links of the robot that are drawn, or have an unusable shape, but have no body, so that
         their collisions are not detected. Links that no joint moves against each other are one
@@ -246,7 +246,7 @@ class Bodies:
         """Compute the minimum distance between convex hulls at every row of Q (K, n): (K,), m.
 
         A negative distance is minus the penetration depth of the hulls, whether or not the bodies
-        collide. Its gradient shows which motion separates them."""
+        collide. The gradient of this distance shows which motion separates the hulls."""
         return self._all(Q, hulls=True)[0]
 
     def _nearer(self, Q: ArrayLike, distance: float) -> NDArray[np.bool_]:

@@ -198,7 +198,7 @@ class BodyBounds:
         """Bound how far M bodies extend from their centres along unit vectors u (M, 3): (M,), m.
 
         R are the rotations of all joints at all configurations; ``k`` (M,) are the indices of the
-        configurations, and ``body`` (M,) those of the bodies.
+        configurations, and ``body`` (M,) the indices of the bodies.
         """
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
@@ -207,8 +207,8 @@ class BodyBounds:
     def reach(self, joints: Mapping[str, Joint]) -> Array:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
 
-        A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because it is
-        1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at
+        A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because the distance
+        is 1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at
         most the point's distance from the joint's origin. This distance is bounded along the chain
         from the joint to the body. So the bound holds at every configuration within the limits of
         the prismatic joints. ``joints`` are the joints of the robot, by name. With this bound, a
@@ -235,9 +235,9 @@ class BodyBounds:
 class KnownApart:
     r"""Measured surface distances of pairs, which rule out contact at nearby configurations.
 
-    Surfaces at a distance d at x are apart at every q with ρ·\|q − x\| < d, where ρ are the rates
-    of :meth:`BodyBounds.reach`. They do not meet on the straight line from x to q either, so no
-    body gets inside another one.
+    Surfaces at a distance d at a configuration x are apart at every q with ρ·\|q − x\| < d, where ρ
+    are the rates of :meth:`BodyBounds.reach`. They do not meet on the straight line from x to q
+    either, so no body gets inside another one.
 
     Parameters
     ----------
@@ -271,8 +271,8 @@ class KnownApart:
     def pays(self, pair: int, q: Array) -> bool:
         """Record a test of a pair at q (N,), and return whether to measure its distance, too.
 
-        Measuring pays if the last test was close to this one, so that more nearby tests are likely,
-        and if earlier measurements have saved about as many tests.
+        Measuring pays if the last test was close to this one, so that more nearby tests are likely.
+        It does not pay if many earlier measurements of the pair have saved no test.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY
@@ -282,7 +282,7 @@ class KnownApart:
         return near and credit > 0
 
     def note(self, pair: int, q: Array, distance: float) -> None:
-        """Store the surface distance, m, of a pair at q (N,), in place of the oldest one."""
+        """Store the surface distance, m, of a pair at q (N,); it replaces the oldest stored one."""
         if (np.abs(q) > self._strokes).any():
             return
         if pair not in self._known:

@@ -34,7 +34,7 @@ _CONVEX = 1e-6
 class UnusableShape(InputError):
     """Raised for an unusable collision shape; the message gives the cause and the remedy.
 
-    A robot is loaded without it, with a note; in the surroundings it is an error.
+    A robot is loaded without the shape, with a note; in the surroundings, such a shape is an error.
     """
 
 
@@ -65,7 +65,8 @@ class BodyShape:
     def exact(self) -> coal.CollisionGeometry:
         """The exact geometry: the mesh itself if it is not convex, else the convex shape.
 
-        It decides whether bodies collide whose convex hulls overlap.
+        If the convex hulls of two bodies overlap, the exact geometry decides whether the bodies
+        collide.
         """
         if self.points is None or self.faces is None:
             return self.hull
@@ -95,7 +96,8 @@ class BodyShape:
     def witnesses(self) -> Array:
         """One point (K, 3) of every connected part, m.
 
-        If no surfaces intersect, a part is inside another body exactly if the part's point is.
+        If no surfaces intersect, a part is inside another body exactly if the part's point is
+        inside it.
         """
         if self._parts is None:
             return np.asarray(self.hull.aabb_center, float)[None]
@@ -282,7 +284,7 @@ def _unit_of(path: Path) -> float:
 def _convex_hull(vertices: Array) -> Any:
     """Compute the convex hull of vertices (V, 3) as a trimesh mesh; flat vertices are thickened.
 
-    UnusableShape is raised if there is none.
+    UnusableShape is raised if there is no hull.
     """
     import trimesh
 
@@ -421,17 +423,17 @@ def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
 class _MeshInterior:
     r"""Interior of a mesh: points from which rays cross more faces outwards than inwards.
 
-    With s = 1 for a crossed face whose normal points along the ray, and s = −1 for one against it,
-    a point is inside a closed mesh if Σ s > 0. This also holds where closed parts overlap, and
-    excludes cavities.
+    With s = 1 for a crossed face whose normal points along the ray, and s = −1 for a face whose
+    normal points against the ray, a point is inside a closed mesh if Σ s > 0. This also holds where
+    closed parts overlap, and excludes cavities.
 
     Parameters
     ----------
     parts
         Parts of the mesh.
     gaps
-        True to include parts with gaps: a point is then inside if two of three rays say so. False
-        to ignore them.
+        True to include parts with gaps: a point is then inside if the test holds for two of three
+        rays. False to ignore parts with gaps.
     """
 
     def __init__(self, parts: _MeshParts, *, gaps: bool) -> None:
@@ -442,8 +444,8 @@ class _MeshInterior:
     def contains(self, points: Array) -> bool:
         """Test whether any of the points (K, 3) is inside.
 
-        The points are in the mesh's own frame, m. If a mesh of the robot has open parts, three rays
-        vote.
+        The points are in the mesh's own frame, m. If a mesh of the robot has open parts, two of
+        three rays decide.
         """
         return any(self._contains(point) for point in points)
 
@@ -457,7 +459,7 @@ class _Ray:
 
     The faces are sorted into strips along x, so that few are tested per ray. Their corners (F, 3,
     3) are in axes whose z axis is the direction of the rays. A point is inside a mesh if its ray
-    leaves more often than it enters.
+    leaves the mesh more often than it enters.
     """
 
     def __init__(self, turn: Array, points: Array, faces: NDArray[np.intp]) -> None:
@@ -487,7 +489,7 @@ class _Ray:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Return 1 if a triangle above the origin faces up, −1 if it faces down, else 0.
+    """Return 1 if a triangle lies above the origin and faces up, −1 if it faces down, else 0.
 
     The three corners are given as x, y, z.
     """

@@ -120,7 +120,7 @@ def _data_folder() -> Path:
     Raises
     ------
     InputError
-        If it is not installed.
+        If the package is not installed.
     """
     places = [Path(place) / "cmeel.prefix" / _DATA for place in sys.path] + [
         Path(sys.prefix) / _DATA

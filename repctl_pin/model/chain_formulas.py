@@ -1,6 +1,6 @@
 """Formulas for serial chains: kinematic Hessian, rotations between placements, and checks.
 
-They take arrays and placements, and do not depend on a robot model.
+The functions take arrays and placements, and do not depend on a robot model.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def chain_hessians(twists: Array, R: Array | None) -> Array:
 
 
 def axis_turn(R: Array, goal: Array) -> Array:
-    """Compute the rotation that aligns the tool's z axis with a goal's: (2,), rad.
+    """Compute the rotation that aligns the tool's z axis with the goal's z axis: (2,), rad.
 
     The result has the components of the shortest such rotation about the tool's x and y axes.
 
@@ -88,8 +88,8 @@ def axis_turns(R: Array, goals: Array) -> Array:
 def rotation_vectors(R: Array) -> Array:
     """Compute the rotation vectors of rotations (K, 3, 3): (K, 3), rad, angles from 0 to π.
 
-    It is Pinocchio's ``log3`` for many rotations at once; near a half turn ``log3`` itself is
-    called.
+    The result is that of Pinocchio's ``log3`` for each rotation; near a half turn ``log3`` itself
+    is called.
     """
     axis = 0.5 * (R[:, [2, 0, 1], [1, 2, 0]] - R[:, [1, 2, 0], [2, 0, 1]])  # sin(angle) times it
     sine = np.sqrt((axis**2).sum(axis=1))
@@ -145,14 +145,15 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
     Raises
     ------
     InputError
-        If it is neither a pinocchio.SE3 nor a homogeneous 4 × 4 array; ``name`` names it.
+        If it is neither a pinocchio.SE3 nor a homogeneous 4 × 4 array; the message calls it
+        ``name``.
     """
     if isinstance(value, pin.SE3):
         return value
     array = as_numbers(value)
     if array is None or array.shape != (4, 4):
         raise InputError(
-            f"{name} must be a placement, a pinocchio.SE3 or a 4 × 4 array; got {shown(value)}"
+            f"{name} must be a placement: a pinocchio.SE3 or a 4 × 4 array; got {shown(value)}"
         )
     if not np.array_equal(array[3], _LAST_ROW):
         raise InputError(
@@ -201,7 +202,7 @@ def require_rotation(R: Array, name: str) -> None:
     Raises
     ------
     InputError
-        If it is reflected, scaled, sheared, or not finite; the message says which.
+        If the matrix is reflected, scaled, sheared, or not finite; the message says which.
     """
     if is_rotation(R.ravel().tolist()):
         return

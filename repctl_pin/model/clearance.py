@@ -7,8 +7,8 @@ differ from its middle c by at most w per joint,
 
 .. math:: d(q) \ge d(x) - \rho \cdot (|c - x| + w)
 
-for every configuration x at which d was measured. A piece that this does not settle is measured at
-its middle, and then halved.
+for every configuration x at which d was measured. A piece that this bound does not decide is
+measured at its middle, and then halved.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ class _Search:
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Measure the minimum distance at samples ``rows`` (R,), and list what is undecided.
+        """Measure the minimum distance at samples ``rows`` (R,), and list the undecided pairs.
 
         A piece is the motion between two successive rows. Returns two index arrays, of pairs of
         bodies and of pieces; each entry is a pair that the lower bounds at both ends of a piece do
@@ -297,11 +297,11 @@ class _Pieces(NamedTuple):
         return self if which.all() else _Pieces(*(values[which] for values in self))
 
     def and_those(self, more: _Pieces) -> _Pieces:
-        """Return these pieces and more."""
+        """Return these pieces, followed by the pieces ``more``."""
         return _Pieces(*map(np.concatenate, zip(self, more, strict=True)))
 
     def after(self, distance: float, at: Array) -> _Pieces:
-        """Tighten the bounds by a distance measured at ``at`` (J,), given as ``center`` is."""
+        """Tighten the bounds by a distance measured at ``at`` (J,), in the units of ``center``."""
         moved = np.abs(self.center - at).sum(axis=1)
         return self._replace(
             lower=np.maximum(self.lower, distance - moved - self.size),

@@ -167,9 +167,9 @@ class _CollisionModel:
         return self._bounds.tables
 
     def kept(self, distance: float) -> Array:
-        """Return the distance required of each pair: (P,), m; 0 if only collisions are checked.
+        """Return the minimum distance allowed for each pair: (P,), m; 0 for a collision-only pair.
 
-        ``distance`` is required of all other pairs; neighbouring links are always closer.
+        ``distance`` is the minimum for all other pairs; neighbouring links are always closer.
         """
         return np.where(self._only_contact, 0.0, distance)
 
@@ -237,7 +237,7 @@ class _CollisionModel:
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
         """Yield each row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
 
-        N is the number of joints of the model, and P that of the pairs. The bound of a
+        N is the number of joints of the model, and P the number of pairs. The bound of a
         collision-only pair is infinite where it shows that the pair does not collide.
         """
         for _, block, bounds in self._bounded(Q):
@@ -261,9 +261,10 @@ class _CollisionModel:
     ) -> tuple[float, int]:
         """Compute the minimum distance at q (N,) and the index of its pair.
 
-        ``measure`` returns the distance of a pair by its index. The pair ``guess`` is measured
-        first, then the others in order of their lower bounds, until no bound is below the minimum
-        found. So most distances are never computed. ``bounds`` of measured pairs become infinite.
+        ``measure`` returns the distance of the pair with a given index. The pair ``guess`` is
+        measured first, then the others in order of their lower bounds, until no bound is below the
+        minimum found. So most distances are never computed. ``bounds`` of measured pairs become
+        infinite.
         """
         self._move(q)
         best, at = measure(guess), guess
@@ -284,7 +285,8 @@ class _CollisionModel:
     def _exact(self, k: int) -> float:
         """Compute the distance of pair k at the current placements, m; below 0 in a collision.
 
-        It is 0 if only hulls overlap, and infinite for a collision-only pair without a collision.
+        The result is 0 if only hulls overlap, and infinite for a collision-only pair without a
+        collision.
         """
         distance = self._apart(k)
         if distance <= 0:
@@ -292,9 +294,9 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of pair k, m: of the hulls, or exact if collision-only.
+        """Compute the signed distance of the hulls of pair k, m; exact for a collision-only pair.
 
-        The gradient shows which motion separates overlapping bodies.
+        The gradient of this distance shows which motion separates overlapping bodies.
         """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
@@ -325,8 +327,8 @@ class _CollisionModel:
     def _collide(self, k: int) -> bool:
         """Test whether the two bodies of pair k, whose hulls overlap, collide.
 
-        Two convex bodies then do; for meshes, the exact surfaces are compared, unless a distance
-        measured nearby shows that they are apart.
+        Two convex bodies then collide; for meshes, the exact surfaces are compared, unless a
+        distance measured nearby shows that they are apart.
         """
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
@@ -342,7 +344,7 @@ class _CollisionModel:
     def _exact_distance(self, k: int) -> float:
         """Compute the distance of the exact shapes of pair k at the current placements, m.
 
-        It is below 0 in a collision.
+        The distance is below 0 in a collision.
         """
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
@@ -541,7 +543,7 @@ class _CollisionModel:
     def _one_joint_between(self) -> _Mask:
         """Mark the pairs of the robot's own bodies (P,) with one movable joint between them.
 
-        Such neighbours nearly touch by design, so that their distance says nothing.
+        Such neighbours nearly touch by design, so their distance is no measure of danger.
         """
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
@@ -551,7 +553,7 @@ class _CollisionModel:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
         ``only_contact`` (P,) marks the pairs that are checked for collisions only; None means no
-        pair. It is called again each time that pairs have been ruled out.
+        pair. This method is called again each time that pairs have been ruled out.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact

@@ -115,10 +115,10 @@ def arm_ends(description: Description) -> list[_Body]:
 
     An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger has a
     small range (up to half a turn or 0.1 m, or it mimics another joint) and at most as many joints
-    as the arm. In addition, it has other branches beside it, is a mimic joint, is prismatic, is
-    named a finger, or follows a link named as a tool. If every joint is named a finger, the robot
-    is a finger, and ends at its tip. An arm also ends at a link named as a tool beyond which there
-    are only ball joints: a load that hangs from it.
+    as the arm. In addition, it shows at least one sign: it has other branches beside it, is a mimic
+    joint, is prismatic, is named a finger, or follows a link named as a tool. If every joint is
+    named a finger, the robot is a finger, and ends at its tip. An arm also ends at a link named as
+    a tool beyond which there are only ball joints: a load that hangs from it.
     """
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
@@ -197,7 +197,8 @@ def is_sensor(link: str) -> bool:
 def words(name: str) -> list[str]:
     """Split a name into lower-case words.
 
-    ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool and palm."""
+    ``panda_hand_tcp`` gives panda, hand and tcp, ``LeftPalm`` left and palm, and ``tool0`` tool.
+    """
     return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
 
 
@@ -229,6 +230,6 @@ def _says_finger(joint: Joint, digits: set[str]) -> bool:
 
 
 def _digits(description: Description) -> set[str]:
-    """Collect the names of fingers in a file, such as ``index``; none if it has fewer than two."""
+    """Collect the finger names in a file, such as ``index``; none if there are fewer than two."""
     found = _DIGITS & {word for joint in description.joints for word in words(joint.child)}
     return found if len(found) > 1 else set()

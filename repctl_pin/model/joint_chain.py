@@ -79,7 +79,7 @@ class _JointTree:
     parents : (N,) array of int
         Index of the joint before each joint; −1 for a joint on the base.
     R, p, axes, revolute, S, offset
-        As of :class:`JointChain`, with N joints; R and p are relative to the joint before.
+        As in :class:`JointChain`, with N joints; R and p are relative to the joint before.
     chains : tuple of (P,) arrays of int
         Joints between base and frame, for each of the task's F frames.
     R_frames, p_frames : (F, 3, 3) and (F, 3) arrays
@@ -189,8 +189,8 @@ def along_z(chain: JointChain) -> tuple[Array, Array]:
     """Turn the frames of the joints, so that each joint moves about or along its own z axis.
 
     Each frame is also turned about its z axis, which commutes with the motion of its joint, so that
-    the rotation to the next frame is one about x, unless the two z axes are parallel. Products with
-    such rotations need fewer operations in C.
+    the next frame is rotated relative to it about x only, unless the two z axes are parallel.
+    Products with such rotations need fewer operations in C.
 
     Returns
     -------

@@ -68,8 +68,8 @@ class Kind(str):
     def stacked(cls, kinds: Sequence[Kind]) -> Kind:
         """Make the kind of a task of several frames: rows of their twists, one below the other.
 
-        Row i of frame k is row 6 k + i of the twists (v, ω) of all frames. The name joins theirs by
-        " + ".
+        Row i of frame k is row 6 k + i of the twists (v, ω) of all frames. The name joins the names
+        of the single kinds by " + ".
         """
         rows = (6 * k + int(row) for k, one in enumerate(kinds) for row in one.rows)
         words = "; ".join(one.words for one in kinds)
@@ -93,9 +93,9 @@ class Kind(str):
     def error(self, here: pin.SE3, target: pin.SE3) -> Array:
         """Evaluate the task error (m,) from a placement (R, p) to a target (R*, p*), m and rad.
 
-        ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
-        shortest rotation from the tool axis to the target's. Newton steps and feedback reduce the
-        error.
+        ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind. For an axis task, the
+        rotation is the shortest one from the tool's z axis to the target's z axis. Newton steps and
+        feedback reduce the error.
         """
         p = target.translation - here.translation
         if not self.turns:

@@ -21,7 +21,7 @@ def arm_length(task: Task, q: Array) -> float:
     """Compute the arm length, m: sum of the distances between successive revolute joints.
 
     The distance from the last of them to the frame is included. The length is 0 without revolute
-    joints; with several frames, it is the largest of their chains.
+    joints; with several frames, it is the largest length of their chains.
 
     Parameters
     ----------

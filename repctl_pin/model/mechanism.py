@@ -173,7 +173,7 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
 
     It is the map ``θ = S q + offset`` from free joints q (n,) to all joints θ (N,), S (N, n).
     ``joints`` gives each joint by name. A joint that is not free must mimic a free one; chains of
-    mimic joints are already resolved to it.
+    mimic joints must already be resolved to a free joint.
     """
     S = np.zeros((len(names), len(free)))
     offset = np.zeros(len(names))
@@ -286,7 +286,7 @@ def _interval(lower: float, upper: float) -> str:
 
 
 def _loss(before: float, after: float) -> float:
-    """Compute the share of a range or a limit that is lost; all of it if there was no limit."""
+    """Compute the share of a range or a limit that is lost; 1 if there was no limit before."""
     return 1.0 if np.isinf(before) else 1 - after / before
 
 

@@ -150,9 +150,9 @@ def _last(parts: Sequence[_Part], name: str) -> _Part:
 def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) -> list[_Part]:
     """Write the joints of a body as links, one below the other; the last one is the body.
 
-    A URDF has one joint per link, MuJoCo several per body. ``above`` is the parent link, ``place``
-    the body in it, and ``joints`` are their numbers in MuJoCo. A free joint is left out. A ball
-    joint is kept, and is split into three joints when the URDF is read.
+    A URDF link has one joint, but a MuJoCo body can have several. ``above`` is the parent link,
+    ``place`` the body in it, and ``joints`` are their numbers in MuJoCo. A free joint is left out.
+    A ball joint is kept, and is split into three joints when the URDF is read.
     """
     parts: list[_Part] = []
     for j in joints:
@@ -187,7 +187,7 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
 
 
 def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, float]]:
-    """Read the equality constraints, of which linear ones between two joints become mimic joints.
+    """Read the equality constraints; linear ones between two joints become mimic joints.
 
     Constraints that pull a body to a mocap body, a target set by the user, are left out. The result
     maps the name of a mimic joint to (joint, multiplier, offset).
@@ -296,7 +296,7 @@ def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE
 
 
 def _mesh_folder(data: bytes) -> str:
-    """Find the folder of meshes that an MJCF file names, relative to it."""
+    """Find the folder of meshes that an MJCF file names, relative to the file."""
     compiler = _root(data).find("compiler")
     if compiler is None:
         return ""

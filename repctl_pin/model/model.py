@@ -104,10 +104,11 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
 
 
 def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Array], Array]:
-    """Create the function q → Jacobian of a frame (6, nv), world axes: rows of v, then of ω.
+    """Create the function q → Jacobian (6, N) of a frame, world axes: rows of v, then of ω.
 
-    ``data`` is its scratch memory, so that each thread needs a function of its own. Pinocchio
-    returns a vector for a single joint; here it is a column.
+    N is the number of the model's joints. ``data`` is the function's scratch memory, so that each
+    thread needs a function of its own. Pinocchio returns a vector for a single joint; here it is a
+    column.
     """
     evaluate = pin.computeFrameJacobian
 

@@ -160,7 +160,7 @@ class Robot(Mechanism):
         self.reference = self.poses["reference"]
 
     def _revolute(self, names: Sequence[str]) -> NDArray[np.bool_]:
-        """Test which of these joints are not prismatic."""
+        """Test which of the given joints are not prismatic."""
         return np.array([self.joints[name].kind != "prismatic" for name in names], bool)
 
     @classmethod
@@ -315,7 +315,7 @@ class Robot(Mechanism):
                 f": {twice[0]!r} is given twice", argument="frame", remedy="give each frame once"
             )
         if not specs:
-            raise InputError(": the list of frames is empty", argument="frame")
+            raise InputError(": the list of frames is empty; give at least one", argument="frame")
         if len(specs) == 1:
             (one,) = specs
             return Task(based(self, one.base), one.frame, one.kind, one.joints)
@@ -351,7 +351,7 @@ class Robot(Mechanism):
     def _moving(self, frame: str, joints: Sequence[str] | None) -> tuple[str, ...]:
         """List the joints that move a frame; only those among ``joints``, if they are given.
 
-        InputError is raised if no joint moves it, or if one of ``joints`` does not.
+        InputError is raised if no joint moves the frame, or if one of ``joints`` does not move it.
         """
         chain = self.chain(frame)
         if joints is not None:
@@ -366,7 +366,7 @@ class Robot(Mechanism):
     def _subset(self, joints: Sequence[str], chain: tuple[str, ...], moved: str) -> frozenset[str]:
         """Check a subset of the joints of a chain, and return it; ``moved`` names what they move.
 
-        InputError is raised for an unknown joint, and for one that does not move it.
+        InputError is raised for an unknown joint, and for a joint outside the chain.
         """
         joints = list_of_names(joints, "joints", "a list of joint names")
         for joint in joints:
@@ -518,8 +518,8 @@ class Robot(Mechanism):
 def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
     """Convert a loaded model, of yourdfpy or MuJoCo, to URDF text.
 
-    Returns the text, a name to use instead of a file's, and notes. Anything else is returned as it
-    is, with None for the text.
+    Returns the text, a name to use instead of a file's, and notes. For any other object, the text
+    is None, and the object itself takes the place of the name.
 
     Raises
     ------
@@ -569,7 +569,7 @@ def _built(description: Description) -> pin.Model:
         return pin.buildModelFromXML(description.xml)
     except (ValueError, RuntimeError, MemoryError) as error:
         raise UrdfError(
-            f"{description.path}: Pinocchio cannot build a model of it ({error})"
+            f"{description.path}: Pinocchio cannot build a model of this file ({error})"
         ) from error
 
 

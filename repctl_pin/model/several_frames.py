@@ -20,7 +20,7 @@ from .task import Task, _held
 class FrameSpec(NamedTuple):
     """One frame of several: its link, its kind, its base link, and the joints that move it.
 
-    The kind determines which coordinates are controlled. ``base`` None is the robot's own base.
+    The kind determines which coordinates are controlled. ``base`` is None for the robot's own base.
     """
 
     frame: str
@@ -38,7 +38,7 @@ class SeveralFrames(Task):
     Attributes
     ----------
     parts : tuple of Task
-        Task of each frame alone, but with all joints: its J has zero columns for those that do not
+        Task of each frame alone, but with all joints: its J has zero columns for joints that do not
         move the frame.
     """
 
@@ -101,7 +101,7 @@ class SeveralFrames(Task):
         Raises
         ------
         InputError
-            If it is not one placement per frame; the message calls it ``name``.
+            If the target is not one placement per frame; the message calls the target ``name``.
         """
         if isinstance(value, Placements) and len(value) == len(self.parts):
             return value
@@ -192,8 +192,8 @@ class SeveralFrames(Task):
     def _of_joints(self, q: ArrayLike, name: str) -> Array:
         """Collect rows (n, 3), one per joint, from a method of the tasks of one frame.
 
-        ``name`` is the method's, such as ``axes``. For a joint that moves several frames, a row in
-        the robot's own base is preferred.
+        ``name`` is the name of the method, such as ``axes``. For a joint that moves several frames,
+        a row in the robot's own base is preferred.
         """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))

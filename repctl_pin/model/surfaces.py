@@ -398,8 +398,8 @@ def _unit(vectors: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np
 def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the distinct rows of an array (K, k).
 
-    The rows are compared by a hash of 64 bits, which NumPy sorts several times as fast. Among a
-    million rows, two different ones share a hash with a probability of 1e-7.
+    The rows are compared by a hash of 64 bits, which NumPy sorts several times as fast as rows.
+    Among a million rows, two different ones share a hash with a probability of 1e-7.
 
     Returns
     -------

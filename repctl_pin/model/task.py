@@ -30,7 +30,7 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Suggest joint positions in rad, if the given values are within the limits as degrees."""
+    """Suggest joint positions in rad if the values, read as degrees, are within the limits."""
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
     return f"if these are degrees, give {','.join(f'{q:.4g}' for q in joints)}"
@@ -39,7 +39,7 @@ def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
 def unit_of(revolute: Iterable[bool]) -> str:
     """Return the unit of a norm over joints, each revolute or not: rad, m, or both.
 
-    Reports write it after a drift.
+    Reports write this unit after a drift.
     """
     turns = set(map(bool, revolute))
     return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
@@ -53,9 +53,10 @@ class Task:
     """Task of controlling one frame of a robot, with the joints that move it.
 
     ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two
-    coordinates of the position. Redundant when r = n − m ≥ 1.
+    coordinates of the position. The task is redundant if r = n − m ≥ 1.
 
-    Created by :meth:`Robot.task`. Several threads can use one task, and it can be pickled.
+    A task is created by :meth:`Robot.task`. Several threads can use one task, and it can be
+    pickled.
 
     Attributes
     ----------
@@ -181,7 +182,7 @@ class Task:
         Raises
         ------
         InputError
-            If it is neither; the message calls it ``name``.
+            If the target is neither; the message calls the target ``name``.
         """
         if isinstance(value, tuple) and len(value) == 1:
             (value,) = value
@@ -215,8 +216,8 @@ class Task:
         """Evaluate the task error (m,), the displacement from f(q) to the target, m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))`` from the placement (R, p) to the target (R*, p*), restricted to
-        the rows of this kind; for ``axis``, the shortest rotation from the tool axis to the
-        target's.
+        the rows of this kind. For an axis task, the rotation is the shortest one from the tool's z
+        axis to the target's z axis.
         """
         target = self.as_target(target)
         return self.kind.error(self.placement(q), target)
@@ -283,7 +284,7 @@ class Task:
     def joint_origins(self, q: ArrayLike) -> Array:
         """Compute the origins of the joints, from the base outward: an array (n, 3), m.
 
-        For a joint that others mimic, it is the origin of the first joint that it drives.
+        For a joint that others mimic, the row is the origin of the first joint that it drives.
         """
         pin.forwardKinematics(self.model, self._data, self._vector(q))
         return np.array([self._data.oMi[j].translation for j in self._first])
@@ -291,22 +292,22 @@ class Task:
     def axes(self, q: ArrayLike) -> Array:
         """Compute the joints' rotation axes: unit vectors (n, 3), base axes; 0 if prismatic.
 
-        For a joint that others mimic, it is the axis of the first joint that it drives.
+        For a joint that others mimic, the row is the axis of the first joint that it drives.
         """
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling]:
         """Return the model of all links, with a fixed root and only the joints that q moves.
 
-        The second result maps q to the positions of these joints. Links beside the chain are in it,
-        because they move and can collide.
+        The second result maps q to the positions of these joints. The model includes links beside
+        the chain, because they move and can collide.
         """
         return self._bodies, self._body_drive
 
     def inertias(self, Q: ArrayLike) -> Array:
         """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg.
 
-        The root of the tree is fixed."""
+        The root of the robot is fixed."""
         model = self._bodies
         data = self._scratch.own.body_data
         drive = self._body_drive
@@ -383,8 +384,8 @@ class Task:
         Raises
         ------
         InputError
-            If it has the wrong size, is not finite, or violates a limit; the message names the
-            joint.
+            If the configuration has the wrong size, is not finite, or violates a limit; the message
+            names the joint.
         """
         given = as_numbers(q)
         if given is not None and given.ndim == 1 and len(given) != self.n:

@@ -1,4 +1,4 @@
-r"""Task of another tool on the same body: of a point that is fixed in a link.
+r"""Task of another tool on the same body: of another frame that is fixed in the same link.
 
 With T the placement of the tool in the frame, ``x' = x T``. A pose task then has
 

@@ -521,11 +521,11 @@ _FLOATING: tuple[_Step, ...] = (
 def _split_joints(robot: etree._Element, notes: list[str]) -> frozenset[str]:
     """Replace planar and ball joints by 3 joints, floating joints by 6, with one coordinate each.
 
-    The joints of a planar joint translate in the plane normal to its axis, and rotate about the
-    axis. The rotations of a floating joint and of a ball joint are yaw, pitch and roll, singular
-    where the pitch is ±π/2. ``notes`` receives a note for each joint that is replaced, with the
-    limits that are dropped. Every joint then has one coordinate, as all formulas assume. Returns
-    the names of the joints that replace ball joints.
+    The joints that replace a planar joint translate in the plane normal to its axis, and rotate
+    about the axis. The rotations of a floating joint and of a ball joint are yaw, pitch and roll,
+    singular where the pitch is ±π/2. ``notes`` receives a note for each joint that is replaced,
+    with the limits that are dropped. Every joint then has one coordinate, as all formulas assume.
+    Returns the names of the joints that replace ball joints.
     """
     balls: list[str] = []
     names = {element.get("name") for element in robot}
@@ -580,8 +580,8 @@ def _replace(
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them.
 
-    A step is the suffix, the type and the axis of a joint; ``names`` has the names of the new
-    joints. The chain takes the joint's place in the tree, and its line number for messages.
+    ``steps`` has the suffix, the type and the axis of each new joint, and ``names`` its name. The
+    chain takes the joint's place in the tree, and its line number for messages.
     """
     at = robot.index(joint)
     parent = joint.find("parent").get("link")

@@ -65,7 +65,7 @@ _Placed = tuple[Shape, pin.SE3]
 @dataclass(frozen=True, eq=False)
 @read_only
 class Visuals:
-    """Shapes of a robot and the joints that move them. Create it with :meth:`Visuals.of`.
+    """Shapes of a robot and the joints that move them. Create the object with :meth:`of`.
 
     Attributes
     ----------
@@ -262,7 +262,7 @@ def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -
 def _extent(robot: Mechanism) -> float:
     """Compute the diagonal of the box around all link origins at the reference pose, m.
 
-    The thickness of drawn tubes is a share of it.
+    The thickness of drawn tubes is a share of this diagonal.
     """
     q = robot.coupling.joints(robot.reference)
     placed = frame_placements(robot.model, link_ids(robot.model).values(), q[None])
@@ -366,8 +366,8 @@ def _confirmed(
 def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
     """Collect the corners of a shape's convex hull before scaling: (P, 3).
 
-    The corners suffice for the bounding box and for the point that moves most. Those of a mesh are
-    cached by file and time; an unreadable mesh has one corner, at its origin.
+    The corners suffice for the bounding box and for the point that moves most. The corners of a
+    mesh are cached by file and time; an unreadable mesh has one corner, at its origin.
     """
     if shape.kind != "mesh":
         return _primitive_corners(shape)
@@ -398,7 +398,7 @@ def _mesh_corners(surface: Surface | InputError) -> Array:
 
 
 def _hull_points(points: Array) -> Array:
-    """Select the points (P, 3) at the corners of the hull of points (V, 3); all of flat ones."""
+    """Select the points (P, 3) at the corners of the hull of points (V, 3); all if flat."""
     with contextlib.suppress(QhullError, ValueError):  # flat
         points = points[ConvexHull(points).vertices]
     return np.unique(points, axis=0)

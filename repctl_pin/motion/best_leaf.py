@@ -126,8 +126,8 @@ class _LeafCandidate:
     def binds(self) -> str:
         """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``.
 
-        A report names this margin, because it limits the start. ``leaf`` is the leaf margin, the
-        distance from an algorithmic singularity.
+        A report names this margin, because a better start must increase it. ``leaf`` is the leaf
+        margin, the distance from an algorithmic singularity.
         """
         return min(self.relative_margins, key=lambda margin: self.relative_margins[margin])
 
@@ -157,8 +157,8 @@ class BestLeaf:
     Attributes
     ----------
     best, given : LeafCandidate or None
-        The best start found, and the given one; ``given`` is None if its leaf allows no full cycle.
-        ``best.motion.rms_speed`` is its joint speed.
+        The best start found, and the given one. ``given`` is None if the leaf of that start allows
+        no full cycle. ``best.motion.rms_speed`` is the joint speed from the best start.
     tried : int
         Number of starts evaluated.
 
@@ -208,11 +208,11 @@ def best_leaf(
     With a repeatable inverse, the joint path of all cycles is known after the first, so limits,
     body distances and leaf margin can be checked before the robot moves. Ω is the region of joint
     space of the design, and a leaf the set h(q) = c on which a motion stays, selected by its start.
-    Starts are sampled along the self-motion of the given one, in both directions (for r > 1 in
-    several), within the joint limits; the best is then refined by a pattern search. The result has
-    no more kinds of violations than the given start and, for ``by="limits"``, never a smaller limit
-    margin. With a region, starts whose cycle stays inside it are preferred; without one a cycle can
-    go far outside Ω, where the inverse is no longer close to G_d.
+    Starts are sampled within the joint limits along the self-motion of the given start, in both
+    directions; for r > 1, in several directions. The best one is then refined by a pattern search.
+    The result has no more kinds of violations than the given start and, for ``by="limits"``, never
+    a smaller limit margin. With a region, starts whose cycle stays inside it are preferred; without
+    one a cycle can go far outside Ω, where the inverse is no longer close to G_d.
 
     Parameters
     ----------
@@ -228,8 +228,9 @@ def best_leaf(
         Desired inverse G_d, such as ``design.desired``, for the distance; by default J⁺.
     by
         ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
-        speed (rms) over the collision-free leaves with at least half of the joint-limit margin
-        found that way. It also tries random starts, on all self-motions of the first point.
+        speed (rms) over the collision-free leaves with at least half of the joint-limit margin of
+        the start that ``"limits"`` finds. It also tries random starts, on all self-motions of the
+        first point.
     steps
         Number of steps per cycle.
     seed
@@ -244,8 +245,8 @@ def best_leaf(
     Raises
     ------
     InputError
-        If the path's first point is out of reach, or no leaf tried allows a full cycle (inside the
-        region).
+        If the path's first point is out of reach, or no leaf that was tried allows a full cycle,
+        inside the region if one is given.
 
     Examples
     --------
@@ -324,8 +325,8 @@ class _Search:
     def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Yield the starts with a full cycle inside the region and a sufficient leaf margin.
 
-        None, for a start that the walk did not reach, counts as tried. A leaf margin is sufficient
-        if it is at least 0.1, or at least that of the given start.
+        A None in ``starts`` is a start that the walk did not reach; it counts as tried. A leaf
+        margin is sufficient if it is at least 0.1, or at least that of the given start.
         """
         for q in starts:
             self.tried += 1
@@ -350,7 +351,7 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of ``starts`` and ``best``."""
+        """Return the best of the candidate ``best`` and the candidates from ``starts``."""
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
         return best
@@ -411,7 +412,7 @@ class _Search:
 
 
 def _fastest(search: _Search, best: _LeafCandidate, seed: int) -> _LeafCandidate:
-    """Find the start of lowest joint speed with half of the limit margin of ``best``.
+    """Find the start of lowest joint speed with at least half of the limit margin of ``best``.
 
     The search compares all starts seen so far with random ones, and refines the best.
     """
@@ -502,8 +503,8 @@ def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Ar
     """Generate configurations one step from q along ± each null vector, with the frame at a target.
 
     The pattern search compares these neighbours. ``size`` is the length of the step, in rad, or in
-    arm lengths for prismatic joints. None is yielded for a step that leaves the joint limits or
-    from which the target cannot be reached.
+    arm lengths for prismatic joints. For a step that leaves the joint limits, or from which the
+    target cannot be reached, None is yielded.
     """
     N = nullspace(task.jacobian(q))
     L = joint_scale(task, q)

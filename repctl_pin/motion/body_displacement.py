@@ -68,7 +68,7 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
     shapes : sequence of S shapes
         Shapes of a robot.
     off : (S,) array
-        Displacement of each, m.
+        Displacement of each shape, m.
     links
         Links that count, see :func:`.arm_links`.
     """
@@ -165,7 +165,7 @@ class LinkPoints:
 
 
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
-    """Compute the displacements of other end effectors from their start: (T,) each, m, by link.
+    """Compute the displacements of other end effectors from their start, by link: (T,) each, m.
 
     On a robot with two arms on one waist, the other hand drifts as well.
 
@@ -186,7 +186,7 @@ def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
 def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     """Predict the cycle in which a drifting joint leaves its range, to warn before it happens.
 
-    Every further cycle is assumed to add the joint displacement of the last one.
+    Every further cycle is assumed to add the joint displacement of the last cycle.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Runge–Kutta steps of the built-in controllers in the native library (runge_kutta.c).
 
-The same steps in Python cost most of the time of a study. A controller (a map from q and ẋ to q̇)
-that has no C code is integrated in Python by :mod:`follow`.
+The same steps in Python would take most of the time of a study. A controller (a map from q and ẋ to
+q̇) that has no C code is integrated in Python by :mod:`follow`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def compiled_steps(
 ) -> Steps | None:
     """Make the function that integrates a strategy in C; None if that is not possible.
 
-    It requires the native library, and a strategy and a task that runge_kutta.c supports. With
+    This requires the native library, and a strategy and a task that runge_kutta.c supports. With
     None, :func:`follow` takes the same steps in Python, more slowly.
 
     Parameters

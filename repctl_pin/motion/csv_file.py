@@ -1,6 +1,6 @@
 """Motions as CSV: columns strategy, cycle, time, joints and joint velocities.
 
-``repctl`` writes these files; the animation reads them, also if other programs wrote them.
+``repctl`` writes these files. The animation reads them, and files of other programs.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def read_motions(
     known
         Joint names of the robot.
     cycles
-        Number of cycles, for a file that does not contain it; None means 1.
+        Number of cycles, if the file does not contain this number; None means 1.
 
     Raises
     ------
@@ -190,8 +190,8 @@ def _rows_by_key(table: CsvTable, count: int) -> dict[str, list[int]]:
 def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> int:
     """Return the number of cycles: ``asked``, else the last value of ``cycle``, else 1.
 
-    ``end`` is the last value of that column, in the row ``row`` of the table; None without the
-    column. InputError is raised if the motion ends within a cycle.
+    ``end`` is the last value of the column ``cycle``, in the row ``row`` of the table; None without
+    this column. InputError is raised if the motion ends within a cycle.
     """
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):

@@ -64,8 +64,8 @@ class _Method:
     at_end : function q → q̇ at the end of the motion, optional
         By default, q̇ at the end is that of the last step.
     compiled : function (joint motion per step (n,)) → Steps or None
-        Makes the function that takes the steps in C; None if there is none. The function stops
-        before a step that :func:`_run` could refuse.
+        Makes the function that takes the steps in C; None if C does not support the strategy. The
+        function stops before a step that :func:`_run` could refuse.
     """
 
     advance: Advance
@@ -88,8 +88,9 @@ def follow(
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
     With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, a
-    repeatable strategy steps from point to point by Newton corrections of the task error and of c −
-    h(q), with the potentials h that it keeps constant and their level c.
+    repeatable strategy steps from point to point of the path. Newton corrections then remove the
+    task error and c − h(q), where c is the level of the potentials h that the strategy keeps
+    constant.
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
     """Write whether the drift of an open-loop motion depends on the number of steps, and where.
 
     A study then shows this text instead of a drift. The motion is integrated again, with twice the
-    steps per cycle. Its drift is resolved if the two runs end each cycle within 1 % of the drift,
+    steps per cycle. The drift is resolved if the two runs end each cycle within 1 % of the drift,
     or within the distance that counts as closed. On a regular motion, the error of the fourth-order
     method is far smaller; near a singularity, where J⁺ grows without bound, neither number of steps
     is enough.
@@ -312,7 +313,8 @@ def _run(
                 raise SingularityError(
                     f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
                     f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
-                    "a singularity, the path is out of reach, or there are too few steps"
+                    "a singularity, the path is out of reach, or there are too few steps; use more "
+                    "steps, another start or a smaller path"
                 )
             Q[step + 1] = q = following
             used = max(used, damping)
@@ -377,7 +379,7 @@ def _velocity(
 ) -> Callable[[Array, Array, float], Array]:
     """Make the function (q, velocity of the path, s) → q̇, with the feedback gain in 1/s.
 
-    The velocity of the path is ẋ; for an axis task, whose ẋ depends on q, it is the twist.
+    The velocity of the path is ẋ. For an axis task, ẋ depends on q, so this velocity is the twist.
     """
     task, own = strategy.task, strategy.velocity
     turning = task.kind.tool_axes

@@ -59,8 +59,8 @@ class JointMotion:
     def cycle_drift(self) -> Array:
         """Joint displacement per cycle, (cycles,).
 
-        ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, … It shows whether the drift of a
-        controller grows or fades; 0 for a repeatable one.
+        ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, … This displacement shows whether
+        the drift of a controller grows or fades. It is 0 for a repeatable controller.
         """
         ends = self.q[:: self.steps]
         return np.linalg.norm(np.diff(ends, axis=0), axis=1)
@@ -96,7 +96,7 @@ class JointMotion:
     def rms_speed(self) -> float:
         """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``.
 
-        So motions with different time steps can be compared.
+        This definition makes motions with different time steps comparable.
         """
         times = np.diff(self.t)
         return float(
@@ -153,8 +153,9 @@ class JointMotion:
 
         Below 0 the bodies collide.
 
-        Bodies are the URDF's collision shapes, meshes as their convex hulls. 0 if only hulls
-        overlap, inf without shapes. See :class:`Bodies`."""
+        Bodies are the URDF's collision shapes; meshes count as their convex hulls. The distance is
+        0 if only hulls overlap, and inf without shapes. See :class:`Bodies`.
+        """
         distances = bodies_of(self.task).distances(self.q)
         distances.setflags(write=False)
         return distances
@@ -164,7 +165,7 @@ class JointMotion:
         """Minimum body distance and first collision, at the samples and between them.
 
         Between two samples, the joints move on a straight line. First, at most 100 samples per
-        cycle are compared.
+        cycle are compared; more are measured only if these do not decide.
         """
         return self._clearance_from(_COARSE)
 
@@ -188,7 +189,8 @@ class JointMotion:
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
         """First collision: (cycle in fractions, names of the two links), or None.
 
-        It may lie between two samples. A trajectory file is refused then.
+        It may lie between two samples. A motion with a collision is written to a trajectory file
+        only if violations are allowed.
         """
         touch = self.clearance.touch
         return None if touch is None else (touch[0] / self.steps, touch[1])
@@ -317,7 +319,8 @@ def refuse_violations(motion: JointMotion, remedy: str) -> None:
     Raises
     ------
     InputError
-        The message names the joint or the links, and the time.
+        If a limit is violated or bodies collide; the message names the joint or the links, and the
+        time.
     """
     found = violations_of(motion)
     if found:

@@ -79,8 +79,8 @@ def locked_steps(
     """Make the function that steps from point to point of a path, on one leaf.
 
     The leaf is the set h(q) = c, with c from ``lock.leaf`` or the start q. A step to the placement
-    x repeats ``q += J_V⁻¹ [x − f(q); c − h(q)]`` ``lock.corrections`` times. It does not use the
-    path's twist, so errors of earlier steps are removed. The q̇ of a step is its mean velocity.
+    x repeats ``q += J_V⁻¹ [x − f(q); c − h(q)]`` ``lock.corrections`` times. A step does not use
+    the path's twist, so errors of earlier steps are removed. The q̇ of a step is its mean velocity.
 
     Parameters
     ----------

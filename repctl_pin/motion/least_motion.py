@@ -52,7 +52,10 @@ _INSIDE = 1e-6
 _STIFFEST = 1e9
 """Penalty weight ``stiffness`` of violated limits from which the search fails."""
 
-_NEAR = "the motion comes near a singularity, or there are too few steps"
+_NEAR = (
+    "the motion comes near a singularity, or there are too few steps; "
+    "use more steps, another start or a smaller path"
+)
 
 
 @one_blas_thread()
@@ -71,10 +74,11 @@ def least_closed_motion(
 
     ``min Σ_k ‖q_{k+1} − q_k‖² / (s_{k+1} − s_k)`` with ``f(q_k) = x(s_k)`` and ``q_K = q_0``,
     within the joint limits. The minimum is a local one: no closed motion near it, of whatever
-    controller, needs less joint speed (rms) on this path from this start. So it estimates how close
-    a repeatable inverse comes to the best; pass its motion as ``guess`` to search near it. At the
-    minimum, ``N_kᵀ (2 q_k − q_{k−1} − q_{k+1}) = 0`` for uniform steps, wherever no joint is
-    at its limit. Collisions are not considered; see ``motion.body_distance``.
+    controller, needs less joint speed (rms) on this path from this start. So the minimum shows how
+    close a repeatable inverse comes to the best motion; pass the motion of that inverse as
+    ``guess`` to search near it. At the minimum, ``N_kᵀ (2 q_k − q_{k−1} − q_{k+1}) = 0`` for
+    uniform steps, wherever no joint is at its limit. Collisions are not considered; see
+    ``motion.body_distance``.
 
     Parameters
     ----------
@@ -192,12 +196,11 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of
-    ``T q_k + λ_k / ρ_k`` over the joint limits less ``margin``. T is the task's coordinate matrix,
-    and λ_k are the multipliers. w_k is the inverse of the step length in s, and ρ_k the stiffness
-    times the point's share of the cycle. The limits are penalties in the cost, which the
-    multipliers make exact. ``first`` is the index of the first configuration that is free: 0, or 1
-    if the start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``q_k + λ_k /
+    ρ_k`` over the joint limits less ``margin``, and λ_k are the multipliers. w_k is the inverse of
+    the step length in s, and ρ_k the stiffness times the point's share of the cycle. The limits are
+    penalties in the cost, which the multipliers make exact. ``first`` is the index of the first
+    configuration that is free: 0, or 1 if the start is fixed.
     """
 
     task: Task
@@ -294,7 +297,7 @@ class _Cost:
     def _bent(self, Q: Array, inverse: Array, N: Array, gradient: Array, *, exact: bool) -> Array:
         """Evaluate the blocks ``−λᵀ (H N) N`` (K, r, r) at free configurations Q, or convex parts.
 
-        ``inverse`` is J⁺ (K, n, m), and ``gradient`` (K, n) that of the cost.
+        ``inverse`` is J⁺ (K, n, m), and ``gradient`` (K, n) is the gradient of the cost.
         """
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(Q))

@@ -118,7 +118,7 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
 def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
     """Generate closed motions of minimum joint speed from starts along a start's self-motions.
 
-    Each motion is the guess for the one from the next start. ``turn`` (r, r) rotates the
+    Each motion is the guess for the motion from the next start. ``turn`` (r, r) rotates the
     directions. The walks go on beyond joint limits, because later parts of a self-motion can be
     within them again.
     """

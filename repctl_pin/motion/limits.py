@@ -58,9 +58,9 @@ _UNLIMITED = 10.0
 def presumed_acceleration(task: Task) -> tuple[Array, str]:
     """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
 
-    The fastest cycle, which a study reports, requires such limits. The URDF's are used if it has
-    one for every joint, else published ones of the arm. Otherwise each is the joint's speed limit
-    divided by 0.2 s, or 10 rad/s² (m/s²) without a speed limit.
+    The fastest cycle, which a study reports, requires such limits. The URDF's limits are used if it
+    has one for every joint, else published limits of the arm. If there are none, each limit is the
+    joint's speed limit divided by 0.2 s, or 10 rad/s² (m/s²) without a speed limit.
     """
     entry = task.robot.entry
     names = task.joint_names
@@ -105,8 +105,8 @@ class Limits:
     Raises
     ------
     InputError
-        If a number is not above 0, or no limits of that name are known. It is raised later, by the
-        function that uses the limits, if the URDF lacks accelerations that were not given.
+        If a number is not above 0, or no limits of that name are known. The error is raised later,
+        by the function that uses the limits, if the URDF lacks accelerations that were not given.
 
     Examples
     --------
@@ -141,8 +141,8 @@ def _known(
     """Check limits as far as that is possible without a robot; return numbers or a known name.
 
     ``given`` is a positive number, or one per joint, or a name in ``published``, which maps names
-    to numbers and their source. None is returned as it is. Other values raise InputError under
-    ``name``.
+    to numbers and their source. None is returned as it is. Other values raise an InputError that
+    calls them ``name``.
     """
     if given is None:
         return None
@@ -179,7 +179,7 @@ class JointLimits:
     Attributes
     ----------
     velocity, acceleration, jerk : (n,) arrays
-        Rad or m, per s, s² and s³; None if jerk is not limited.
+        Limits in rad or m, per s, s² and s³; ``jerk`` is None if it is not limited.
     torque, dynamics
         Effort limits (n,), N m or N, and the inverse dynamics that computes the efforts; or None.
     tool
@@ -252,8 +252,8 @@ def limits_of_file(task: Task, what: str) -> Array:
 def _own_acceleration(task: Task, *, also_jerk: bool) -> Array:
     """Return the URDF's acceleration limits of a task's joints (n,).
 
-    InputError is raised if a joint has none; ``also_jerk`` says that jerk is limited, which
-    requires them.
+    InputError is raised if a joint has no such limit. ``also_jerk`` is True if jerk is limited; the
+    message then says that this requires acceleration limits.
     """
     own = limits_of_file(task, "acceleration")
     if not np.isfinite(own).all():
@@ -271,8 +271,8 @@ def _per_joint(
 ) -> Array:
     """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,).
 
-    ``known`` maps published names to numbers and their source. InputError is raised if the numbers
-    are not one or one per joint; ``what`` names the limit in the message.
+    ``known`` maps published names to numbers and their source. InputError is raised unless there is
+    one number, or one per joint; ``what`` names the limit in the message.
     """
     n = len(task.joint_names)
     if isinstance(given, str):

@@ -94,9 +94,9 @@ class Motion(JointMotion):
     def beyond_closing_radius(self) -> float | None:
         """Share of the samples beyond the proved closing radius; None without such a radius.
 
-        The closing radius is a distance of poses from those of the design. Every closed path within
-        it is proved to end in the configuration it began in. Beyond the radius, paths may close as
-        well, but this is not proved.
+        The closing radius is a distance from the start pose, or from the path, for which it was
+        proved. Every closed path within it is proved to end in the configuration it began in.
+        Beyond the radius, paths may close as well, but this is not proved.
         """
         closes = self.closing_radius
         if not closes:
@@ -108,7 +108,7 @@ class Motion(JointMotion):
     def path_loss(self) -> tuple[float, float, float] | None:
         """Time, in cycles, at which the frame leaves its path, and maximum errors, m and rad.
 
-        None if it stays on the path.
+        None if the frame stays on the path.
 
         The frame is on the path while its errors are at most 0.001 arm lengths and 0.001 rad. The
         drift of a controller that leaves its path is meaningless.

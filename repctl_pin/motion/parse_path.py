@@ -39,8 +39,8 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
     ----------
     text
         Name of the path. A circle without DEGREES is turned until the arm can follow it, see
-        :func:`fitting_circle`; with DEGREES, the start lies on it at that angle from the first axis
-        of the plane.
+        :func:`fitting_circle`; with DEGREES, the start lies on the circle at this angle from the
+        first axis of the plane.
     plane
         ``xy``, ``yz`` or ``xz``; None is the first that fits.
 
@@ -90,7 +90,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 
     ``kind`` and ``parts`` are the texts between the colons, and ``text`` is the whole name, for
     messages. ``blend`` is the radius of rounded corners, m. Kinds of plug-ins come last. InputError
-    is raised for an unknown kind, and for parameters that it does not take.
+    is raised for an unknown kind, and for parameters that the kind does not take.
     """
     if kind == "circle" and len(parts) == 2:
         radius = _length(parts[0], text)
@@ -117,7 +117,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 
 
 def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
-    """Make a regular polygon whose corners lie on a circle of the radius, m."""
+    """Make a regular polygon whose corners lie on a circle of a given radius, m."""
     if corners > MOST_POINTS:
         raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; draw a circle")
     count = int(corners)
@@ -142,7 +142,7 @@ def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Dr
 
 
 def _length(part: str, text: str) -> float:
-    """Parse a length above 0, m, of a path; raise InputError if it is not one.
+    """Parse a length above 0, m, of a path; raise InputError for any other text.
 
     ``part`` is the length and ``text`` the whole path, which the message quotes.
     """

@@ -65,8 +65,8 @@ def solve_ik(
 
     The first start is q0. If it does not lead to the target, 40 more starts follow. Start k lies on
     the line from q0 to the k-th of 40 random configurations inside the joint limits, and farther
-    along it for larger k. The first solution is returned; the random numbers are the same in each
-    call.
+    along this line for larger k. The first solution is returned; the random numbers are the same in
+    each call.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def solve_near(
     Raises
     ------
     InputError
-        If q0 does not lead there, or only outside the joint limits.
+        If no solution is found from q0, or only one outside the joint limits.
     """
     target = task.as_target(target)
     attempt = _newton(task, q0, target, tolerance, _ITERATIONS)
@@ -160,7 +160,7 @@ def solve_near(
 def _starts(task: Task, q0: Array) -> Iterator[Array]:
     """Yield q0, then configurations between q0 and random ones, the nearest first.
 
-    There are 41 in all. Near starts come first, because they lead to solutions similar to q0.
+    There are 41 in all. Starts near q0 come first, because they lead to solutions similar to q0.
     """
     yield q0
     count = _STARTS - 1
@@ -204,7 +204,7 @@ def _newton(task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations
 def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
     """Raise InputError if the target is farther from the first joint than the arm is long.
 
-    Its message is clearer than that of a failed search, because it names the distance and the arm's
+    The message is clearer than that of a failed search, because it names the distance and the arm's
     length.
 
     Parameters
@@ -250,7 +250,7 @@ def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
     Raises
     ------
     InputError
-        If the point cannot be reached from q0, or only outside the joint limits.
+        If no solution is found from q0, or only one outside the joint limits.
     """
     q = np.asarray(q0, float)
     if np.linalg.norm(task.error(q, path.placement(0.0))) <= _THERE:
@@ -304,7 +304,7 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Suggest a different unit or origin, if the whole path can be reached with it; else empty.
+    """Suggest a different unit or origin with which the whole path can be reached; else empty.
 
     Waypoints in mm, or counted from the start, are common errors. ``knots`` are the values of the
     path parameter s at the corners and both ends.
@@ -324,7 +324,7 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 
 
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
-    """Test whether all points (K, 3), m, can be reached from q, with the first orientation."""
+    """Test whether the frame can reach all points (K, 3), m, from q, in one fixed orientation."""
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 
@@ -369,7 +369,7 @@ def _longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
     center : (3,) array
         Origin of the first joint at stroke 0, m, base axes.
     length : float
-        Bound on the distance from there, m; infinite with a prismatic joint without limits.
+        Bound on the distance from ``center``, m; infinite with a prismatic joint without limits.
     """
     model = task.model
     frame = model.frames[task._frame_id]

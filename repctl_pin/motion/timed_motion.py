@@ -81,7 +81,7 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Duration of the second cycle, s, as a steady one; the mean if there are fewer than three.
+        """Duration of a steady cycle, s: of the second one, or the mean of fewer than three cycles.
 
         The first and the last cycle take longer, because they begin or end at rest.
         """

@@ -90,7 +90,7 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 
     A timed motion is a smooth curve through the points of the original motion, which is straight
     between them. So the timed motion can collide where the original one does not. ``remedy`` ends
-    the message. A motion through poses has no other original, and was checked before.
+    the message. A motion through poses is not made from another motion, and was checked before.
     """
     if motion._is_its_motion:
         return
@@ -109,7 +109,7 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
     """Return a motion with the velocities that a strategy commands at its points, ``q̇ = G ẋ``.
 
-    They replace the mean velocities per step, so that a file has the controller's own commands.
+    These velocities replace the means per step, so that a file has the controller's own commands.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0

@@ -1,4 +1,4 @@
-"""The native library: C kernels of proofs, charts and motions, built when the package is installed.
+"""The native library: C code of proofs, cells and motions, built when the package is installed.
 
 Its functions take C structs of sizes and pointers to arrays. Each struct is declared here with the
 names of its members in C. ``REPCTL_NATIVE=no`` switches the library off.
@@ -37,17 +37,17 @@ _OTHER = (
 
 
 def library() -> ctypes.CDLL | None:
-    """Load the native library; None if ``REPCTL_NATIVE=no``, or with one warning if it is no use.
+    """Load the native library; None if ``REPCTL_NATIVE=no``, or with one warning if unusable.
 
-    A library that is missing, does not load, or was built from other sources is no use. This serves
-    callers that also have a slower version in NumPy; others call :func:`required_library`.
+    A library is unusable if it is missing, does not load, or was built from other sources. Callers
+    that also have a slower version in NumPy use this function; others use :func:`required_library`.
     """
     return None if os.environ.get("REPCTL_NATIVE") == "no" else _loaded()[0]
 
 
 @functools.cache
 def _loaded() -> tuple[ctypes.CDLL | None, str, str]:
-    """Load the library; if that fails, warn, and return what it is and the remedy."""
+    """Load the library and return (library, "", ""), or warn and return (None, fault, remedy)."""
     state, cause, remedy = _MISSING
     if _LIBRARY.exists():
         try:
@@ -69,15 +69,15 @@ def _loaded() -> tuple[ctypes.CDLL | None, str, str]:
 
 
 def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
-    """Load the native library, or stop the caller, which cannot do without it.
+    """Load the native library for a caller that requires it.
 
-    ``by`` names that caller in the message, such as "a governor". With ``holds``, the functions of
+    ``by`` names the caller in the message, such as "a governor". With ``holds``, the functions of
     the library keep Python's global interpreter lock during a call, which makes short calls faster.
 
     Raises
     ------
     InputError
-        If the library is switched off or no use; the message names the remedy.
+        If the library is switched off or unusable; the message names the remedy.
     """
     native = library()
     if native is None:
@@ -209,7 +209,7 @@ def filled_struct(
 
     ``ints`` and ``reals`` are arrays by member name, stored as int32 and double; ``scalars`` are
     the other members. Returns the struct, and the list of the converted arrays. The struct keeps
-    them as ``held``, a dict by name, so that they live as long as it does.
+    them as ``held``, a dict by name, so that they live as long as the struct.
     """
     held: dict[str, NDArray[np.generic]] = {}
     held |= {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
@@ -221,11 +221,11 @@ def filled_struct(
 
 
 def point(made: Any, name: str, structs: list[Any]) -> None:
-    """Let the pointer ``name`` of a struct point to other structs, in a row in memory.
+    """Let the pointer ``name`` of a struct point to an array of other structs.
 
-    ``made`` is a struct of :func:`filled_struct`. It keeps ``structs``, all of one type, in its
-    ``held``, so that they live as long as it does. They are copied into the row: later changes of
-    their members have no effect in C.
+    ``made`` is a struct of :func:`filled_struct`. Its ``held`` keeps ``structs``, all of one type,
+    so that they live as long as ``made``. They are copied into the array: later changes of their
+    members have no effect in C.
     """
     row = (type(structs[0]) * len(structs))(*structs)
     setattr(made, name, ctypes.addressof(row))

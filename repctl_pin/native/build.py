@@ -43,7 +43,7 @@ _SECONDS = 300
 
 
 class NoCompilerError(Exception):
-    """No C compiler works here; the message has the command and its output, or what was tried."""
+    """No C compiler works; the message has the failed command's output, or what was tried."""
 
 
 def target() -> str:
@@ -68,7 +68,7 @@ def compiler(zig: bool = True) -> list[str]:
     Raises
     ------
     NoCompilerError
-        If there is none.
+        If no compiler works.
     """
     found = [["cc"], ["gcc"], ["clang"]]
     if "REPCTL_TARGET" in os.environ:
@@ -106,7 +106,8 @@ def _works(command: list[str]) -> bool:
 def _run(line: list[str], folder: str) -> None:
     """Run a compiler command in a folder, where the caches of zig go as well.
 
-    Raises NoCompilerError with the compiler's output if it fails, or takes more than 300 s.
+    Raises NoCompilerError with the compiler's output if the command fails, or takes more than 300
+    s.
     """
     zig = {f"ZIG_{which}_CACHE_DIR": f"{folder}/zig" for which in ("LOCAL", "GLOBAL")}
     try:
@@ -129,7 +130,7 @@ def _run(line: list[str], folder: str) -> None:
 def build(library: Path = LIBRARY) -> bool:
     """Compile the C files of this folder, in parallel, and link the library.
 
-    Files whose loops are worth it are compiled several times on x86-64, for plain, AVX2 and AVX-512
+    On x86-64, files with long loops are compiled several times, for plain, AVX2 and AVX-512
     processors. The finished file replaces ``library`` in one step. A library that was built from
     the same sources by the same command lines stays as it is, or is copied from this folder.
 
@@ -193,7 +194,7 @@ def _digest(command: list[str], lines: list[list[str]]) -> bytes:
 
 
 def _hash(texts: list[bytes]) -> bytes:
-    """Hash texts and where each ends."""
+    """Hash a list of texts; other boundaries between the same letters give another hash."""
     known = hashlib.sha256()
     for text in texts:
         known.update(hashlib.sha256(text).digest())

@@ -47,7 +47,7 @@ class Bend:
 
     @staticmethod
     def direction_of(phi: float, u: ArrayLike) -> Array:
-        """Evaluate the direction θ(u), rad, relative to that at u = 0."""
+        """Evaluate the direction θ(u), rad, relative to the direction at u = 0."""
         u = np.asarray(u, float)
         return phi * u**2 * (3 - 2 * u)
 

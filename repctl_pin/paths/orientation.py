@@ -1,6 +1,7 @@
 """Orientation along a closed path: R(s), and ω(s) with ``dR/ds = [ω]× R``, base axes.
 
-s runs from 0 to 1 along a cycle, so ω is in rad per cycle. Both are functions of one number.
+s runs from 0 to 1 along a cycle, so ω is in rad per cycle. Both functions take a single number s,
+not an array.
 """
 
 from __future__ import annotations
@@ -55,8 +56,8 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
 def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
     """Create the function ω(s) of an orientation R(s) by finite differences, error 1e-11.
 
-    It is used if the user of a path gives R(s) without ω(s). The differences are those of
-    log(R(s + e) R(s)ᵀ), within one interval between ``breaks``, the values of s at which ω may
+    This function is used if the user of a path gives R(s) without ω(s). The differences are those
+    of log(R(s + e) R(s)ᵀ), within one interval between ``breaks``, the values of s at which ω may
     jump.
     """
     knots = np.array([0.0, *breaks, 1.0])
@@ -79,8 +80,8 @@ def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
 def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, float]]:
     """Create the function s → (index of the interval that contains s, fraction of it before s).
 
-    ``knots`` (P,) are the ends of the intervals, increasing, ``widths`` (P − 1,) their lengths. An
-    s outside belongs to the first or the last interval.
+    ``knots`` (P,) are the ends of the intervals, increasing, ``widths`` (P − 1,) their lengths. A
+    value s outside all intervals belongs to the first or the last one.
     """
 
     def piece(s: float) -> tuple[int, float]:
@@ -145,7 +146,8 @@ def smooth_turning(
 def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
     """Evaluate the rates (P, 3) of a periodic spline through R (P, 3, 3), in the rotating frame.
 
-    They are 0 beside the intervals that are ``held`` (P - 1,), over which R does not change.
+    The rates are 0 at both ends of the intervals that ``held`` (P - 1,) marks, over which R does
+    not change.
     """
     count = len(s) - 1
     k = np.arange(-_WRAP, count + _WRAP + 1)
@@ -156,9 +158,11 @@ def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
 
 
 def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
-    """Create the cubics v(u) of R exp(v) on each interval: (P - 1, 3, 3), coefficients by power.
+    """Create the cubic v(u) of each interval, on which R(u) = R exp(v): (P - 1, 3, 3).
 
-    ``theta`` (P - 1, 3) are the rotations over the intervals, whose lengths are ``steps``.
+    The second axis has the coefficients of u, u² and u³; R is the orientation at the interval's
+    begin, and u runs from 0 to 1. ``theta`` (P - 1, 3) are the rotations over the intervals, whose
+    lengths are ``steps``.
     """
     begin = rates[:-1] * steps
     end = np.array(
@@ -177,9 +181,9 @@ def facing(
     the point, d₀ = d(0), and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1
     + d₀·d) d``.
 
-    The third result bounds the rotation, rad, on an arc that begins at s and has at most the given
-    length, m. There d turns by at most ``δ = length / (distance − length)``, and
-    ``|ω| = |ḋ| / cos(θ/2)`` at most, where θ is the angle from d₀ to d.
+    The third result is a function (s, length), a bound on the rotation, rad, over an arc of at most
+    this length, m, that begins at s. There d turns by at most ``δ = length / (distance − length)``,
+    and ``|ω| = |ḋ| / cos(θ/2)`` at most, where θ is the angle from d₀ to d.
 
     Raises
     ------

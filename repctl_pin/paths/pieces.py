@@ -1,7 +1,7 @@
 """Closed paths as piecewise polynomials, the form in which files store any path.
 
-Python functions of a path cannot be saved or sent to another process, but its pieces can. s runs
-from 0 to 1 along a cycle.
+Python functions of a path cannot be saved or sent to another process, but polynomial pieces can. s
+runs from 0 to 1 along a cycle.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
-    """Make the bounds on arcs of a path whose polynomial pieces are ``at(s)``."""
+    """Make the function that bounds arcs of a piecewise polynomial path; see ``TaskPath.arc``."""
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
         [
@@ -117,7 +117,7 @@ def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> 
     )
 
     def arc(a: float, b: float) -> tuple[float, float]:
-        """Bound an arc, with |ω| ≤ 2 |p′| / |p| for a quaternion p that is not normalised."""
+        """Bound length, m, and rotation, rad, from s = a to b; ``|ω| ≤ 2 |p′| / |p|``."""
         first, last = np.searchsorted(ends, [a, b]).tolist()
         length, turned = (rates[first : last + 1].max(axis=0) * (b - a)).tolist()
         if not turned:
@@ -150,7 +150,7 @@ def _fitted(
 
     ``turns`` tells whether the frame rotates, ``size`` is the extent of the path, m, to which
     errors are relative, and ``depth`` the number of halvings so far. InputError is raised after the
-    last one if the fit is still too rough.
+    last halving if the fit is still too rough.
     """
     values = partial(_placed, path, begin, end, turns)
     worst = np.inf

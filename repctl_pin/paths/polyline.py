@@ -1,7 +1,7 @@
 """Closed paths of straight lines between waypoints, with sharp or blended corners.
 
 A blend is a curve of continuous curvature that rounds a corner, so that the arm need not stop
-there. Knots are the values, in any unit of time, at which the lines and blends begin.
+there. Knots are the times, in any unit, at which the lines and blends begin.
 """
 
 from __future__ import annotations
@@ -140,8 +140,9 @@ def waypoints(
     ----------
     points : (P, 3) array, P placements, or Waypoints
         Positions, m in the base frame; or rigid transforms; or the result of
-        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause. Its
-        duration follows from the times; without times, it is that of an edge of mean length.
+        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause. The
+        duration of a pause follows from the times; without times, it equals that of an edge of mean
+        length.
     rotation : (3, 3) array, or P of them
         Fixed orientation, or one per point, interpolated by a spline on SO(3); matrices or scipy
         Rotations. Not allowed with points that have orientations.
@@ -231,8 +232,8 @@ def _polyline(
     """Create a path through corners (P, 3), m, the last equal to the first.
 
     ``rotation`` is one orientation (3, 3), or a list of P orientations to interpolate. ``times``
-    (P,), s, give the speed, else it is constant; ``blend`` is the radius, m, of the rounded
-    corners; ``name`` is the display name.
+    (P,), s, determine the speed, which is constant without them; ``blend`` is the radius, m, of the
+    rounded corners; ``name`` is the display name.
     """
     sizes = _edge_sizes(corners, rotation, name)
     blend = _blend_radius(blend, times)
@@ -289,7 +290,7 @@ def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Arr
 
 
 def _blend_radius(blend: float, times: ArrayLike | None) -> float:
-    """Check the radius of the rounded corners, m; InputError if there are times, too."""
+    """Check the radius of the rounded corners, m; raise InputError if times are given, too."""
     blend = positive(blend, "blend", "m", zero=True)
     if blend and times is not None:
         raise InputError(
@@ -307,9 +308,10 @@ def _times(times: ArrayLike, count: int) -> Array:
 
 
 def _arc(pieces: list[_Curve], s: Array, turns: tuple[Array, Array] | None) -> ArcBound:
-    """Make the bounds on arcs of lines and bends with constant speed between the knots ``s``.
+    """Make the function that bounds arcs of a path of lines and bends; see ``TaskPath.arc``.
 
-    ``turns`` has knots and the total rotation up to each knot, rad; None for a fixed orientation.
+    The speed is constant between the knots ``s``. ``turns`` has knots and the total rotation up to
+    each knot, rad; it is None for a fixed orientation.
     """
     lengths = [float(np.linalg.norm(piece(0.5)[1])) for piece in pieces]
     passed = np.concatenate([[0.0], np.cumsum(lengths)])

@@ -83,8 +83,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     Raises
     ------
     InputError
-        If their number is not that of the frames, their periods differ, or every frame stands
-        still.
+        If there is not one path per frame, the periods differ, or every frame stands still.
 
     Examples
     --------
@@ -140,7 +139,7 @@ def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
 
 
 def _together(name: str, paths: tuple[TaskPath, ...], **names: Any) -> SeveralPaths:
-    """Join paths of equal period under a name, with other texts of :class:`TaskPath`."""
+    """Join paths of equal period under a name; ``names`` are further texts of :class:`TaskPath`."""
     return SeveralPaths(
         name,
         lambda s: np.concatenate([path.point(s) for path in paths]),

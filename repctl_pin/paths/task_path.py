@@ -197,7 +197,7 @@ def closed_path(path: Any) -> TaskPath:
     Raises
     ------
     InputError
-        If it is not a path, is open, or its twist is not the derivative of its placement.
+        If the value is not a path, is open, or its twist is not the derivative of its placement.
     """
     if isinstance(path, TaskPath):
         return path
@@ -213,7 +213,7 @@ def closed_path(path: Any) -> TaskPath:
 
 
 def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
-    """Attach bounds on its arcs to a new path; they hold only for the functions of this path."""
+    """Attach the bounds ``arc`` to a new path; they hold only for the functions of this path."""
     object.__setattr__(path, "arc", arc)
     return path
 

@@ -1,7 +1,8 @@
 """Potentials h(q), which a repeatable controller keeps constant, and their gradients.
 
-The arm then stays on one leaf, the set h(q) = c, as a function of the pose alone, so that closed
-paths end where they began. A study uses polynomials only, so the other bases are not imported here.
+The arm then stays on one leaf, the set h(q) = c. There, the configuration is a function of the pose
+alone, so closed paths end in the configuration they began in. A study uses polynomials only, so the
+other bases are not imported here.
 """
 
 from .basis import CurvedPotentials, Joined, PotentialBasis, Potentials

@@ -1,8 +1,8 @@
 """Potentials h(q), whose level sets are leaves, and bases h_1 … h_N of them (35).
 
 A repeatable controller keeps r potentials h = Aᵀ (h_1 … h_N) constant; a design chooses the
-coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients. Here are the base class of bases,
-joined bases ``a + b``, and the weighted sums that a basis makes.
+coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients. This module has the base class of
+bases, joined bases ``a + b``, and the weighted sums of a basis.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class Potentials(Protocol):
 class CurvedPotentials(Potentials, Protocol):
     """Potentials with second derivatives, which an exact Lie bracket requires.
 
-    The Lie bracket condition tests repeatability; without second derivatives it is computed by
-    differences.
+    The Lie bracket condition tests repeatability; without second derivatives the bracket is
+    computed by differences.
     """
 
     def hessian(self, q: Array) -> Array:
@@ -65,14 +65,14 @@ class CurvedPotentials(Potentials, Protocol):
 
 
 def check_joints(potentials: object, n: int) -> None:
-    """Check that potentials are of n joints, like the task, or take any number of joints.
+    """Check that potentials are functions of n joints, like the task, or of any number of joints.
 
     Otherwise a design for another arm would fail later, with an error about array shapes.
 
     Raises
     ------
     InputError
-        If the potentials are of another number of joints; the message names both numbers.
+        If the potentials are functions of another number of joints; the message names both numbers.
     """
     of = getattr(potentials, "n", None)
     if of not in (None, n):
@@ -94,7 +94,7 @@ def _common_joints(parts: Sequence[object]) -> int | None:
     if len(numbers) > 1:
         raise InputError(
             f"joined potentials must be of the same joints; these are of {numbers[0]} "
-            f"and of {numbers[1]}"
+            f"and of {numbers[1]} joints"
         )
     return numbers[0] if numbers else None
 
@@ -105,7 +105,7 @@ def coefficients(A: ArrayLike, size: int) -> Array:
     Raises
     ------
     InputError
-        If A has another shape, or is not of finite numbers.
+        If A has another shape, or a number that is not finite.
     """
     (A,) = as_matrices(("the coefficients", A, f"{size} r"), exact=True)
     return A

@@ -86,9 +86,9 @@ class CustomPotentials(PotentialBasis):
 
     @property
     def numerical(self) -> tuple[bool, ...]:
-        """True if each gradient is computed by differences: (N,), one per potential.
+        """For each of the N potentials, True if its gradient is computed by differences.
 
-        Names and reports say so, because differences are less accurate and slower.
+        Names and reports state this, because differences are less accurate and slower.
         """
         return tuple(g is None for g in self._gradients)
 

@@ -32,8 +32,8 @@ class Polynomial(PotentialBasis):
     .. math:: h_\alpha(q) = \prod_i \sqrt{2\alpha_i + 1}\; P_{\alpha_i}(u_i), \qquad
               u = (q - \text{center}) / \text{scale}, \qquad 1 \le |\alpha| \le d,
 
-    orthonormal in the mean over the box ``center ± scale``, so that degree 4 stays as well
-    conditioned as degree 1.
+    orthonormal in the mean over the box ``center ± scale``, so that a fit of degree 4 is as well
+    conditioned as one of degree 1.
 
     Parameters
     ----------
@@ -324,9 +324,9 @@ def _monomials(
 ) -> tuple[list[_Powers], NDArray[np.intp], NDArray[np.intp]]:
     """Order monomials so that each is an earlier one (its parent) times a variable.
 
-    One multiplication then evaluates each. Monomials of k variables that are needed as parents are
-    added to the ``expected`` ones. Returns for each monomial, by rising degree, its powers, the
-    index of its parent, and the index of the variable.
+    One multiplication then evaluates each monomial. Monomials of k variables that are needed as
+    parents are added to the ``expected`` ones. Returns for each monomial, by rising degree, its
+    powers, the index of its parent, and the index of the variable.
     """
     needed = {(0,) * k}
     for beta in expected:

@@ -21,7 +21,7 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
     """Invert the augmented Jacobian ``J_V = [J; Vᵀ]`` (37).
 
     The first m columns of the inverse are the repeatable inverse G_r, with ``J G_r = I`` and ``Vᵀ
-    G_r = 0``. V are the gradients of the potentials that it keeps constant.
+    G_r = 0``. V are the gradients of the potentials that G_r keeps constant.
 
     Parameters
     ----------

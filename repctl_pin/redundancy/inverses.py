@@ -22,7 +22,8 @@ this."""
 def pseudoinverse(J: ArrayLike) -> Array:
     """Evaluate the minimum-norm inverse ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
 
-    Computed as ``J⁺ = Q R⁻ᵀ`` from ``Jᵀ = Q R``, which does not square the condition number of J.
+    The inverse is computed as ``J⁺ = Q R⁻ᵀ`` from ``Jᵀ = Q R``, which does not square the condition
+    number of J.
 
     Parameters
     ----------

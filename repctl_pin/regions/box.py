@@ -33,16 +33,16 @@ class Box(Region):
     Parameters
     ----------
     center : (n,) array
-        rad or m.
+        Centre, rad or m.
     half_width : float or (n,) array
-        rad (m for prismatic joints): one number for all joints, or one per joint.
+        Half-widths, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
         Q (K, n) → (K,) weights ≥ 0 of configurations; by default all weights are equal.
 
     Raises
     ------
     InputError
-        If a number is not finite or a half-width not positive.
+        If a number is not finite, or a half-width is not positive.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class Box(Region):
         return Q, normalised(weights * evaluate_density(self.density, Q))
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points in the box: (K, n), K the power of two from ``count`` up.
+        """Draw scrambled Sobol points in the box: (K, n), with K ≥ ``count`` a power of two.
 
         Sobol points fill the box more evenly than random points.
         """
@@ -135,7 +135,7 @@ class Box(Region):
         return np.clip(as_configurations(Q, self.n, "this box"), self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
-        """Create the box with the same center and the half-widths multiplied by ``factor``."""
+        """Create the box with the same centre and the half-widths multiplied by ``factor``."""
         return Box(
             self.center, self.half_width * positive(factor, "the factor"), density=self.density
         )

@@ -74,22 +74,22 @@ class Region(ABC):
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
 
-        The factor scales the region's widths: below 1 for a row inside, above 1 outside. It shows
-        where a motion leaves Ω, outside which repeatability is not guaranteed.
+        The factor scales the region's widths: below 1 for a row inside, above 1 outside. The factor
+        shows where a motion leaves Ω, outside which repeatability is not guaranteed.
         """
 
     @abstractmethod
     def clip(self, Q: ArrayLike) -> Array:
         """Move configurations (K, n) that lie outside to the boundary, or close to it.
 
-        A search of the region for singularities uses it to keep its points inside.
+        A search of the region for singularities calls this method to keep its points inside.
         """
 
     @abstractmethod
     def shrunk(self, factor: float) -> Region:
-        """Create the region with the same center and all widths multiplied by ``factor``.
+        """Create the region with the same centre and all widths multiplied by ``factor``.
 
-        A design uses it to find a region free of singularities.
+        A design calls this method to find a region free of singularities.
         """
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
@@ -126,9 +126,9 @@ def span(widths: Array, sign: str = "") -> str:
 
 
 def sobol(n: int, count: int, seed: int) -> Array:
-    """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up.
+    """Draw scrambled Sobol points of the unit cube: (K, n), with K ≥ ``count`` a power of two.
 
-    They fill the cube more evenly than random points, so that a mean needs fewer of them.
+    Sobol points fill the cube more evenly than random points, so that a mean needs fewer points.
     """
     count = as_int(count, "the number of nodes", 1, MOST_NODES)
     seed = as_int(seed, "seed")

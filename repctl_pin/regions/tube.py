@@ -39,14 +39,14 @@ class Tube(Region):
         Configurations along a motion, rad or m; at most 256 of them are used. Their spacing
         should be below the radius.
     radius : float or (n,) array
-        rad (m for prismatic joints): one number for all joints, or one per joint.
+        Radius, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
         Q (K, n) → (K,) weights ≥ 0 of configurations; by default all weights are equal.
 
     Raises
     ------
     InputError
-        If there is no sample, a number is not finite or the radius not positive.
+        If there is no sample, a number is not finite, or the radius is not positive.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class Tube(Region):
         return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points in the tube: (K, n), K the power of two from count up."""
+        """Draw scrambled Sobol points in the tube: (K, n), with K ≥ ``count`` a power of two."""
         u = sobol(self.n + 1, count, seed)
         which = np.minimum((u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1)
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)

@@ -1,6 +1,6 @@
 """Design region Ω of all configurations whose frame lies in a box of the workspace.
 
-It is the paper's alternative to a box in joint space.
+This region is the paper's alternative to a box in joint space.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class WorkspaceBox(Region):
     task
         The task; the box bounds its frame's position, m.
     position, half_width : (3,) arrays
-        Center and half-widths, m, base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One
+        Centre and half-widths, m, base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One
         half-width is used for all axes.
     within : Box
         Box in joint space; it selects among the configurations that reach the same position.
@@ -55,7 +55,7 @@ class WorkspaceBox(Region):
     Attributes
     ----------
     center : (n,) array
-        Configuration with the frame in the workspace box, near the center of ``within``.
+        Configuration with the frame in the workspace box, near the centre of ``within``.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def write(content: Sealed, path: str | Path) -> Path:
 
 
 class FileKind(NamedTuple):
-    """One kind of design file: that of a design, or of the function of a cell.
+    """One kind of design file: for a design over a region, or for the function of a cell.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
         head = msgspec.json.decode(text, type=_Head)
         if head.format not in kinds:
             raise InputError(
-                f'{where} is not a design file: it does not say "format": "{next(iter(kinds))}"'
+                f'{where} is not a design file: it lacks "format": "{next(iter(kinds))}"'
             )
         if head.schema > VERSION:
             raise InputError(
@@ -180,7 +180,7 @@ def _design_of(content: DesignFile, task: Task) -> Design:
         )
     region = schema.region_of(content.region, task)
     if len(region.center) != task.n or potentials.gradients(region.center[None]).shape[1] != task.n:
-        raise InputError(f"potentials and region must be of {task.n} joints")
+        raise InputError(f"potentials and region must be for {task.n} joints")
     inverse = RepeatableInverse(task, potentials.weighted(A), region=region)
     desired = schema.desired_of(content.desired, task)
     cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)

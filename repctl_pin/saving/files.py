@@ -101,8 +101,8 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     ------
     InputError
         If the file is not a design file, was changed after it was written, has another schema
-        version, or is for another robot, frame, task kind or joints, or for a robot that was
-        changed since; the message names the difference.
+        version, or is for another robot, frame, task kind or joints. Also if the robot was changed
+        since; the message names the difference.
 
     Warns
     -----
@@ -153,8 +153,8 @@ def load_design(path: str | Path, task: Task | None = None, *, frame: str | None
     Raises
     ------
     InputError
-        If the file holds a function over a cell; if ``frame`` is on another body, or the task is
-        no pose task; or as for :func:`load`.
+        If the file holds a function over a cell, or the errors of :func:`load` occur. With
+        ``frame``, also if it is on another body, or the task is not a pose task.
 
     Examples
     --------
@@ -171,8 +171,8 @@ def load_design(path: str | Path, task: Task | None = None, *, frame: str | None
 def _on_frame(design: Design, frame: str) -> Design:
     """Convert a design to another link on the same body, such as from a flange to a gripper's tip.
 
-    ``frame`` is the name of the link. InputError is raised if it is on another body, or the design
-    is not of a pose task.
+    ``frame`` is the name of the link. InputError is raised if the link is on another body, or the
+    design is not for a pose task.
     """
     from ..design.with_tool import for_task  # few designs change their frame
 
@@ -196,7 +196,7 @@ def read_design(path: str | Path) -> Any:
 
 
 def made_of(content: Sealed, task: Task, where: str) -> Any:
-    """Create a design from the content of a file, for the task it was made for.
+    """Create a design from the content of a file, for the task that it was made for.
 
     The result is a Design or a CellDesign. If the file is from an older version, a UserWarning
     names what could not be compared.

@@ -243,8 +243,8 @@ def require_masses(desired: Desired, made_for: TaskFile, task: Task) -> list[str
     """Check that the robot's inertia has not changed, if it weights the desired inverse.
 
     Returns the names of what cannot be checked: ["the masses"] if the file is from an older version
-    without the inertia, otherwise an empty list. Raises an InputError if the inertia differs by
-    more than a factor of 1e-9.
+    without the inertia, otherwise an empty list. Raises an InputError if the relative difference of
+    the inertia exceeds 1e-9.
     """
     if not isinstance(desired, WeightedFile) or desired.weight != "inertia":
         return []

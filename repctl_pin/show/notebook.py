@@ -97,9 +97,9 @@ def table_and_figures(study: Study) -> str:
 
 
 def frame(page: str, height: int = 640) -> str:
-    """Embed a page, given as HTML, in a notebook cell, as an inline frame of a height in pixels.
+    """Embed a page, given as HTML, in a notebook cell: an inline frame with a height in pixels.
 
-    Its script runs in a sandbox and cannot access the notebook.
+    The page's script runs in a sandbox and cannot access the notebook.
     """
     return (
         f'<iframe srcdoc="{html.escape(page, quote=True)}" sandbox="allow-scripts" '
@@ -111,7 +111,7 @@ def frame(page: str, height: int = 640) -> str:
 def _picture(figure: Figure, text: str) -> str:
     """Embed a figure in a notebook cell, as HTML, at twice the resolution for sharp screens.
 
-    ``text`` is its alternative text, for readers who cannot see it.
+    ``text`` is the alternative text, for readers who cannot see the figure.
     """
     data = base64.b64encode(png(figure, 2 * _DPI)).decode("ascii")
     width = round(figure.get_figwidth() * _DPI)

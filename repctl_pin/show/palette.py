@@ -20,7 +20,7 @@ _OWN = (PURPLE, SKY, YELLOW, INK)
 def luminance(colour: str) -> float:
     """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1.
 
-    Contrast, by which text is readable, is a ratio of two of them.
+    The contrast of text is computed from two luminances: of the text and of its background.
     """
     parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
@@ -40,7 +40,7 @@ def readable(colour: str) -> str:
 def colours(study: Study) -> dict[str, str]:
     """Return the colour ``#rrggbb`` of every strategy and of every row of a study, by key.
 
-    A user-defined controller gets the next free colour; after four they repeat.
+    A user-defined controller gets the next free colour; after four, the colours repeat.
     """
     own = [row.key for row in study.rows if row.key not in COLOURS]
     return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}

@@ -116,7 +116,7 @@ def _compared(study: Study) -> list[tuple[str, Motion, str]]:
 def _figures(study: Study, maps: ReportMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
     """Yield the heading of each figure of the report, and its picture as :func:`framed` encodes it.
 
-    ``maps`` are values of the design over two joints, None without that figure.
+    ``maps`` are values of the design over two joints; None leaves that figure out.
     """
     moved = drawn(study)
     # its first motion to the posture would hide the others

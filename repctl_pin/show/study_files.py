@@ -60,9 +60,9 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
 def run_name(study: Study, checksum: str) -> str:
     """Name a run of a study by the checksum of its design file and a digest of its motions.
 
-    The name is written into each file, so that the user sees which files belong together. Runs of
-    one name have the same design and motions. The first part is the checksum in ``control.json``,
-    here ``checksum``.
+    The name is written into each file, so that the user sees which files belong together. Runs with
+    the same name have the same design and motions. The first part is the checksum in
+    ``control.json``, here ``checksum``.
     """
     digest = hashlib.sha256(_motions(study).encode()).hexdigest()
     return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"
@@ -92,8 +92,8 @@ def _motions(study: Study, run: str = "") -> str:
 def study_page(study: Study, *, seconds: float | None = None) -> str:
     """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
 
-    Controllers with a posture are not shown. ``seconds`` is the time of a cycle at normal speed, by
-    default that of the motion.
+    Controllers with a posture task are not shown. ``seconds`` is the time of a cycle at normal
+    speed, by default that of the motion.
 
     Raises
     ------

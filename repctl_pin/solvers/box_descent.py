@@ -65,8 +65,8 @@ def descend_in_box(
     value : (S,) array
         Values of the function at x.
     trial : function (rows (L,), lengths (L,)) → (L, n)
-        Trial points in the box: from each of the given rows of x, one step of the given length
-        down the slope.
+        Trial points in the box: one step of the given length down the slope, from each of the given
+        rows of x.
     evaluate : function (rows (L,), points (L, n)) → values (L,), allowed (L,)
         Values of the function at trial points, and whether each point may be accepted.
     lengths

@@ -1,8 +1,8 @@
 """Levenberg–Marquardt: damped Gauss–Newton steps for nonlinear least squares.
 
-Designs and cells minimise their costs with it. The merit is what steps must decrease, the cost plus
-penalties; g is its gradient, and H the Gauss–Newton matrix. μ is the damping: a large μ makes a
-step short and safe.
+Designs and cells minimise their costs with this method. The merit is what steps must decrease, the
+cost plus penalties; g is its gradient, and H the Gauss–Newton matrix. μ is the damping: a large μ
+makes a step short and safe.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class _LeastSquares(Protocol[D, M]):
     def model(self, at: Point[D]) -> M:
         """Evaluate the gradient g and the Gauss–Newton matrix H at a point.
 
-        They predict the decrease of the merit by a step.
+        g and H predict the decrease of the merit by a step.
         """
 
     def step(self, model: M, damping: float) -> Step:
@@ -135,8 +135,9 @@ class Damping:
     def after(self, damping: float, gain: float) -> float:
         """Return the next μ after an accepted step, from its μ and its gain.
 
-        The gain is the actual decrease of the merit divided by the predicted one. A good gain
-        lowers μ, a poor one raises it, and one in between leaves it unchanged.
+        The gain is the actual decrease of the merit divided by the predicted one. A gain above
+        ``good`` lowers μ, and one of ``fair`` or less raises it. Between these values, μ does not
+        change.
         """
         if gain > self.good:
             damping = damping / _LESS if damping > self.negligible else self.smallest
@@ -191,8 +192,8 @@ def levenberg_marquardt(
     steps
         Maximum number of iterations.
     tolerance, patience
-        The iteration has converged after ``patience`` steps in a row with a relative change of the
-        cost of at most ``tolerance``.
+        The iteration has converged after ``patience`` successive steps that each change the cost by
+        at most the fraction ``tolerance``.
     predicted
         The iteration has also converged if a step with the smallest damping predicts a decrease of
         at most this fraction of the cost.

@@ -43,8 +43,8 @@ def newton(
     longest
         Longest step of any joint, rad or m; a longer step is shortened to it.
     tolerance
-        The method has converged when no joint moves by more than this in a step, rad or m; if
-        ``residual`` is given, when the residual is below this.
+        The method has converged when no joint moves by more than ``tolerance`` in a step, rad or m.
+        If ``residual`` is given, it has converged when the residual is below ``tolerance``.
     iterations
         Maximum number of steps.
     contraction
@@ -93,7 +93,7 @@ def _line_search(
     """Halve the step ``scale · dq`` until the residual falls below ``left``, the residual at q.
 
     Return the new q (n,) and its residual. If the residual never falls, down to a scale of 1e-6,
-    return the old ones, so that the caller sees that no progress is possible.
+    return q and ``left``, so that the caller sees that no progress is possible.
     """
     while True:
         trial = q + scale * dq

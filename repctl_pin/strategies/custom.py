@@ -66,7 +66,7 @@ class CustomInverse:
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate the user's G at every row of Q (K, n): (K, n, m).
 
-        J (K, m, n) are the Jacobians there, if they are known already.
+        J (K, m, n) are the Jacobians at these rows, if they are known already.
         """
         Q, J = at_rows(self.task, Q, J)
         G = np.array([self._checked(q, J_q) for q, J_q in zip(Q, J, strict=True)])
@@ -96,7 +96,7 @@ class CustomInverse:
 class FunctionStrategy:
     """``q̇ = function(q, ẋ)``: a controller of another package, such as pink or Drake.
 
-    As a strategy, the function can be passed to :func:`follow`, which measures its drift.
+    As a strategy, the function can be passed to :func:`follow`, which computes its drift.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class FunctionStrategy:
         Raises
         ------
         InputError
-            If it does not return n finite numbers.
+            If the function does not return n finite numbers.
         """
         n = self.task.n
         q = vector(q, n, "q")

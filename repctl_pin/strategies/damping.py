@@ -12,10 +12,10 @@ from ..base.arguments import Array
 def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     """Solve ``J_V x = rhs``, damped where J_V is near a singularity.
 
-    Near a singularity the exact solution grows without bound, and with it the joint speeds. ``x =
-    Σ_i v_i σ_i / (σ_i² + λ²) u_iᵀ rhs``, with ``λ² = λ_max² (1 − (σ_min / 2λ_max)²)`` where ``σ_min
-    < 2 λ_max`` and λ = 0 elsewhere. So x is continuous in J_V, and ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)``
-    where λ > 0.
+    Near a singularity the exact solution, and so the joint speeds, grow without bound. With the
+    singular values σ_i and vectors u_i and v_i of J_V, ``x = Σ_i v_i σ_i / (σ_i² + λ²) u_iᵀ rhs``
+    and ``λ² = λ_max² (1 − (σ_min / 2λ_max)²)`` where ``σ_min < 2 λ_max`` and λ = 0 elsewhere. So x
+    is continuous in J_V, and ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)`` where λ > 0.
 
     Parameters
     ----------

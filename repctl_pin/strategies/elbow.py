@@ -1,7 +1,9 @@
-"""An operator's elbow as an input: the level c whose elbow is nearest to a point.
+"""Elbow of the arm as an input: the level c at which the elbow is nearest to a point.
 
-The frame rests while the elbow moves, q̇ = N ż with J N = 0. Pose x and level c determine q, so the
-nearest elbow is a level. A link's origin stands for the elbow.
+A repeatable inverse keeps its potentials h at the level c. Pose x and level c determine q, so a
+position of the elbow is chosen by a level. While the elbow moves towards the point, the frame
+rests: q̇ = N ż with J N = 0, where z are coordinates of the self-motion. The elbow is represented
+by the origin of a link.
 """
 
 from __future__ import annotations
@@ -56,7 +58,7 @@ class _Bounded(Protocol):
 
 
 class _OnLeaves(Protocol):
-    """The part of a repeatable inverse that the search needs."""
+    """Interface of a repeatable inverse, as far as the search for an elbow needs it."""
 
     task: Task
     potentials: Potentials
@@ -66,7 +68,7 @@ class _OnLeaves(Protocol):
         """Region Ω, at whose edge the search stops; None without one."""
 
     def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
-        """Compute the next q (n,) towards a target; the level c is held."""
+        """Compute the next q (n,) towards a target at the same level c."""
 
     def leaf(self, q: Array) -> Array:
         """Evaluate the level c = h(q) (r,)."""
@@ -86,9 +88,9 @@ class ElbowLevel:
     distance : float
         Distance of the elbow from the point, m.
     unique : bool
-        False if a self-motion changes this distance too little to choose: the point is on the line
-        from shoulder to wrist, or a self-motion does not move the elbow. The arm then holds still
-        along it.
+        False if a self-motion hardly changes this distance: the point is on the line from shoulder
+        to wrist, or a self-motion does not move the elbow. The search then does not move along this
+        self-motion.
     """
 
     leaf: Array
@@ -136,7 +138,8 @@ class Elbow:
     task
         Task of the arm.
     link
-        Link whose origin is the elbow; None for that of the elbow joint at the reference pose.
+        Link whose origin is the elbow; None for the origin of the elbow joint, see
+        :func:`repctl_pin.model.length.elbow`.
     """
 
     def __init__(self, task: Task, link: str | None) -> None:
@@ -154,7 +157,7 @@ class Elbow:
         self._data = self._model.createData()
 
     def point(self, q: Array) -> Array:
-        """Compute the elbow (3,), in the base frame, m."""
+        """Compute the position (3,) of the elbow, in the base frame, m."""
         pin.framesForwardKinematics(self._model, self._data, self._drive.joints(q))
         return self._relative()[1]
 
@@ -176,7 +179,7 @@ class Elbow:
         return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, axes))
 
     def _relative(self) -> tuple[Array, Array]:
-        """Return the base's rotation (3, 3), and the elbow (3,) in its axes."""
+        """Return the base's rotation (3, 3), and the elbow's position (3,) in the base frame, m."""
         p = self._data.oMf[self._frame].translation
         if self._base is None:
             return np.eye(3), p.copy()
@@ -189,8 +192,9 @@ def leaf_toward(
 ) -> ElbowLevel:
     """Move along the self-motion to the minimum of ½ ‖p_elbow − p_e‖², by Newton's method.
 
-    ``q = retract(q + N z)`` with the gradient and the second derivatives by z (r,); joints at a
-    limit stay there unless the minimum is inside.
+    The method uses the gradient and the second derivatives by z (r,), the step along the columns of
+    N. After a step q + N z, the frame is brought back to its pose. A joint at a limit stays there
+    unless the minimum is inside its limits.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -219,7 +223,7 @@ def leaf_toward(
 
 
 def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[Array, Array]:
-    """Compute the first derivative (3, r) of the elbow by z, and the second one (r, r, 3)."""
+    """Compute the first (3, r) and second (r, r, 3) derivatives of the elbow's position by z."""
     r, h, here = N.shape[1], _APART, elbow.point(q)
     place = inverse.task.placement(q)
 
@@ -241,10 +245,10 @@ def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[
 def _newton_step(
     A: Array, H: Array, g: Array, N: Array, q: Array, lower: Array, upper: Array
 ) -> tuple[Array, bool]:
-    """Choose z (r,): to the minimum of the quadratic model, with joints at their limits.
+    """Compute the step z (r,) to the minimum of the quadratic model within the joint limits.
 
-    A joint that is at its limit, or beyond, and would go on outward moves to the limit. Also return
-    whether the model has one minimum.
+    A joint at or beyond its limit that would move farther outward is moved to the limit. The second
+    result is False if the model is too flat for a unique minimum.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)
@@ -267,7 +271,7 @@ def _newton_step(
 
 
 def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
-    """Minimise ``gᵀz + ½ zᵀHz`` with ``rows z = back``; no motion along what changes too little."""
+    """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``; z is 0 along flat directions."""
     begin: Array = np.zeros(len(g))
     if len(rows):
         begin = np.asarray(np.linalg.lstsq(rows, back, rcond=None)[0], float)
@@ -293,7 +297,7 @@ def _accepted(
     limits: tuple[Array, Array],
     regular: _Regular,
 ) -> Array | None:
-    """Find the next configuration along ``way`` (n,), nearer to the point; None if there is none.
+    """Find a configuration along ``way`` (n,) with the elbow nearer to the point; None if none.
 
     The result is within the limits, less :data:`_INSIDE`, and ``regular``: the way is halved until
     it is so. From beyond the limits, the joints move back, and the elbow may go away from the
@@ -320,7 +324,7 @@ def _accepted(
 
 
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
-    """Bring joints that a curved way brought beyond their limits back, with the frame at rest."""
+    """Bring joints back that a step moved beyond their limits, with the frame at rest."""
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q
         beyond = np.abs(back) > _INSIDE / 2
@@ -335,24 +339,26 @@ def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: A
 
 
 def _limit_distance(q: Array, lower: Array, upper: Array) -> float:
-    """Evaluate the smallest distance from the limits; negative beyond them."""
+    """Evaluate the smallest distance of q from the limits, rad or m; negative beyond a limit."""
     return float(np.minimum(q - lower, upper - q).min())
 
 
 def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:
-    """Bring the frame back to ``place`` by Newton's method; the level is that of q.
+    """Bring the frame back to ``place`` by Newton's method, at the level of q: return (n,).
 
-    SingularityError is raised if it does not converge.
+    SingularityError is raised if the method does not converge.
     """
     for _ in range(_NEWTON):
         before, q = q, inverse.step(q, place, 1.0)
         if np.abs(q - before).max() < _EXACT:
             return q
-    raise SingularityError("no configuration at the pose was found next to the elbow's way")
+    raise SingularityError(
+        "the search for an elbow position left the pose; begin at another configuration"
+    )
 
 
 def _margin(inverse: _OnLeaves, q: Array) -> float:
-    """Evaluate the leaf margin at q."""
+    """Evaluate the leaf margin at q, the distance from an algorithmic singularity."""
     N = nullspace(inverse.task.jacobian(q))
     return float(leaf_margin(N, inverse.potentials.gradient(q)))
 

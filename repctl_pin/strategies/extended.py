@@ -22,9 +22,9 @@ class ExtendedJacobian(RepeatableInverse):
 
     U is a function to be kept stationary, such as the distance from a posture. On the leaf h = 0, U
     is stationary among the configurations of the same x = f(q); the potentials h stay constant in
-    every motion, so that closed paths end where they began. N is the null-space basis closest to
-    the basis at a reference configuration, so that h is a function of q alone. For r = 1 the
-    reference fixes the sign of the null vector; for r > 1 the leaves h ≠ 0 depend on it.
+    every motion, so that closed paths end in the configuration they began in. N is the null-space
+    basis closest to the basis at a reference configuration, so that h is a function of q alone. For
+    r = 1 the reference fixes the sign of the null vector; for r > 1 the leaves h ≠ 0 depend on it.
 
     Parameters
     ----------
@@ -170,8 +170,8 @@ class _Posture:
 class _Given:
     """Potential U given as a function, with given or numerical derivatives.
 
-    It has the methods of :class:`_Posture`. ``gradient`` returns ∇U (n,) and ``hessian`` (n, n);
-    None means central differences.
+    The class has the methods of :class:`_Posture`. The functions ``gradient`` and ``hessian``
+    return ∇U (n,) and ∂²U/∂q² (n, n); None means central differences.
     """
 
     def __init__(

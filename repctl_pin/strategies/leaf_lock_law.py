@@ -23,8 +23,8 @@ from .step_arguments import StepLimits, failure
 class NumPyLaw:
     """The control law as in the formulas: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
 
-    It has the methods of :class:`NativeLaw`, whose results it must reproduce. Arguments are checked
-    by the caller.
+    The class has the methods of :class:`NativeLaw`, whose results it must reproduce. Arguments are
+    checked by the caller.
     """
 
     def __init__(self, task: Task, potentials: Potentials) -> None:
@@ -50,7 +50,7 @@ class NumPyLaw:
     def inverses(self, Q: Array) -> Array:
         """Evaluate G_r (K, n, m), the repeatable inverse, at the rows of Q (K, n).
 
-        It is the first m columns of J_V⁻¹ (31).
+        G_r is the first m columns of J_V⁻¹ (31).
         """
         J = self.task.jacobians(Q)
         V = self.potentials.gradients(Q)
@@ -125,7 +125,7 @@ class NumPyLaw:
         """Solve ``J_V x = rhs`` for the step x (n,); raise an error if that is not possible.
 
         The error is an InputError if ``rhs`` (n,) is not finite, and a SingularityError if J_V is
-        singular or nearly so. Its message contains q.
+        singular or nearly so. The message contains q.
         """
         if not np.isfinite(rhs).all():
             raise failure(self.task, q, rhs)

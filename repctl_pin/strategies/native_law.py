@@ -30,7 +30,8 @@ _SINGULAR = 1
 def holding_library() -> ctypes.PyDLL:
     """Load the native library so that its functions keep Python's global interpreter lock.
 
-    That is faster for one configuration. Batches use the other handle, which releases the lock.
+    Keeping the lock is faster for one configuration. Batches load the library in the usual way,
+    which releases the lock.
     """
     native = library()
     assert native is not None
@@ -101,7 +102,7 @@ class NativeLaw:
         return self._result.copy()
 
     def inverse(self, q: Array) -> Array:
-        """Evaluate G_r (n, m), with the errors of :meth:`velocity`."""
+        """Evaluate G_r (n, m) at q; errors are raised as by :meth:`velocity`."""
         self._q[...] = q
         status = self._run_inverse(self._call)
         if status:
@@ -166,7 +167,8 @@ class NativeLaw:
     def inverses(self, Q: Array) -> Array:
         """Evaluate G_r (K, n, m), the repeatable inverse, at the rows of Q (K, n).
 
-        If a row is singular, NumPy computes all rows again, and raises the error with their number.
+        If a row is singular, NumPy computes all rows again, and its error gives the number of
+        singular rows.
         """
         task, h = self._task, self._potentials
         G = np.empty((len(Q), task.n, task.m))
@@ -204,8 +206,8 @@ class NativeLaw:
     def _refused(self, status: int, q: Array, target: Any = None) -> Exception:
         """Create the exception for a status of C: InputError or SingularityError, with its message.
 
-        ``status`` is 1 for a singularity; others mean numbers that are not finite, in q or in the
-        target.
+        ``status`` is 1 for a singularity; other values mean numbers that are not finite, in q or in
+        the target.
         """
         if status != _SINGULAR and target is not None and np.isfinite(q).all():
             self._task.error(q, target)  # raises if it is not a rotation

@@ -55,7 +55,7 @@ def solve(
     task, potentials
         Task, and potentials h, of a repeatable inverse.
     step
-        Its :meth:`RepeatableInverse.step`.
+        The method :meth:`RepeatableInverse.step` of that inverse.
     target
         Desired placement x of the frame.
     q0 : (n,) array
@@ -175,7 +175,7 @@ def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
 def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
     """Interpolate the placement at the share s of the path, 0 to 1.
 
-    The position moves in a straight line, and the orientation by s times the rotation vector
+    The position moves in a straight line, and the orientation turns by s times the rotation vector
     ``turn`` (3,), rad, in base axes.
     """
     p = start.translation + s * (target.translation - start.translation)

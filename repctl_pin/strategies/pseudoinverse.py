@@ -62,7 +62,7 @@ class Pseudoinverse:
         return self._inverse.own(as_joints(q, self.task.n))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺ at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
+        """Evaluate J⁺ at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
         return pseudoinverse(at_rows(self.task, Q, J)[1])
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
@@ -71,7 +71,7 @@ class Pseudoinverse:
         Raises
         ------
         InputError
-            If a size is wrong or a number not finite.
+            If a size is wrong or a number is not finite.
         SingularityError
             If J loses rank at q.
         """
@@ -129,7 +129,7 @@ class WeightedInverse:
         return self.batch(vector(q, self.task.n, "q")[None])[0]
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
+        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
         Q, J = at_rows(self.task, Q, J)
         return weighted_pseudoinverse(J, self._weights(Q))
 
@@ -195,7 +195,7 @@ def _least_speed(
 
 
 def _least_inverse(task: Task) -> Callable[[Array], Array]:
-    """Create the function q → J⁺ (n, m) of one thread, in C as :func:`_least_speed`."""
+    """Create the function q → J⁺ (n, m) for one thread, in C or else NumPy."""
     arm = library_arm(task)
 
     def plain(q: Array) -> Array:
@@ -218,7 +218,7 @@ def _least_inverse(task: Task) -> Callable[[Array], Array]:
 def _positive(weight: ArrayLike, n: int) -> Array:
     """Check a weight and return it as a matrix M (n, n).
 
-    It can be n positive numbers, or a symmetric positive definite (n, n) matrix. Otherwise
+    The weight can be n positive numbers, or a symmetric positive definite (n, n) matrix. Otherwise
     InputError is raised: ``q̇ᵀ M q̇`` would have no minimum.
     """
     M = as_numbers(weight)
@@ -271,7 +271,7 @@ def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array
 def redundant(value: Any) -> Task:
     """Copy a task with separate scratch memory, and require r ≥ 0; see :func:`own_task`.
 
-    InputError is raised if it has fewer joints than coordinates: then no inverse has J G = I.
+    InputError is raised if the task has fewer joints than coordinates: then no G has J G = I.
     """
     task = own_task(value)
     if task.r < 0:
@@ -286,9 +286,9 @@ def redundant(value: Any) -> Task:
 class PostureControl:
     """Pseudoinverse with null-space attraction to a posture.
 
-    ``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``. Started at the posture, the motion converges to a closed
-    cycle. Started elsewhere, the arm first moves to the posture: abruptly with a high gain, slowly
-    with a low one.
+    ``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``. From a start at the posture, the motion converges to a
+    closed cycle. From any other start, the arm first moves to the posture: abruptly with a high
+    gain, slowly with a low one.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ _EDGE = 1e-9
 class Bounded(Protocol):
     """A region of joint space that computes how far inside or outside configurations lie.
 
-    A controller needs no more of its region Ω to warn when q is outside.
+    A controller only needs this method of its region Ω to warn when q is outside.
     """
 
     def ratio(self, Q: Array) -> Array:
@@ -82,8 +82,8 @@ class RepeatableInverse:
     potentials
         r potentials h; their common level sets are the leaves on which the motion stays.
     region
-        Design region Ω, which the argument ``outside`` of :meth:`step` checks; by default that of
-        the potentials, if they have one: those of a cell function have their cell.
+        Design region Ω, which the argument ``outside`` of :meth:`step` checks; by default the
+        region of the potentials, if they have one, as the potentials of a cell's function do.
 
     Raises
     ------
@@ -131,7 +131,7 @@ class RepeatableInverse:
         return self._law.own.inverse(as_joints(q, self.task.n))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate G_r at every row of Q (K, n): (K, n, m); J (K, m, n) if it is known already."""
+        """Evaluate G_r at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
         if J is None:
             return self._law.own.inverses(as_configurations(Q, self.task.n, "batch()"))
         Q, J = at_rows(self.task, Q, J)
@@ -153,7 +153,7 @@ class RepeatableInverse:
         Raises
         ------
         InputError
-            If a size is wrong or a number not finite.
+            If a size is wrong or a number is not finite.
         SingularityError
             If J_V is singular.
         """
@@ -166,7 +166,7 @@ class RepeatableInverse:
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
         """Compute q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n).
 
-        It is faster than a loop over :meth:`velocity`.
+        This is faster than a loop over :meth:`velocity`.
         """
         Q = as_configurations(Q, self.task.n, "velocities()")
         (Xdot,) = as_matrices(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
@@ -196,7 +196,7 @@ class RepeatableInverse:
         q : (n,) array
             Configuration, measured or commanded.
         target : pinocchio.SE3 or (4, 4) array
-            Desired placement of the frame: with ``twist`` now, without it at the end of the step.
+            Desired placement of the frame: now, if ``twist`` is given; else at the end of the step.
         dt
             Duration of the step, s.
         twist : (6,) array, optional
@@ -220,7 +220,7 @@ class RepeatableInverse:
         Raises
         ------
         InputError
-            If an argument cannot be used; it is named.
+            If an argument cannot be used; the message names the argument.
         SingularityError
             If J_V is singular and there is no damping.
         """
@@ -250,8 +250,8 @@ class RepeatableInverse:
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
-        They show when the step differs from the requested one: near a singularity, or at a speed
-        limit.
+        Both show whether the step differs from the requested one, as near a singularity or at a
+        speed limit.
 
         Returns
         -------
@@ -331,13 +331,14 @@ class RepeatableInverse:
         ----------
         q : (n,) array
         link
-            Link whose origin it is; by default the elbow joint's origin, which is the joint in the
-            middle of the arm that moves most in self-motions at the reference pose.
+            Link whose origin is the elbow. By default, the elbow is the origin of the elbow joint:
+            the joint in the middle of the arm that moves most in self-motions at the reference
+            pose.
         """
         return self._elbow(link).point(vector(q, self.task.n, "q"))
 
     def _elbow(self, link: str | None) -> Elbow:
-        """Return this thread's elbow of a link; None is the elbow joint."""
+        """Return this thread's elbow of a link; None stands for the elbow joint."""
         from .elbow import Elbow
 
         if link is not None:
@@ -354,8 +355,8 @@ class RepeatableInverse:
 
         The search moves along the self-motion from q, within the joint limits and away from
         algorithmic singularities, to the next minimum of the distance. Where :attr:`.unique` is
-        False, the level depends on q. So begin at a configuration that is a function of the pose,
-        such as :meth:`solve` from the start, and the result is a function of pose and point.
+        False, the level depends on q. If the search begins at a configuration that is a function of
+        the pose, such as :meth:`solve` from the start, the result is a function of pose and point.
 
         Parameters
         ----------
@@ -366,7 +367,7 @@ class RepeatableInverse:
         link
             Link whose origin is the elbow, see :meth:`elbow`.
         margin
-            Distance kept from the joint limits, rad (m); that of the governor or more.
+            Distance kept from the joint limits, rad (m); at least the margin of the governor.
 
         Returns
         -------

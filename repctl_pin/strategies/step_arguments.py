@@ -44,7 +44,7 @@ def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> Ste
 
 
 def as_joints(q: ArrayLike, n: int) -> Array:
-    """Convert q (n,) to an array of doubles; one that is given as such passes unchecked."""
+    """Convert q (n,) to an array of doubles; a given array of doubles passes unchecked."""
     if type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,):
         return q
     return vector(q, n, "q")
@@ -114,8 +114,8 @@ def _as_gain(gain: float, dt: float) -> float:
 def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
     """Create the exception for a step without a finite solution, with q in its message.
 
-    It is an InputError if q or ``rhs`` is not finite, else a SingularityError with the text
-    ``singular``. The cause is searched only after a failure, so that good steps cost nothing.
+    The exception is an InputError if q or ``rhs`` is not finite, else a SingularityError with the
+    text ``singular``. The cause is searched only after a failure, so that good steps cost nothing.
     """
     if not np.isfinite(q).all():
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")

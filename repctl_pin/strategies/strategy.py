@@ -67,4 +67,4 @@ class Inverse(Strategy, Protocol):
         """Evaluate the matrix G (n, m) of ``q̇ = G ẋ`` at q (n,)."""
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
-        """Evaluate G at every row of Q (K, n): (K, n, m); with J (K, m, n) where it is known."""
+        """Evaluate G at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""

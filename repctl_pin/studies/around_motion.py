@@ -256,8 +256,8 @@ def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Mot
     Raises
     ------
     SingularityError
-        If the design cannot follow it; if J⁺ can, the message names the design as the cause (see
-        :func:`own_failure`).
+        If the design cannot follow the path; if J⁺ can, the message names the design as the cause
+        (see :func:`own_failure`).
     """
     try:
         return followed(design.inverse, path, q0, cycles=1, **options)

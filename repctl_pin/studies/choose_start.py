@@ -2,8 +2,8 @@
 
 A start is the configuration q0 where a path begins. The default starts are the named poses of the
 robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is far
-from a singularity. Its measure ``dexterity_at`` is the ratio of the smallest to the largest
-singular value of J, with lengths divided by that of the arm.
+from a singularity. The measure of this distance, ``dexterity_at``, is the ratio of the smallest to
+the largest singular value of J, with lengths divided by that of the arm.
 """
 
 from __future__ import annotations
@@ -145,8 +145,8 @@ def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
 def _dexterous(task: Task) -> Iterator[Array]:
     """Generate up to 8 configurations (n,) far from singularities, the nearest to mid-range first.
 
-    They are selected from 512 quasi-random points within 2 rad of mid-range, by at least half of
-    the best dexterity found. Any two of them differ by more than 0.5 rad or m in some joint, so
+    They are selected from 512 quasi-random points within 2 rad of mid-range; each has at least half
+    of the best dexterity found. Any two of them differ by more than 0.5 rad or m in some joint, so
     they are real alternatives.
     """
     middle = task.from_robot(task.robot.poses["middle"])
@@ -267,8 +267,8 @@ def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterato
     """Sort starts by their first cycle with J⁺, so that a study begins at the best one.
 
     First come cycles without violations in which a part of the robot drifts by at least ``least``
-    (m). They are followed by those in which no part does, then those with a violated limit or a
-    collision, and last those in which J⁺ drifts by more than 1 rad or fails.
+    (m). Cycles in which no part drifts so far follow, then cycles with a violated limit or a
+    collision. Last are those in which J⁺ drifts by more than 1 rad or fails.
     """
     faint: list[PathStart] = []
     violating: list[PathStart] = []

@@ -57,7 +57,7 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
 def _design_seconds(task: Task, degree: int) -> float:
     """Estimate the processor time, s, of a design with polynomials, within a factor of 3.
 
-    It is used to choose a degree that does not take too long.
+    The estimate is used to choose a degree that does not take too long.
     """
     N = math.comb(task.n + degree, degree) - 1
     nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / NODES)
@@ -107,7 +107,7 @@ def check_degree(task: Task, degree: int) -> None:
     Raises
     ------
     InputError
-        If there are too many; the remedy is a lower degree.
+        If there are too many potentials; the remedy is a lower degree.
     """
     try:
         Polynomial(task.reference, degree)

@@ -28,9 +28,9 @@ def problem_of(
 ) -> Problem:
     """Create the problem that a design solves, from its task, region and cycle.
 
-    The problem has the start and the path of a motion with the design. Other ones can be given.
-    With a start at the first pose of the design's path, that path is kept. With any other start,
-    and if the design has no path, the path is the largest circle inside the region. With
+    The problem has the start and the path of a motion with the design. Another start or path can be
+    given. With a start at the first pose of the design's path, that path is kept. With any other
+    start, and if the design has no path, the path is the largest circle inside the region. With
     ``path=False``, the default start is the centre of the region.
 
     Parameters

@@ -25,7 +25,8 @@ def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[f
     usual
         Period to use, or to increase if necessary, s.
     motions
-        Motions at that period, by the name of their controller; None for a controller that failed.
+        Motions at the period ``usual``, by the name of their controller; None for a controller that
+        failed.
     """
     first = {
         name: replace(motion, qdot=motion.qdot[: motion.steps + 1])

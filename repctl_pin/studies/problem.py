@@ -71,9 +71,9 @@ class Problem:
         around it from which the path can be followed.
     path : optional
         Closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
-        ``(task, q0) → path``; by default a circle that fits. A list of one per frame if there are
-        several, None for a frame that stands still; by default only the first one moves. False for
-        a problem without a path.
+        ``(task, q0) → path``; by default a circle that fits. For several frames, a list with one
+        path per frame, and None for a frame that stands still; by default only the first frame
+        moves. False for a problem without a path.
     plane : str, optional
         Plane of the circle, or of a path given by name: ``xy``, ``yz`` or ``xz``.
     region : float, Region or function, optional
@@ -291,8 +291,8 @@ def at_minimum_speed(problem: Problem) -> Problem:
 def _task_of(robot: Robot | Task, frame: Any, kind: str | None) -> Task:
     """Choose the task of a robot; the frame and the kind are optional (see :func:`choose_task`).
 
-    A given task is returned as it is. It has its own frame and kind, so another one is an
-    InputError.
+    A given task is returned as it is. A task has its own frame and kind, so InputError is raised if
+    ``frame`` or ``kind`` is given as well.
     """
     if isinstance(robot, Robot):
         return choose_task(robot, frame, kind)

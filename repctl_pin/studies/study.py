@@ -74,8 +74,8 @@ def study(
     Parameters
     ----------
     robot : str, Robot, Task or Problem
-        Problem to study, with its frame, kind, start, path and region Ω; or what
-        :class:`Problem` takes as its robot, with its defaults for all of these.
+        Problem to study, with its frame, kind, start, path and region Ω. A robot or a task is
+        converted by :class:`Problem`, with default values of all these parts.
     cycles, steps
         Number of cycles, and RK4 steps per cycle, open loop.
     period
@@ -200,7 +200,7 @@ def _designed(
 
 
 def _evaluated(row: Row) -> Row:
-    """Evaluate the motion of a row, and let extensions add their figures."""
+    """Evaluate the motion of a row, and add the figures of extensions; return the new row."""
     row = evaluated(row)
     for addition in parts("study_row"):
         row = addition(row)
@@ -210,7 +210,7 @@ def _evaluated(row: Row) -> Row:
 def _notes(
     problem: Problem, design: Design, rows: list[Row], long: list[str], slower: list[str]
 ) -> list[str]:
-    """Collect the notes of a study; ``long`` are those on the degree, ``slower`` on the period."""
+    """Collect the notes of a study; ``long`` are notes on the degree, ``slower`` on the period."""
     task = problem.task
     return [
         *problem.warnings,
@@ -280,7 +280,7 @@ def _rows(
 
 
 def _postures(task: Task, q0: Array) -> tuple[PostureControl, PostureControl]:
-    """Make J⁺ with the posture q0 (n,), and with one beside it on the self-motion."""
+    """Make J⁺ with two postures: q0 (n,), and a configuration near it along the self-motion."""
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + _POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
     near, other = (PostureControl(task, posture, _POSTURE_GAIN) for posture in (q0, away))
@@ -290,10 +290,10 @@ def _postures(task: Task, q0: Array) -> tuple[PostureControl, PostureControl]:
 def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with the design's inverse from q0 (n,), and return its row of the study.
 
-    The motion gets the region Ω of the design and its proved closing radius, within which every
+    The motion gets the region Ω of the design, and the proved closing radius, within which every
     closed path closes in joint space. Tables use both to state where repeatability is guaranteed.
     If the motion stops on a path that J⁺ can follow, the row's reason names the design as the
-    cause. ``options`` are those of ``follow``.
+    cause. ``options`` are passed to ``follow``.
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
@@ -311,8 +311,8 @@ def edge_warning(
 
     In a self-motion the joints move and the frame does not. Results from such a start, on an edge
     between two motions, depend on rounding errors. ``row`` is the result of ``strategy`` from q0
-    (n,), and ``options`` are those of ``follow``. The list has one text; none if the two motions
-    stay within 1000 times that distance, or both stop.
+    (n,), and ``options`` are passed to ``follow``. The list has one text; the list is empty if the
+    two motions stay within 1000 times that distance, or both stop.
     """
     task = strategy.task
     beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]
@@ -333,8 +333,8 @@ def edge_warning(
 def _custom_controls(task: Task, controls: Mapping[str, _Control]) -> dict[str, Strategy]:
     """Convert the user's controllers, given by name, to strategies for a task, by name.
 
-    A strategy is an object that gives q̇ for q and ẋ. InputError is raised if they are not in a
-    dictionary.
+    A strategy is an object that computes q̇ from q and ẋ. InputError is raised if the controllers
+    are not in a dictionary.
     """
     what = "a dictionary that gives each control a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
@@ -354,7 +354,9 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
     """
     if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
         raise InputError(
-            f": {name!r} is taken", argument="controls", remedy="give your control another name"
+            f": {name!r} is taken by the study, or is not a name",
+            argument="controls",
+            remedy="give your controller another name",
         )
     if not isinstance(control, Strategy):
         from ..strategies.custom import FunctionStrategy
@@ -376,7 +378,7 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
     """Follow the path with one controller from q0 (n,), and return its row of the study.
 
     At a singularity the row has no motion, and the reason is in ``stopped``, so that the study
-    continues. ``key`` is the strategy's name in files; ``options`` are those of ``follow``.
+    continues. ``key`` is the strategy's name in files; ``options`` are passed to ``follow``.
     """
     label = LABELS.get(key, key)
     try:
@@ -388,8 +390,8 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
 def _resolved(row: Row, strategy: Strategy) -> Row:
     """Return a row, without its motion if its drift depends on the number of steps.
 
-    Such a drift is an error of the integrator, near a singularity, and no result to compare. The
-    reason is then in ``stopped``.
+    Such a drift is an integration error near a singularity, and cannot be compared. The reason is
+    then in ``stopped``.
     """
     why = "" if row.motion is None else unresolved(strategy, row.motion)
     return replace(row, motion=None, stopped=why) if why else row

@@ -81,7 +81,7 @@ def _looked_at(rows: Sequence[Row]) -> list[str]:
 def _path_losses(rows: Sequence[Row]) -> list[str]:
     """Write a note per controller whose frame leaves the path: the cycle and the maximum errors.
 
-    The drift of such a motion means nothing. ``rows`` are the results of all strategies.
+    The drift of such a motion is meaningless. ``rows`` are the results of all strategies.
     """
     notes: list[str] = []
     for row in rows:
@@ -112,9 +112,10 @@ def violation_texts(row: Row) -> list[str]:
 def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
     """Write a note on a plane in which J⁺ drifts more, if J⁺ hardly drifts on the study's path.
 
-    Without it, the user may believe that the arm needs no repeatable controller. ``plain`` is J⁺,
-    ``motion`` its motion from q0 (n,), None if it stopped. First a circle of the same size in
-    another plane is tried, then small loops in all planes. The list has at most one text.
+    Without this note, the user may believe that the arm needs no repeatable controller. ``plain``
+    is J⁺, and ``motion`` is its motion from q0 (n,), or None if it stopped. First a circle of the
+    same size in another plane is tried, then small loops in all planes. The list has at most one
+    text.
     """
     task = plain.task
     if motion is None or task.m < 3:

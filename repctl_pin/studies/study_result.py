@@ -193,7 +193,8 @@ class Study:
     def elbow(self) -> int:
         """Index, from 0, of the elbow joint at the start, whose trace is drawn.
 
-        It is the joint in the middle of the arm whose origin moves most in self-motions.
+        The elbow joint is the joint in the middle of the arm whose origin moves most in
+        self-motions.
         """
         return elbow(self.task, self.q0)
 
@@ -324,7 +325,7 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
 def _closes(design: Design) -> dict[str, Any] | None:
     """Collect the proved closing radius of a design in plain Python types, for JSON.
 
-    Every closed path within that distance of the start, or of the path, is proved to close in joint
+    Every closed path within this radius of the start, or of the path, is proved to close in joint
     space. None if nothing was proved.
     """
     closes = design.proof.closes if design.proof else None

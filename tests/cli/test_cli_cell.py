@@ -227,7 +227,7 @@ def test_what_cannot_be(
         (["--half-width", "0.1", "--radius", "0.1"], "--radius requires --sector"),
         (["--half-width", "0.1", "--angle", "1"], "--angle requires --sector"),
         (["--radius", "0.1"], "--radius requires --sector"),
-        ([], "--half-width is missing"),
+        ([], "the shape of the cell is missing; give --half-width, --size"),
         (["--sector", "--radius", "0.1", "--angle", "4"], "more than a full turn"),
         (["--sector", "--radius", "0.9"], "reaches the axis"),
         (["--sector", "--radius", "0.1", "--height", "a"], "--height"),

@@ -1183,7 +1183,7 @@ def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
         with pytest.raises(rp.InputError) as error:
             fitted(*names)
         assert str(error.value) == (
-            f"{count} independent potentials cannot give r = 2 of them{why}; "
+            f"{count} independent potentials are too few for r = 2{why}; "
             "raise the degree or add others"
         )
 

@@ -206,7 +206,7 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
             {"half_angle": (0.2, 0.0)},
             "half_angle: the position task leaves the rotation free",
         ),
-        ("xy", {"height": 0.2}, "height: the xy task does not command it"),
+        ("xy", {"height": 0.2}, "height: the xy task does not command the height"),
         ("xz", {}, "axis of a sector for the xz task must be along y"),
     ],
 )
@@ -227,7 +227,7 @@ def test_the_axis_of_a_planar_sector_is_across_its_plane(tmp_path: Path) -> None
     for z in (1.0, -3.0, 1e-3):
         np.testing.assert_allclose(sector(0, 0, z).axis[1], [0, 0, np.sign(z)])
     for direction in ((1, 0, 0), (1e-3, 0, 1), (0, 1e-3, -1)):
-        with pytest.raises(rp.InputError, match="must be along z, across its plane"):
+        with pytest.raises(rp.InputError, match="must be along z, normal to its plane"):
             sector(*direction)
     with pytest.raises(rp.InputError, match="axis must be a point, m, and a direction"):
         sector(0, 0, 0)

@@ -261,7 +261,7 @@ def test_bad_arguments_are_named() -> None:
         ({"acceleration": 5.0, "margin": 100.0}, "margin = 100 leaves no range of"),
         ({"acceleration": "panda"}, "of 7 joints"),
         ({"acceleration": 5.0, "velocity": np.inf}, "velocity= is missing"),
-        ({"acceleration": 5.0, "torque": True}, "^torque: a governor does not keep it"),
+        ({"acceleration": 5.0, "torque": True}, "^torque: a governor does not keep this limit"),
         ({"acceleration": 5.0, "tool_speed": 1.0}, "^tool_speed: a governor does not"),
     ):
         with pytest.raises(rp.InputError, match=words) as caught:
@@ -274,7 +274,7 @@ def test_bad_arguments_are_named() -> None:
         governor.step()
     with pytest.raises(rp.InputError, match="outside its limits"):
         governor.start([0.0, 9.0, 0.0])
-    with pytest.raises(rp.InputError, match="10,000 to 10 per second"):
+    with pytest.raises(rp.InputError, match="a governor takes 10 to 10,000"):
         rp.Governor(inverse, 0.2, rp.Limits(acceleration=5.0))
     governor.start(Q0)
     with pytest.raises(rp.InputError, match="mutually exclusive"):

@@ -73,7 +73,7 @@ def test_what_cannot_be_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for words, reason in (
         ([*start, "poses.csv"], "acceleration= is missing"),
         ([*start, "far.csv", "--acceleration", "5"], "line 3: the target lies outside"),
-        ([*start, "timed.csv", "--acceleration", "5"], "remove that column"),
+        ([*start, "timed.csv", "--acceleration", "5"], "remove the column of times"),
         (["move", "panda", "--through", "poses.csv"], "is not a saved design"),
         ([*start, "poses.csv", "--acceleration", "5", "--csv", "a", "--yaml", "a"], "same file"),
     ):

@@ -223,7 +223,7 @@ def test_logs_of_many_forms_are_the_same_log(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a,b\n1,2\n", "no column of times among a, b; name one time, in s"),
+        ("a,b\n1,2\n", "no column of times among a, b; name the column of times 'time', in s"),
         ("time,x\n1,2\n", "no column is named as a joint; name the columns theta1, theta2"),
         ("time,theta1,theta2\n1,2,3\n", "no column is named theta3"),
         ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,1\n1,1,1,1\n", "line 4: time runs backwards"),

@@ -82,7 +82,7 @@ def test_another_order_of_the_joints_is_found(
 
 def test_without_poses_limits_show_another_order(panda_pose: rp.Task, joints: np.ndarray) -> None:
     text = refused(panda_pose, joints=joints[:, ::-1])
-    fits = "in another order the joints fit; give the joints in the order panda_joint1, "
+    fits = "fit in another order of the joints; give the joints in the order panda_joint1, "
     assert f"is outside its limits in 100 % of the frames; {fits}" in text
     wild = joints.copy()
     wild[:, [1, 3]] = 2.5  # no joint but four has such angles, and no order
@@ -155,7 +155,7 @@ ROWS = "".join(f"{0.3 + 0.01 * i},0.8,0.8\n" for i in range(5))
         (ROWS, "the first line must name the columns"),
         (PLANAR, "contains no frames"),
         ("theta1;theta2;theta3\n0;0;0\n", "separate the columns by commas"),
-        ("theta1,theta2\n0,0\n", "there is no column 'theta3'; add it"),
+        ("theta1,theta2\n0,0\n", "there is no column 'theta3'; add that column"),
         ("a,b\n0,0\n", "there are columns a, b, but none of joints or poses; name joints theta1, "),
         ("theta1,theta1\n0,0\n", "two columns are named 'theta1'"),
         (PLANAR + ROWS + "0.1,0.2\n", "line 7: 2 fields, but the header has 3"),

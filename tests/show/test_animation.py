@@ -133,7 +133,7 @@ def test_what_cannot_be_shown_is_named(motions: dict[str, rp.Motion]) -> None:
         steps=40,
     )
     for given, words in (
-        ({}, "there is none"),
+        ({}, "there are none"),
         ({"q": motions["a"].q}, r"motions\['q'\] must be a motion"),
         ({"a": motions["a"], "b": other}, "motions of planar3r and ppr"),
         ({"a": motions["a"], "b": short}, "equal numbers of cycles and steps"),

@@ -105,7 +105,7 @@ def add_options(parser: Parser) -> None:
 
 
 def _add_size(parser: Parser) -> None:
-    """Add the options of a box that is placed where it fits: ``--size`` and its companions."""
+    """Add ``--size`` and the other options of a box whose place is searched for."""
     add = parser.add_argument
     add(
         "--size",
@@ -267,16 +267,18 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
 
 
 class _Asked(NamedTuple):
-    """A cell that the options describe, with the start that was chosen.
+    """The cell that the options describe, and how its start was found.
+
+    The start is the configuration at whose pose the middle of the cell lies by default.
 
     Attributes
     ----------
     cell : Cell
         The cell.
     posture : (n,) array or None
-        Configuration in the middle of the cell; None unless ``--start`` is given.
+        Configuration in the middle of the cell; None if the design is to search for it.
     start_is : str
-        Description of the start: ``as given``, ``the reference pose``.
+        How the start was found, such as ``as given`` or ``the reference pose``.
     crowded : bool
         True if the cell fits with none of the default starts.
     placed : tuple of str
@@ -295,11 +297,11 @@ class _Asked(NamedTuple):
 
 
 def _asked(options: Options, report: Report) -> _Asked:
-    """Make the cell that the options describe, with the first default start with which it fits.
+    """Make the cell that the options describe, at the first default start at which it fits.
 
-    The cell is a box around the path, around the start's pose or around ``--at``, a sector, or the
-    box that ``--size`` places. ``report`` is the progress callback. Options that cannot be used
-    raise an InputError.
+    The cell is a sector, or a box around the path, the start's pose or ``--at``. With ``--size``,
+    or with an orientation such as ``--down`` alone, its place is searched for. ``report`` is the
+    progress callback. Options that cannot be used raise an InputError.
     """
     import numpy as np
     import pinocchio as pin
@@ -333,7 +335,9 @@ def _asked(options: Options, report: Report) -> _Asked:
 
 
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
-    """Place the box of ``--size`` where the arm best covers it, within limits, without collisions.
+    """Find the best place for the box of ``--size``; without ``--size``, the largest sector.
+
+    The arm covers the result within its limits and without collisions.
 
     ``at`` is a position (3,), m, which the box should be near, or None. With ``--half-angle`` the
     cell also has rotations, and the configuration in its middle is searched for later.
@@ -387,7 +391,9 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 
 
 def _approach_note(place: rp.BestCell) -> list[str]:
-    """Write which axis of the frame is the approach axis; an empty text if none was needed."""
+    """Write a note that names the tool's approach axis; the list is empty if none was needed.
+
+    The approach axis is the axis of the tool's frame that points at the work."""
     if place.approach is None:
         return []
     remedy = "" if place.approach.why == "as given" else " (--approach gives another)"
@@ -395,7 +401,10 @@ def _approach_note(place: rp.BestCell) -> list[str]:
 
 
 def _oriented_task(options: Options) -> rp.Task:
-    """Make a task that commands the orientation: a pose task if redundant, else an axis task."""
+    """Make the requested task, or without ``--task`` and ``--size`` one that commands the tool.
+
+    The latter is a pose task for more than 6 joints, else an axis task, which commands the position
+    and the direction of the tool."""
     if options.task is not None or options.size is not None:
         return options.asked_task()
     robot = options.load_robot()
@@ -474,7 +483,8 @@ def _require_one_shape(options: Options) -> None:
         raise InputError("--sector requires --radius")
     if not (given("--half-width") or given("--size") or options.sector or turned):
         raise InputError(
-            "--half-width is missing; give it, --size, --down, or --sector with --radius"
+            "the shape of the cell is missing; "
+            "give --half-width, --size, --down, or --sector with --radius"
         )
 
 

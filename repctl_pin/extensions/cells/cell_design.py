@@ -1,7 +1,9 @@
 """Result of designing an inverse function over a cell, a box of poses.
 
 The result has the function q = F(x), its evaluation, maps over slices of the cell, and a problem
-with a closed path through the cell.
+with a closed path through the cell. A sector is a cell in cylindrical coordinates. A chart consists
+of polynomials in the coordinates u of a pose: q_ref approximates a configuration, n_ref the null
+space. s is the position along the self-motion of the pose, measured from q_ref.
 """
 
 from __future__ import annotations
@@ -69,7 +71,7 @@ class CellDesign:
         Requested limit margin, rad or m, body distance, m, and σ_min of J.
     proof : Proof, optional
         Certificate, if one was added: ``dataclasses.replace(found, proof=rp.prove(found))``. It is
-        saved with the design. A certificate of something else is dropped with a warning.
+        saved with the design. A certificate for another design is dropped with a warning.
 
     Examples
     --------
@@ -117,7 +119,7 @@ class CellDesign:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate depends on; that in the certificate must be equal.
+        """Fingerprint of all that a certificate depends on; a valid certificate has the same one.
 
         It covers the joint chain, its limits, the cell and the polynomials.
         """
@@ -317,7 +319,7 @@ def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
 
 
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
-    """Return the set of poses of a cell as plain data, with the symmetries that are used.
+    """Convert the poses of a cell and the symmetries that it uses to plain data.
 
     The fingerprint of these data shows whether a certificate is for this cell.
     """
@@ -441,7 +443,7 @@ def tour(cell: Cell) -> TaskPath:
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
-        """Evaluate the twist (v, ω), base axes, per m or rad of each coordinate: (6, k)."""
+        """Evaluate the twists (v, ω), base axes, per m or rad of each coordinate: (6, k)."""
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 
     def twist(s: float) -> Array:

@@ -96,8 +96,8 @@ class _SectorFile(Part):
     ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
     ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
     coordinates that the polynomials leave out, because a single joint turns the whole arm or the
-    tool along them. ``spin_middle`` is the middle of the spin, rad; only sectors with tilts whose
-    spin is in ``free`` have it.
+    tool along them. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts and
+    with the spin in ``free`` has it.
     """
 
     axis: Rows
@@ -110,8 +110,8 @@ class _BodiesFile(Part):
     """Fingerprint of the collision bodies: of their shapes, and of their places.
 
     The body distance of a file is dropped if the bodies have changed since the file was written.
-    ``places`` has one number per check configuration of the task. If any body is placed elsewhere,
-    these numbers change.
+    ``places`` has one number for each of a few fixed configurations of the task. These numbers
+    change if any body is placed elsewhere.
     """
 
     shapes: str
@@ -121,8 +121,8 @@ class _BodiesFile(Part):
 class _CellFigures(Part):
     """Figures of a saved cell: those of an ``Evaluation``, some under other names.
 
-    A margin is null if there are no joint limits, ``body_distance`` if there are no collision
-    bodies. Figures with a default are missing in older files. The leaf margin is stored as
+    A margin is null without joint limits, and ``body_distance`` is null without collision bodies.
+    Figures with a default are missing in older files. The leaf margin is stored as
     ``least_leaf_margin``. In older files, ``leaf_margin`` is a different figure; it is not read.
     """
 
@@ -150,10 +150,10 @@ class _CellFigures(Part):
 class _CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
-    ``coefficients`` are those of two polynomials of the cell's coordinates: the reference
-    configuration q_ref and the reference directions n_ref of its null space. ``bodies`` is the
-    fingerprint of the collision bodies; older files lack it, as do files without a known body
-    distance.
+    ``coefficients`` are the coefficients of two polynomials of the cell's coordinates: the
+    reference configuration q_ref and the reference directions n_ref of its null space. ``bodies``
+    is the fingerprint of the collision bodies; older files lack it, as do files without a known
+    body distance.
     """
 
     desired: Desired
@@ -271,8 +271,8 @@ def _shapes_fingerprint(task: Task) -> str:
 def _bodies_at(task: Task, Q: ArrayLike) -> Array:
     """Compute one number per row of Q (K, n) that changes if any body is placed elsewhere: (K,).
 
-    They show whether the body distance of a file is still valid. Each is the sum of all entries of
-    the placements of links with bodies, each entry with its own factor.
+    These numbers show whether the body distance of a file is still valid. Each is a weighted sum of
+    all entries of the placements of the links with bodies.
     """
     robot = task.robot
     model, drive = task.bodies_model()
@@ -336,7 +336,7 @@ def _cell(content: _CellFile, task: Task) -> Cell:
     widths, at, positions = (np.array(content.widths), np.array(content.placement), min(3, task.m))
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(
-            f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers"
+            f"the cell of the file must have {task.m} widths and a placement of 4 × 4 numbers"
         )
     if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
         raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
@@ -349,14 +349,16 @@ def _cell(content: _CellFile, task: Task) -> Cell:
     sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
     used = [one for one in sector.symmetries if one.coordinate in data.symmetric]
     if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {*data.symmetric}:
-        raise InputError("the file uses a symmetry that the arm does not have")
+        raise InputError(
+            "the file uses a symmetry that the arm does not have; design the cell again"
+        )
     sector = sector.without(used, data.free)
     middle, moved = data.spin_middle, sector.tilted and SPIN in data.free
     if isinstance(middle, msgspec.UnsetType):
         if moved:
             raise InputError(
-                "the file lacks the middle of the spin, and tilts of such cells were once about "
-                "the wrong axes; design the cell again"
+                "the file lacks the middle of the spin, because an older version wrote it, with "
+                "tilts about the wrong axes; design the cell again"
             )
         return sector
     if not moved or abs(middle) > 2 * np.pi:
@@ -420,7 +422,7 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
 
 
 def _unchecked(content: _CellFile, task: Task) -> list[str]:
-    """Refuse a robot that has changed since the file was written; return what cannot be checked.
+    """Refuse a robot that has changed since the file was written; name what is not checked.
 
     If a joint limit or a mass differs, an InputError is raised. Older files lack some of these
     data, or the collision bodies; the names of the missing data are returned. See

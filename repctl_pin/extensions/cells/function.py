@@ -1,4 +1,4 @@
-"""Inverse kinematic function over a cell: one and the same configuration for a pose, always."""
+"""Inverse kinematic function over a cell: the same pose always gives the same configuration."""
 
 from __future__ import annotations
 
@@ -261,7 +261,7 @@ class InverseFunction:
         return homogeneous(p, R)
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate ∂F/∂x (n, m) at a target, the joint velocity per task velocity."""
+        """Evaluate ∂F/∂x (n, m), the joint velocity per task velocity, at a target."""
         return self.inverse(self(target, leaf=leaf))
 
     @cached_property
@@ -292,11 +292,11 @@ class InverseFunction:
         return ToolFunction(self, placement)
 
     def leaves(self, target: Placement) -> Array:
-        """Find the interval (r, 2) of each component c_j of the leaf at a pose, the others being 0.
+        """Find the interval (r, 2) of each level component c_j at a pose, with the others at 0.
 
-        The leaf c is the position along the self-motion, such as that of the elbow. An interval
-        ends at a joint limit, where the leaf margin (distance from an algorithmic singularity)
-        falls to 0.1, or at ±π.
+        The level c of the leaf is the position along the self-motion, such as that of the elbow. An
+        interval ends at a joint limit, at ±π, or where the leaf margin, the distance from an
+        algorithmic singularity, falls to 0.1.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])

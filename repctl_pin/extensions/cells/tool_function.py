@@ -1,7 +1,7 @@
 """Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``.
 
-F gives one configuration for each pose of the frame; T is the placement of the tool in the frame. A
-change of the tool so needs no new design.
+F gives one configuration for each pose of the frame; T is the placement of the tool in the frame.
+So a change of the tool needs no new design.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class ToolFunction:
         if isinstance(targets, np.ndarray):
             if (targets.ndim == 2 and targets.shape[1] != 7) or targets.ndim < 2:
                 raise InputError(
-                    "poses of a tool are placements, or a (K, 4, 4) or (K, 7) array",
+                    "poses of a tool must be placements, or a (K, 4, 4) or (K, 7) array",
                     remedy="give coordinates of the cell to the function of the frame, of_frame",
                 )
             X = homogeneous(*as_poses(self.task, targets))
@@ -118,7 +118,7 @@ class ToolFunction:
         return RepeatableInverse(self.task, potentials)
 
     def leaves(self, target: Placement) -> Array:
-        """Find the interval (r, 2) of each component of the leaf at a pose of the tool.
+        """Find the interval (r, 2) of each component of the level at a pose of the tool.
 
         See :meth:`InverseFunction.leaves`.
         """
@@ -139,10 +139,10 @@ class ToolFunction:
 
 
 class _FramePotentials(CellPotentials):
-    """Potentials of the frame's chart: functions of q, whatever tool the task controls.
+    """Potentials of the frame's function F; as functions of q, they do not depend on the tool.
 
-    A controller that holds these potentials constant follows the function. C evaluates a chart only
-    at the pose of the task's own frame, so these potentials cannot be evaluated in C.
+    A controller that holds these potentials constant follows F'. C evaluates potentials only at the
+    pose of the task's own frame, so these potentials cannot be evaluated in C.
     """
 
     def _native_part(self) -> Any:

@@ -100,10 +100,10 @@ class Line:
 
 
 def tool_line(cell: Cell, start: Array, end: Array) -> Line:
-    """Create the straight line of the tool between two poses (4, 4), p₀, R₀ and p₁, R₁.
+    """Create the straight line of the tool from a pose (p₀, R₀) to a pose (p₁, R₁), (4, 4) each.
 
     With a from 0 to 1, the commanded components of the position are ``p₀ + a (p₁ − p₀)``, and the
-    frame turns about one axis, by ``exp(a ω̂) R₀``. The line may leave the cell.
+    frame turns about one axis, with the rotation ``exp(a ω̂) R₀``. The line may leave the cell.
     """
     p, R = start[:3, 3], start[:3, :3]
     e = cell.errors(end[None, :3, 3], end[None, :3, :3], p[None], R[None])[0]
@@ -143,7 +143,7 @@ def _placed(F: Function, U: Array) -> Array:
 
 
 def tool_of(F: Function) -> Array:
-    """Return the placement (4, 4) of the tool in the frame of the cell; I without a tool."""
+    """Return the placement (4, 4) of the tool in the cell's frame; the identity without a tool."""
     return F.tool.homogeneous if isinstance(F, ToolFunction) else np.eye(4)
 
 
@@ -152,10 +152,10 @@ def tool_of(F: Function) -> Array:
 class Blend:
     """Curve that leaves one line before a pose and joins the next line after it.
 
-    With the shares α and β of a bend along its two edges, see :meth:`.Bend.shares`, the two lines
-    p_in and p_out, and the pose x₁ between them, ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``,
-    ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``; between two lines in the cell's coordinates, ``u =
-    u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
+    The lines (p_in, R_in) and (p_out, R_out) meet at the pose (p₁, R₁). The blend is ``p = p_in(1 −
+    α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``, with the shares α
+    and β of :meth:`.Bend.shares`, from 1 to 0 and from 0 to 1. Between two lines in the cell's
+    coordinates, it is ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
 
     Attributes
     ----------
@@ -185,10 +185,10 @@ def _angle(into: Line, out: Line) -> float | None:
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
-    The blend begins and ends where an arc of the given radius, m, would, within half of each line.
-    If the second line continues the first without a bend, the length of the blend is 0. The arm
-    must rest at a rotation in place, at a reversal, if half of a line is too short, or if the
-    radius is 0.
+    The blend begins and ends where an arc of the given radius, m, would begin and end. It replaces
+    at most half of each line. If the second line continues the first without a bend, the length of
+    the blend is 0. The arm must rest at a rotation in place, at a reversal, if half of a line is
+    too short, or if the radius is 0.
     """
     if into.turns or out.turns or not radius:
         return None

@@ -42,11 +42,11 @@ class MotionBetween(TimedMotion):
     t : (T,) array
         Time, s, from 0.
     q, qdot, qddot : (T, n) arrays
-        Positions, velocities and accelerations, rad or m.
+        Positions, velocities and accelerations: rad or m, per s and per s².
     starts : (2,) array
         Times of the start and the end, s.
     length, speed : (T,) arrays
-        Length of the joint path from the start, and its rate, rad or m, and per s.
+        Length of the joint path from the start, rad or m, and its rate, rad/s or m/s.
     velocity, acceleration, jerk : (n,) arrays
         The limits, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if not limited.
     poses : (P, 4, 4) array
@@ -99,7 +99,7 @@ class MotionBetween(TimedMotion):
         """
         times = as_numbers(t)
         if times is None or times.ndim > 1 or not np.isfinite(times).all():
-            raise InputError("t must be a finite number, s, or an array (T,) of them")
+            raise InputError("t must be a finite number, s, or an array (T,) of finite numbers")
         q = self.trajectory.positions(np.atleast_1d(times))
         return q if times.ndim else q[0]
 
@@ -132,7 +132,7 @@ def motion_between(
     blend
         Radius, m, of the arcs that would round the corners, as for :func:`waypoints`. At a pose
         that can be blended, the tool cuts the corner without a rest. The arm rests at the other
-        poses; with 0, at all.
+        poses; with 0, it rests at all poses.
     rate
         Samples per second, Hz. The time between two rests is a whole number of samples.
     progress
@@ -253,7 +253,7 @@ def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
 
 
 def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
-    """Evaluate F at poses X (P, 4, 4), equal to single calls of F to the last bit: (P, n).
+    """Evaluate F (P, n) at poses X (P, 4, 4); results equal single calls of F to the last bit.
 
     InputError names a pose that is not finite or has no configuration.
     """

@@ -73,7 +73,7 @@ def run(options: Options) -> int:
     if not isinstance(design, rp.CellDesign):
         raise InputError(
             f"this command takes the function of a cell, but {options.what} is another design",
-            remedy="make one with repctl cell",
+            remedy="design a cell with repctl cell",
         )
     limits = options.asked_limits()
     X, names = _poses(options.through, design.cell)
@@ -112,7 +112,9 @@ def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
 
     table = read_waypoints(file)
     if table.times is not None:
-        raise InputError(f"{file} has times, but the limits determine them; remove that column")
+        raise InputError(
+            f"{file} has times, but the limits determine them; remove the column of times"
+        )
     R = table.rotations
     if R is None:
         R = np.tile(cell.placement.rotation, (len(table.points), 1, 1))

@@ -65,9 +65,9 @@ class Part:
     curve
         The joints q(s).
     grid : (K,) array
-        Stages of the profile, s.
+        Values of s at the stages of the profile.
     passed : array
-        s at the poses after the first; for a blended pose, at the middle of the blend.
+        Values of s at the poses after the first; for a blended pose, at the middle of the blend.
     """
 
     last: int
@@ -97,8 +97,8 @@ def parts_of(
 ) -> tuple[list[Line], list[Part]]:
     """Choose the lines between poses X (P, 4, 4), and join blended lines to parts.
 
-    ``names`` of the poses are for error messages; ``radius`` is that of the blends, m. A part ends
-    wherever the arm must rest. Return the P − 1 lines and the parts.
+    ``names`` are the names of the poses in error messages, ``radius`` is the radius of the blends,
+    m. A part ends wherever the arm must rest. Return the P − 1 lines and the parts.
     """
     found = [
         _line_between(F, *ends, *called)
@@ -145,8 +145,9 @@ def _line_between(
 ) -> tuple[Line, PPoly]:
     """Choose the line between two poses (4, 4), fit the joints along it, and return both.
 
-    The straight line of the tool is tried first, then that in the cell's coordinates, which stays
-    inside. If neither can be used, an InputError names the poses by ``first`` and ``second``.
+    The straight line of the tool is tried first, then the straight line in the cell's coordinates,
+    which stays inside. If neither can be used, an InputError names the poses by ``first`` and
+    ``second``.
     """
     ends = (end[None, :3, 3], end[None, :3, :3], start[None, :3, 3], start[None, :3, :3])
     if np.linalg.norm(F.cell.errors(*ends)) < _SAME:

@@ -1,4 +1,4 @@
-"""Proved lower bounds on the leaf margin and the limit margin, on all of a region or cell."""
+"""Proved lower bounds on the leaf margin and the limit margin, over a whole region or cell."""
 
 from ...base.plugins import Extension
 

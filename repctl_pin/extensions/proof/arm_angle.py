@@ -14,7 +14,8 @@ is the moment about a revolute joint's axis, or the force along a prismatic join
    (w · r)\, (w × r) \,/\, (ρ\, |w × r|^2) & \text{(conventional)} \\
    (w × t) \,/\, (ρ\, (ρ - w · t)) & \text{(stereographic)} \end{cases}
 
-docs/theory.md derives this.
+The reference direction r defines the angle 0 of a conventional arm angle; t is the singular
+direction of a stereographic one. docs/theory.md derives this.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ class ArmAngleChain:
         )
         if not 0 < len(chain.moving) <= _MOST:
             raise InputError(
-                f"nothing can be proved of {angle!r}: it depends on {len(chain.moving)} joints",
+                f"nothing can be proved about {angle!r}: it depends on {len(chain.moving)} joints",
                 remedy=f"use links that 1 to {_MOST} joints move",
             )
         return chain
@@ -134,7 +135,7 @@ class ArmAngleChain:
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """True if a joint moves the shoulder, the elbow and the wrist, one column each: (P, 3)."""
+        """Mask (P, 3) of the joints that move the shoulder, the elbow and the wrist."""
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:

@@ -26,7 +26,8 @@ def cover(region: Region) -> tuple[Array, Array]:
     A proof begins with these boxes. A tube, which consists of the configurations near a sampled
     motion, is divided into sections of consecutive samples, see :func:`sections`. One box encloses
     the tube along each section, with all configurations between the samples. Where boxes overlap,
-    the later box is reduced. A workspace box selects from a box of joints, by which it is covered.
+    the later box is reduced. A workspace box, which selects configurations from a box of joints, is
+    covered by that box.
 
     Raises
     ------
@@ -134,10 +135,10 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
-    """Divide the part of a box outside another box into boxes, at most two per joint.
+    """Divide the part of one box that is outside another box into boxes, at most two per joint.
 
     A box is a pair of its lower and upper corner, (n,) each. The list is empty if the other box
-    contains this one.
+    contains the first box.
     """
     if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
         return [box]

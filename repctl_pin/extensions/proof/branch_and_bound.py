@@ -175,7 +175,7 @@ class _Search:
     def _settle(
         self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
     ) -> None:
-        """Record the smallest bounds of newly decided boxes, and the box that has the smallest.
+        """Record the smallest bounds of newly decided boxes, and the box with the smallest margin.
 
         ``found`` are the bounds on the boxes Q ± half, (K, n) each; ``done`` (K,) is True for
         decided boxes.

@@ -87,8 +87,8 @@ class _CellSearch:
     def _counts(self) -> Array:
         """Choose the number of initial boxes along each of the k coordinates of the cell: (k,).
 
-        Initial boxes of the right size save the halving of boxes that are too large. The edges of a
-        box are such that the joints move equally far along each. The boxes are made smaller until
+        Initial boxes of the right size avoid the halving of boxes that are too large. The edges of
+        a box are such that the joints move equally far along each. The boxes are made smaller until
         half of a sample of them is proved. If that takes too many boxes, the search begins with a
         single box.
         """
@@ -191,7 +191,7 @@ class _CellSearch:
 def grid(counts: Array) -> tuple[Array, Array]:
     """Divide [−1, 1]^k into equal boxes; ``counts`` (k,) has their number per coordinate.
 
-    Returns their lower and upper corners, (K, k) each.
+    Return their lower and upper corners, (K, k) each.
     """
     edges = [np.linspace(-1, 1, int(count) + 1) for count in counts]
     low = np.meshgrid(*[e[:-1] for e in edges], indexing="ij")

@@ -5,9 +5,10 @@ is a box of poses with coordinates u from −1 to 1. The chart of F is a pair of
 q_ref approximates F, n_ref the null space of J. On a box ``u_c ± h`` of coordinates, Taylor models
 of q_ref(u), n_ref(u) and the pose x(u) are computed. Coordinates of x(u) that the task leaves free
 are those of f(q_ref(u)). Models of the joint screws J at q_ref(u), and of the displacement ξ(u)
-from f(q_ref(u)) to x(u), follow from these, in the frame of the middle link. J_V is J stacked on
-n_refᵀ. Let A be an approximation of J_V⁻¹ at the centre, and D, Y and g bounds on matrices and
-vectors, entry by entry. Then, for all q with ``|q − q_ref(u)| ≤ g``,
+from f(q_ref(u)) to x(u), follow from these, in the frame of the middle link, which is chosen so
+that the bounds are tight. J_V is J stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the
+centre, and D, Y and g bounds on matrices and vectors, entry by entry. Then, for all q with ``|q −
+q_ref(u)| ≤ g``,
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 
@@ -191,8 +192,8 @@ class CellProof:
 
         q_ref is the polynomial that approximates F. The first column is the difference; the others
         are its slopes with respect to u, times ``half``. Uc and half are (K, k). The proof holds
-        with any estimates, but good ones make it tight. They are 0 where F is not found, or is too
-        far from q_ref.
+        with any estimates, but good ones make it tight. The estimates are 0 where F is not found,
+        or is too far from q_ref.
         """
         k = self.cell.k
         points = self.chart.solve(Uc)
@@ -296,8 +297,8 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
 
     F, which gives one configuration for each pose, may be designed without the symmetric
     coordinates of a sector, along which a single joint moves the frame. The limits of such a joint
-    are narrowed by its motion along the coordinate. If the joint's limits only end the range of the
-    coordinate, they are returned as −inf and inf.
+    are narrowed by its motion along the coordinate. If the coordinate has the range ``"all"``,
+    which ends at these limits, −inf and inf are returned.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
@@ -415,7 +416,8 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
 def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
     """Return the axis of a sector, a point (3,) and a direction (3,), and rates (6, 8).
 
-    A row of the rates has the way (3), turn (3), around and twirl of one coordinate of the task.
+    A row of the rates belongs to one coordinate of the task. It has the numbers way (3), turn (3),
+    around and twirl of :func:`_pose_tables`.
     """
     m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
     rates = np.zeros((6, 8))

@@ -70,15 +70,15 @@ def prove(
         proved in the time; for a cell, 90 % of the smallest leaf margin of its evaluation.
     limit_margin
         Distance to the joint limits to prove, rad or m. By default: for a region, none; for a cell,
-        the smallest distance of its evaluation, minus a tenth of it and minus 0.01.
+        the smallest distance of its evaluation, reduced by a tenth and by 0.01 rad or m.
     region
         Region of joint space over which to prove a design; by default, the design's own region. A
         proof over another region is no certificate of the design.
     closes
         Closing radius to prove: metres, or (metres, radians); False for none. By default, the
         largest radius that some 250,000 boxes prove. With a closed path, the largest radius along
-        that path is proved, instead of that around the start; for a tube, the path of the design's
-        cycle is the default. A function needs none: it closes all paths in its cell.
+        that path is proved, instead of the largest radius around the start; for a tube, the path of
+        the design's cycle is the default. A function needs none: it closes all paths in its cell.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
@@ -142,7 +142,7 @@ def _share(margin: float) -> float:
     value = positive(margin, "margin", zero=True)
     if value > 1:
         raise InputError(
-            f"margin must be from 0 to 1, the largest leaf margin there is, not {value:g}"
+            f"margin must be from 0 to 1, the largest possible leaf margin; got {value:g}"
         )
     return value
 
@@ -302,7 +302,9 @@ def _opposite_signs(
 def _close_pair(
     value: Callable[[Array], float], region: Region, a: Array, b: Array
 ) -> tuple[Array, Array] | None:
-    """Bring two configurations of opposite sign close together; None if a sign is uncertain."""
+    """Bring two configurations with opposite signs of det J_V close together, or return None.
+
+    The result is None if a sign is uncertain."""
     half = region.bounds.half_width
     if min(abs(value(a)), abs(value(b))) < _CERTAIN:
         return None

@@ -1,6 +1,6 @@
 """The closing radius of a design: around its start, or along a closed path.
 
-It is the distance within which every closed path of the end effector also closes in the joints.
+Within this distance, every closed path of the end effector also closes in the joints.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
     """Choose poses of a path through Q (K, n), from which to measure distances to the path.
 
     The poses are about half a radius apart, in m and rad, if Q has enough rows; the whole path is
-    then within the radius of them. Return positions (P, 3 F) and rotations (P, 3 F, 3) of F frames.
+    then within the radius of these poses. Return positions (P, 3 F) and rotations (P, 3 F, 3) of F
+    frames.
     """
     poses = [task.placements(q) for q in Q]
     p = np.array([[x.translation for x in pose] for pose in poses])
@@ -137,8 +138,8 @@ def _edge(task: Task, places: Places, found: Reach) -> str:
 def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
     """Choose the configuration (n,) around which, or from which on, a closing radius is proved.
 
-    The result is the start of the design's own cycle if inside Ω, the region of joint space to
-    prove over. Otherwise it is the centre of Ω or, for a path in a tube, the sample of the tube
+    The result is the start of the design's own cycle if it is inside Ω, the region of joint space
+    to prove over. Otherwise it is the centre of Ω or, for a path in a tube, the sample of the tube
     whose pose is nearest to the beginning of the path.
     """
     if design.cycle is not None and region.ratio(design.cycle.start[None])[0] < 1:

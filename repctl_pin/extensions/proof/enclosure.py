@@ -1,8 +1,9 @@
 r"""The motion along a closed path, enclosed in boxes between its samples, and proved to close.
 
-A lift q(s) is the motion on the leaf h(q) = c over a path x(s). With Φ = (f, h), A an inverse of
-J_V at a sample Q, and J̄ a mean of J_V, any q and q' in a box of half-widths h around Q satisfy
-``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc of length ℓ therefore
+A lift q(s) is the motion on the leaf h(q) = c over a path x(s). Let Φ be (f, h), J_V its Jacobian,
+A an inverse of J_V at a sample Q, and J̄ a mean of J_V. Any q and q' in a box of half-widths h
+around Q satisfy ``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc of length ℓ
+therefore
 
 .. math:: |q − Q| ≤ |A| ℓ + |A|\, Δ(h)\, h < h,
 
@@ -58,7 +59,7 @@ _TURN, _BATCH = 0.5, 512
 @dataclass(frozen=True, eq=False)
 @read_only
 class Enclosure:
-    """Motion along a closed path: samples, and bounds of its distance from them until the next.
+    """Motion along a closed path: samples, and bounds on its distance from each until the next.
 
     Attributes
     ----------
@@ -135,7 +136,7 @@ def _boxes(
 ) -> Array | None:
     """Bound how far the lift is from sample Q_i until s_(i+1): (K + 1, n); None if not proved.
 
-    The last row repeats that of the first sample, at which the path ends.
+    The last row repeats the row of the first sample, at which the path ends.
     """
     K = len(s) - 1
     samples = _Samples.of(inverse, problem, path, s, Q[:-1])
@@ -195,7 +196,7 @@ class _Samples(NamedTuple):
         return cls(Q, arcs * (1 + _ROUND), off, np.abs(levels - levels[0]) + rounding)
 
     def part(self, at: NDArray[np.intp]) -> _Samples:
-        """Select the samples with these indices."""
+        """Select the samples with the given indices."""
         return _Samples._make(values[at] for values in self)
 
 
@@ -203,8 +204,8 @@ class _ProvedArcs(NamedTuple):
     """Proved bounds of the lift on K arcs, each from a sample, as half-widths of boxes (K, n).
 
     The lift stays within ``half`` of the sample. Φ is injective in the wider ``box``. ``start``
-    bounds the distance of the lift's start from this sample, ``end`` that of its end from the next
-    sample.
+    bounds the distance of the lift's start from this sample, ``end`` bounds the distance of its end
+    from the next sample.
     """
 
     half: Array
@@ -249,7 +250,7 @@ def _proved_arcs(
 class _Boxes:
     """Bounds of A and of the change of J_V on boxes around K samples Q (K, n).
 
-    A is an inverse of J_V at a sample, the task Jacobian stacked on the potentials' gradients.
+    J_V is the task Jacobian stacked on the potentials' gradients; A is its inverse at a sample.
     """
 
     def __init__(self, inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array) -> None:
@@ -316,14 +317,16 @@ class _Boxes:
 
 
 def _pose_changes(chain: JointChain, Q: Array, h: Array) -> tuple[Array, Array]:
-    """Bound the changes of a frame's Jacobian times h on boxes Q ± h, (K, n) each: (K,), (K,).
+    """Bound the changes of a frame's Jacobian times h on boxes Q ± h, (K, n) each.
+
+    Return bounds (K,) for the linear and for the angular part.
 
     Let L_l bound the distance from joint l to the frame, and η be the half-widths of the joints.
     The linear part of a revolute joint's column changes by ``η_j min(L_j, L_l)`` for each revolute
-    joint j, and by η_j for each prismatic joint j. That of a prismatic joint's column changes by
-    η_j for each revolute joint j. The angular part of a column changes by at most α, the sum of η_j
-    over the revolute joints. The rotation vector from the sample, as chart of rotations, adds α
-    again.
+    joint j, and by η_j for each prismatic joint j. The linear part of a prismatic joint's column
+    changes by η_j for each revolute joint j. The angular part of a column changes by at most α, the
+    sum of η_j over the revolute joints. Rotations are measured by the rotation vector from the
+    sample, which adds α again.
     """
     S = np.abs(chain.S)
     turns: NDArray[np.bool_] = chain.revolute

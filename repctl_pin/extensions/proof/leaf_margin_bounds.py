@@ -196,7 +196,7 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
     """Prepare the leaf margin of potentials for bounds inside a box of joint space.
 
     The joint screws of each frame are expressed in the frame of one link, the middle link. The link
-    is chosen that is expected to require the fewest boxes. ``field`` are the potentials.
+    that is expected to require the fewest boxes is chosen. ``field`` are the potentials.
     """
     features, chains = features_of(field, task.n, box), list(chains_of(task))
 

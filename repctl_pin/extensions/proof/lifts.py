@@ -10,9 +10,9 @@ While such a lift is in S_k, joint i moves by at most
    T_{ki} = \max_{S_k} \sum_f \left(‖g_{i,v_f}‖ + \frac{α}{ρ} ‖g_{i,ω_f}‖\right) \text{ per metre},
    \qquad g_i \text{ row i of } G_r.
 
-Each frame f moves along a line of its own, in the same time. Branch and bound proves the T_k. From
-the T_k follows the length ρ of lines whose lifts cannot leave the last box. The theory, "The
-closing radius", has the theorem.
+α/ρ is the rotation per metre of the line, rad/m. Each frame f moves along a line of its own, in the
+same time. Branch and bound proves the T_k. From the T_k follows the length ρ of lines whose lifts
+cannot leave the last box. The theory, "The closing radius", has the theorem.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def bound_reach(
     seconds: float,
     most: float,
 ) -> Reach:
-    """Bound the length of lines, from below, whose lifts stay in the clearance of their places.
+    """Find a lower bound on the length of lines whose lifts stay in the clearance of their places.
 
     A lift is the joint path of a straight line of the end effector. It begins in a place, which is
     a box of joints, and must stay in the clearance around that place. The length is the closing
@@ -304,9 +304,9 @@ def _largest_slack(
     """Choose how far rates may exceed sampled rates, so that lines of the goal's length fit.
 
     A rate is the motion of a joint per metre of a line. With more slack, fewer boxes are needed,
-    but wider boxes have larger rates. The two numbers, for the first and the last box around a
-    place, are added to a factor of 1. If the goal allows no more than the default numbers, the
-    default is returned.
+    but wider boxes have larger rates. Return two slacks, for the first and the last box around a
+    place; a factor of 1 plus the slack widens a box. If the goal allows no more than the default
+    slacks, these are returned.
     """
     best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
     slack = 0.95 * best / goal - 1
@@ -328,11 +328,12 @@ def _sampled(
     """Choose the half-widths of the boxes S, and the rates to prove in them, (K, M, n) each.
 
     A rate is the motion of a joint per metre of a line of the end effector, rad or m per m. Around
-    each of K places, in which lines begin, M nested boxes of joints are made. Each is wider than
-    the preceding box by a step, times the largest rate sampled in it, times 1 plus a slack. The
-    slack goes from the first of ``slacks`` to the last. The length of the lines is the same for all
-    places. Return also this length, m. A SingularityError is raised if J_V, the task Jacobian
-    stacked on the potentials' gradients, is singular at the start, or there is no clearance.
+    each of K places, in which lines begin, M nested boxes of joints are made. Each exceeds the
+    preceding box by a step, multiplied by the largest rate sampled in it and by a factor of 1 plus
+    a slack. The slack goes from the first of ``slacks`` to the last. The length of the lines is the
+    same for all places. Return also this length, m. A SingularityError is raised if J_V, the task
+    Jacobian stacked on the potentials' gradients, is singular at the start, or there is no
+    clearance.
     """
     K, n = places.center.shape
     signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))

@@ -154,8 +154,8 @@ def _require_start(task: Task, path: TaskPath, q0: Array) -> None:
     off = np.abs(task.error(q0, path.placement(0.0))).max()
     if off > _SAME:
         raise InputError(
-            f"q0 is {off:.2g} m or rad off the start of the path",
-            remedy="reach it with rp.solve_ik, or let the path begin at q0",
+            f"q0 is {off:.2g} m or rad away from the start of the path",
+            remedy="solve for q0 with rp.solve_ik, or let the path begin at q0",
         )
 
 
@@ -169,5 +169,7 @@ def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Arr
         try:
             reached.append(inverse.solve(path.placement(s % 1.0), q0))
         except InputError as error:
-            raise InputError(f"the straight line to {s:.0%} of the path stops ({error})") from None
+            raise InputError(
+                f"the straight line to the pose at {s:.0%} of the path stops ({error})"
+            ) from None
     return np.array(reached)

@@ -97,8 +97,8 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
     Raises
     ------
     InputError
-        If they are not polynomials, Fourier series, arm angles or sums of these, such as
-        user-defined functions, for which no bounds are known.
+        If the potentials are not polynomials, Fourier series, arm angles or sums of these. No
+        bounds are known for user-defined functions.
     """
     made = _Builder(n, box)
     made.add(field)
@@ -121,8 +121,8 @@ class _Argument(NamedTuple):
 class _Feature(NamedTuple):
     """Function of q of which potentials are sums: 1, a product, a sine or a cosine.
 
-    The first three numbers are those of :class:`Features`. ``bound`` bounds the absolute value of
-    the feature in the box, ``error`` its rounding error.
+    ``kind``, ``parent`` and ``variable`` are as in :class:`Features`. ``bound`` bounds the absolute
+    value of the feature in the box, ``error`` its rounding error.
     """
 
     kind: int
@@ -178,7 +178,7 @@ class _Builder:
         else:
             family = getattr(field, "family", field)
             raise InputError(
-                f"nothing can be proved of {family!r}: bounds of its derivatives are not known; "
+                f"nothing can be proved about {family!r}: bounds of its derivatives are not known; "
                 "use polynomials, Fourier series, arm angles, or sums of them"
             )
 
@@ -274,7 +274,7 @@ class _Builder:
         """Add the monomial with exponents ``beta`` as a feature, and return its index.
 
         The monomial is the product of a monomial of lower degree, which ``monomial`` finds or adds,
-        and one of the variables. Their linear functions have the indices z.
+        and one of the variables. ``z`` has the indices of the variables' linear functions.
         """
         used = [i for i, power in enumerate(beta) if power]
         if not used:

@@ -2,7 +2,7 @@
 
 If demonstrations reach one pose with different elbow positions, no function of the pose fits their
 joints. A labelling assigns one configuration to every frame (row of the recording): the recorded
-joints, or the new joints.
+joints, or the new joints. A fold is a group of frames that one fit leaves out and then predicts.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
               \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2
 
     Each fold of frames is held out in turn. The folds are the sessions, in six groups if there are
-    more than six, or six blocks of time of a single session. Each labelling has its own λ: that of
-    1e-8, 1e-7, …, 1 which gives the smallest misfit. With few frames the degree is lower, down to
-    1, so that the fit has at least three frames per term.
+    more than six, or six blocks of time of a single session. Each labelling has its own ridge
+    parameter λ: of 1e-8, 1e-7, …, 1, the one with the smallest misfit. With few frames the degree
+    is lower, down to 1, so that the fit has at least three frames per term.
 
     Parameters
     ----------
@@ -154,10 +154,11 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
 def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:
     """Solve ridge regressions, each without one fold, for the coefficients W (folds, N, ·).
 
-    ``gram`` has G = TᵀT, and ``right`` B = TᵀQ, of each fold with the N terms T (K, N) and
-    configurations Q. ``counts`` are the frames per fold, ``parts`` the columns of each labelling.
-    Each labelling gets the ridge parameter λ with the smallest misfit on the left-out folds. That
-    part of the squared misfit which depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)`` per fold.
+    ``gram`` has G = TᵀT of each fold, and ``right`` has B = TᵀQ. T (K, N) are the N terms at the
+    frames of the fold, and Q the configurations. ``counts`` are the frames per fold, ``parts`` the
+    columns of each labelling. Each labelling gets the ridge parameter λ with the smallest misfit on
+    the left-out folds. That part of the squared misfit which depends on W is ``tr(Wᵀ G W − 2 Wᵀ
+    B)`` per fold.
     """
     K = counts.sum()
     total = gram.sum(axis=0)

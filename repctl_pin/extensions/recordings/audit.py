@@ -51,7 +51,7 @@ class Audit:
     visits : Visits
         Visits of the hand pose that was visited most often.
     points : (N, L, 3) array
-        Position at each visit of that point of each link's body which is displaced most, m.
+        Position, m, at each visit, of the point of each link's body that is displaced most.
     links : tuple of str
         Names of the L links.
     found : Verdict or None
@@ -331,7 +331,9 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
             name = "frame" if frame is not None else "kind"
-            raise InputError(": a task has its own", argument=name, remedy=f"omit {name}=")
+            raise InputError(
+                f": the given task already has a {name}", argument=name, remedy=f"omit {name}="
+            )
         return robot
     return choose_task(robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind)
 
@@ -371,7 +373,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
         if not log.by_name and (_beyond(task, q[:, order]) <= _SOME).all():
             raise InputError(
                 f"{found}: the joints seem to be in {name} order",
-                remedy="name the columns by the joints",
+                remedy="name the columns after the joints",
             )
     raise InputError(
         f"{found}: the values are not those of this arm",
@@ -382,8 +384,8 @@ def _units(task: Task, log: JointLog) -> list[str]:
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
     """Compute the 99th percentile of joint speed relative to its limit, for the worst joint.
 
-    If times are in a wrong unit, the ratio is far too large; a few outliers of the log do not make
-    it so.
+    If times are in a wrong unit, the ratio is far too large; a few outliers of the log have no such
+    effect.
     """
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.velocity_limit))

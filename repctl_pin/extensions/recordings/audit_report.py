@@ -221,7 +221,7 @@ def _about(audit: Audit) -> str:
 
 
 def _time_span(seconds: float) -> str:
-    """Format a time: 2.5 h, 12 min, 48 s."""
+    """Format a time in a suitable unit, such as 2.5 h, 12 min or 48 s."""
     scale, unit = next(one for one in _SPANS if seconds >= one[0])
     return f"{seconds / (scale or 1):.2g} {unit}"
 
@@ -254,7 +254,7 @@ def _table(audit: Audit) -> str:
 
 
 def _leads(audit: Audit) -> list[str]:
-    """Write lines that follow the table of an audit.
+    """Write the lines below the table of an audit.
 
     They say which visits have the same configuration if the arm jumps or scatters, when a joint
     will leave its range at the measured rate, and within which distance poses counted as the same.
@@ -290,7 +290,7 @@ def _next_step(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write which visits have the same configuration, as letters A B A B …, with their numbers.
+    """Write which visits have the same configuration, as letters A B A B …, and how many agree.
 
     ``groups`` (N,) has the number of each visit's configuration, from 0. The letters show at a
     glance whether the arm alternates.

@@ -96,7 +96,7 @@ def require_limits(task: Task, Q: Array) -> None:
     for order in _orders(task.n):
         if ((-task.limit_margin(some[:, order]) > _BEYOND).mean(axis=0) <= _RARELY).all():
             raise InputError(
-                f"{fact}; in another order the joints fit",
+                f"{fact}; the values fit in another order of the joints",
                 remedy=f"give the joints in the order {names}",
             )
     raise InputError(fact, remedy=f"check that these are the joints {names}, and their units")
@@ -105,10 +105,10 @@ def require_limits(task: Task, Q: Array) -> None:
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
-    A constant offset of the tool or of the base is refused if it exceeds the noise that remains
-    without it, and also exceeds the usual corrections by the calibration of an arm. Other
-    differences are refused above 0.05 m or 0.2 rad. If a mistake in the numbers would explain the
-    difference, the message names the mistake.
+    A constant offset of the tool or of the base is refused if it exceeds both the remaining noise
+    and the usual corrections by an arm's calibration. Other differences are refused above 0.05 m or
+    0.2 rad. If a mistake in the numbers would explain the difference, the message names the
+    mistake.
 
     Parameters
     ----------
@@ -280,13 +280,13 @@ def _first_is_w(R: Array) -> Array:
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
-    """Compute the median distances, m and rad, of poses p, R from the kinematics of Q."""
+    """Compute median distances, m and rad, between poses p, R and the forward kinematics of Q."""
     p_own, R_own, _ = placed(task, Q)
     return _miss(task, p, R, p_own, R_own)
 
 
 def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[float, float]:
-    """Compute the median distances, m and rad, of two series of poses, in the task's coordinates.
+    """Compute median distances, m and rad, between two series of poses, in the task's coordinates.
 
     The series are p, R and p_own, R_own, of shapes (K, 3) and (K, 3, 3). The angle is 0 for a
     position task, and the angle between the tool axes for an axis task.
@@ -303,7 +303,7 @@ def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[f
 
 
 def _alike(by: tuple[float, float]) -> bool:
-    """Test whether median distances, m and rad, are so small that they explain the poses."""
+    """Test whether median distances, m and rad, are so small that joints and poses agree."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 

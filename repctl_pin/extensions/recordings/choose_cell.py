@@ -152,7 +152,7 @@ def _box(recording: Recording, share: float) -> Cell:
     """Make a box of poses that contains a share of the frames, with a small margin.
 
     Its middle is found in two steps. The first middle has the median position and the mean
-    rotation. The final middle is that of the extent of the frames nearest to the first.
+    rotation. The final middle is the middle of the range of the frames nearest to the first middle.
     """
     task = recording.task
     p = recording.positions

@@ -118,14 +118,14 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
     task
         Task; the joints of its robot are read.
     units : (n,) array
-        Units of the positions in the file, rad or m.
+        Unit of each position in the file, in rad or m, such as π/180.
 
     Raises
     ------
     InputError
         If the file cannot be read, a joint or the times are missing, several columns may be the
-        joints, several units of time are possible, or time runs backwards; then the message names
-        the line.
+        joints, several units of time are possible, or time runs backwards. In the last case, the
+        message names the line.
     """
     joints = task.joint_names
     path = file_name(file, "log")
@@ -137,7 +137,7 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
     if clock is None:
         raise InputError(
             f"{where}: there is no column of times among {', '.join(table.widths)}",
-            remedy="name one time, in s",
+            remedy="name the column of times 'time', in s",
         )
     single = [name for name, width in table.widths.items() if width == 1]
     if clock not in single:
@@ -272,7 +272,7 @@ def joint_log(t: Any, q: Any, units: Array) -> JointLog:
 
 
 def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], bool]:
-    """Find the columns of the joints: by name, by names that contain a joint's, or by number.
+    """Find the columns of the joints: by name, by a part of the name, or by number.
 
     ``header`` are the names of the file's columns, ``joints`` those of the arm. Columns whose names
     differ in the joint only, such as ``j1.pos`` and ``j2.pos``, belong together.
@@ -327,7 +327,7 @@ def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
         listed = "; ".join(f"{names[0]} to {names[-1]}" for names in found)
         raise InputError(
             f"several columns may be the joint positions: {listed}",
-            remedy=f"name those of the joints {', '.join(joints)}",
+            remedy=f"name the right columns {', '.join(joints)}",
         )
     return list(found[0])
 
@@ -359,14 +359,14 @@ def _whole(table: Table, n: int) -> str | None:
     if known and not found:
         raise InputError(
             f"{known[0]!r} has {table.widths[known[0]]} columns, but the arm has {n} joints",
-            remedy="leave the columns of these joints, or give rp.audit times and joints as arrays",
+            remedy="keep only the columns of these joints, or give times and joints as arrays",
         )
     if len(found) > 1:
         first, *others = (table.numbers([name], finite=False) for name in found)
         if not all(np.array_equal(first, other) for other in others):
             raise InputError(
                 f"several arrays may be the joint positions: {', '.join(found)}",
-                remedy="leave one of them",
+                remedy="keep only one of them",
             )
     return found[0] if found else None
 

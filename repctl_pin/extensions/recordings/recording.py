@@ -80,8 +80,8 @@ class Recording:
         Joint positions, rad or m.
     poses : (K, 4, 4), (K, 7) or (K, 3) array, optional
         Homogeneous matrices; positions with quaternions, ``x, y, z, qx, qy, qz, qw``; or, for a
-        task that leaves the rotation free, positions, m. By default, they are computed from the
-        joints.
+        task that leaves the rotation free, positions, m. By default, the poses are computed from
+        the joints.
     times : (K,) array, optional
         Time of each frame, s.
     sessions : sequence, optional
@@ -190,8 +190,8 @@ class Recording:
         Columns are found by name:
 
         - joints: one column per joint of the task, or an array ``joints``, ``q``, ``qpos`` or
-          ``observation.state`` with one number per joint, in the order of the task; the names in
-          LeRobot's ``meta/info.json`` count, and must include the task's joints
+          ``observation.state`` with one number per joint, in the order of the task or of the names
+          in LeRobot's ``meta/info.json``, which must include the task's joints
         - poses: ``x, y, z, qx, qy, qz, qw``, or an array ``poses``
         - time: ``time``, ``t`` or ``timestamp``
         - session: ``session`` or ``episode``
@@ -309,7 +309,11 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
         raise InputError(f"must be numbers {forms}; got {got}", argument="poses")
     wrong = ~np.isfinite(X.reshape(len(X), -1)).all(axis=1)
     if wrong.any():
-        raise InputError("a pose is not finite", at=int(np.argmax(wrong)))
+        raise InputError(
+            "a pose is not finite",
+            remedy="correct that row, or remove it",
+            at=int(np.argmax(wrong)),
+        )
     if X.ndim == 3:
         return X[:, :3, 3], _rotations(X[:, :3, :3])
     if X.shape[1] == 3:
@@ -372,7 +376,11 @@ def _times(given: ArrayLike, size: int) -> Array:
             f"must be {size} numbers, s, one per frame; got {shown(given)}", argument="times"
         )
     if not np.isfinite(t).all():
-        raise InputError("a time is not finite", at=int(np.argmin(np.isfinite(t))))
+        raise InputError(
+            "a time is not finite",
+            remedy="correct that row, or remove it",
+            at=int(np.argmin(np.isfinite(t))),
+        )
     return t
 
 
@@ -406,7 +414,7 @@ def _find(
                 ": each joint has a column of its own", argument="joints", remedy="omit joints="
             )
     elif len(missing) < task.n:
-        raise InputError(f"there is no column {missing[0]!r}", remedy="add it")
+        raise InputError(f"there is no column {missing[0]!r}", remedy="add that column")
     elif "joints" in found:
         name = found["joints"][0]
         lerobot = _lerobot_names(table.file) if given is None else None
@@ -416,7 +424,11 @@ def _find(
         places = places_of(name, widths[name], task, given)
     elif given is not None:
         arrays = ", ".join(JOINTS)
-        raise InputError(f"requires an array of joints: {arrays}", argument="joints")
+        raise InputError(
+            f"requires a column that holds an array of joints: {arrays}",
+            argument="joints",
+            remedy="add that column, or omit joints=",
+        )
     pose: tuple[str, ...] = POSITION + QUATERNION
     if not task.kind.turns and not set(QUATERNION) <= set(widths):
         pose = POSITION

@@ -119,7 +119,7 @@ class Relabeled:
 
     @property
     def margins_after(self) -> Array:
-        """Joint-limit margin of the new configurations: (K,), rad or m; NaN where there is none."""
+        """Joint-limit margin of each new configuration: (K,), rad or m; NaN if there is none."""
         return self._margins(self.joints)
 
     def _margins(self, Q: Array) -> Array:
@@ -316,7 +316,8 @@ def relabel(
     leaf : (r,) array, optional
         Level c, rad or m. By default, the level between 0 and the median of the recorded levels
         that is nearest to the median without a loss: it must relabel as many frames as c = 0, with
-        as large a joint-limit margin, or 0.05. Without recorded configurations, c = 0.
+        a joint-limit margin that is as large, or at least 0.05 rad or m. Without recorded
+        configurations, c = 0.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
     progress
@@ -378,7 +379,7 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
     require_type(design, CellDesign, "design", "the function of a cell, such as rp.load_cell(file)")
     if design.task.as_dict() != recording.task.as_dict():
         raise InputError(
-            f"the recording is for {recording.task!r}, the cell for {design.task!r}",
+            f"the recording is for {recording.task!r}, but the cell is for {design.task!r}",
             remedy="use a cell of the recording's task",
         )
 
@@ -471,8 +472,8 @@ def _gaps(
 ) -> tuple[_Gap, ...]:
     """List the ranges of consecutive frames of a session that were not relabelled for one reason.
 
-    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. If a
-    pose inside has no new joints, they would be beyond the joint limits.
+    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. At a
+    pose in the cell without new joints, these would violate the joint limits.
     """
     reason = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")

@@ -86,7 +86,7 @@ def run(options: Options) -> int:
     if isinstance(design, rp.Design):
         raise InputError(
             f"this command takes the function of a cell, but {options.what} is over joint space",
-            remedy="make one with repctl cell",
+            remedy="design a cell with repctl cell",
         )
     task = options.asked_task() if design is None else design.task
     leaf = None
@@ -126,7 +126,7 @@ def _sentence(relabeled: rp.Relabeled) -> str:
     """Write one sentence that says whether the recorded joints were ambiguous and the new are not.
 
     Ambiguity is the misfit of a smooth function of the pose. The recorded joints count as ambiguous
-    if the misfit of the new joints is less than half as large.
+    if their misfit is more than twice that of the new joints.
     """
     import numpy as np
 

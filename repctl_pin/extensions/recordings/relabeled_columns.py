@@ -132,7 +132,7 @@ def plain_columns(
 
 
 def _ranges(at: Sequence[int]) -> str:
-    """Write places as ranges: ``7–13``, or ``0, 2–4``."""
+    """Write indices as ranges, such as ``7–13`` or ``0, 2–4``."""
     cuts = np.flatnonzero(np.diff(at) != 1) + 1
     parts = np.split(np.asarray(at), cuts)
     return ", ".join(f"{one[0]}–{one[-1]}" if len(one) > 1 else str(one[0]) for one in parts)

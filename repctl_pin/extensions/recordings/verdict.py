@@ -104,9 +104,9 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     A visit is a time at which the hand is at the pose; an arm that repeats has the same
     configuration there. Each value has an interval: its deviation times a quantile of the normal
     distribution, plus its bias. The quantile is corrected for the number of pairs (Bonferroni), so
-    that two intervals of equal configurations with equal deviations do not overlap in one log of
-    10,000. The bias is a wide bound, and must not hide a difference. So an arm counts as repeating
-    only if the intervals with a quarter of the bias also overlap.
+    that intervals of equal configurations with equal deviations fail to overlap in only one of
+    10,000 logs. The bias is a wide bound, and must not hide a difference. So an arm counts as
+    repeating only if the intervals with a quarter of the bias also overlap.
 
     Parameters
     ----------

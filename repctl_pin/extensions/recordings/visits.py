@@ -151,7 +151,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
 
 
 def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, float]:
-    """Score a pose by its certain visits, twice if they are rests, then by the time there, s.
+    """Score a pose by its number of certain visits, doubled for rests, then by the time there, s.
 
     ``each`` is the time between two rows of the log, s.
     """
@@ -178,10 +178,10 @@ class _Pass(NamedTuple):
 def _noise_of(Q: Array) -> Array:
     """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
 
-    Nothing else in a log shows the precision of its readings. Differences of order k of white noise
-    σ have the variance ``(2k choose k) σ²``; those of a smooth motion vanish as k grows. The result
-    is the smallest estimate of orders 3 to 6. Each comes from the median size of the differences,
-    which pauses and gaps hardly change.
+    A log does not state the precision of its readings, so differences of readings are used.
+    Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; the differences
+    of a smooth motion vanish as k grows. The result is the smallest estimate of orders 3 to 6. Each
+    comes from the median size of the differences, which pauses and gaps hardly change.
     """
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
@@ -202,7 +202,7 @@ def _quantum(Q: Array) -> Array:
 
 
 def _features(task: Task, Q: Array, radian: float) -> Array:
-    """Convert configurations to points (T, d), m, whose distance measures that of the hand poses.
+    """Convert configurations to points (T, d), m; their distances are those of the hand poses.
 
     Rotations count as lengths, ``radian`` (m) per rad; a k-d tree then finds nearby poses. Poses of
     several hands are near each other only if those of every hand are.
@@ -435,7 +435,7 @@ def _interpolated(
 
 
 def _near(t: Array, low: int) -> NDArray[np.intp]:
-    """List up to six rows around the interval that begins at row ``low``, on one side of gaps."""
+    """List up to six rows around the interval that begins at row ``low``, up to the next gaps."""
     step = t[low + 1] - t[low]
     near = np.arange(max(low - 2, 0), min(low + 4, len(t)))
     return near[np.abs(t[near] - t[low] - step / 2) < 0.5 * step * _GAP]

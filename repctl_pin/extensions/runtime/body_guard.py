@@ -1,8 +1,8 @@
 r"""Guard of body distances along the plans of a governor, also between samples.
 
-Let d be the distance of a pair of bodies, and ρ_j, m per rad, a bound on how far joint j moves
-their points relative to each other. From q to q', d changes by at most ρ·|q − q'|. So a distance
-measured at one configuration bounds d at others, and between two samples of a plan
+Let d be the distance between two bodies, and ρ_j, m per rad, a bound on how far joint j moves their
+points relative to each other. From q to q', d changes by at most ρ·|q − q'|. So a distance measured
+at one configuration bounds d at others, and between two samples of a plan
 
 .. math:: d \ge \tfrac{1}{2} (d_k + d_{k+1} - \rho \cdot s),
 
@@ -76,7 +76,7 @@ class BodyGuard:
 
     A plan is the motion of the next ticks, which ends at rest; the governor follows it only if the
     guard allows it. The distances at a few configurations are remembered. They bound the distances
-    elsewhere, so that only a few are measured per tick.
+    at other configurations, so that only a few are measured per tick.
 
     Parameters
     ----------
@@ -229,7 +229,8 @@ class BodyGuard:
         """Test whether a plan, the motion of the next ticks to rest, keeps all body distances.
 
         If not, :attr:`nearest` is the pair that is too near. The plan is also refused if its test
-        exceeds the work of this tick. The arm then follows the previous plan, which ends at rest.
+        would exceed the work that a tick may take. The arm then follows the previous plan, which
+        ends at rest.
 
         Parameters
         ----------
@@ -254,7 +255,9 @@ class BodyGuard:
         return allowed == 1
 
     def _measured(self, sample: int, count: int) -> int:
-        """Measure the distances of ``count`` pairs that C chose at a sample; 1, or 0 on error.
+        """Measure the distances of ``count`` pairs that C chose at a sample.
+
+        Return 1, or 0 on error.
 
         Errors must not pass through C, so :meth:`allows` raises them later.
         """
@@ -280,13 +283,13 @@ def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
     if own.joint_names != task.joint_names or own.robot.description != task.robot.description:
         raise InputError(
             f"the bodies are of {own!r}, but the governor moves {task!r}",
-            remedy="use rp.Bodies of the task of the inverse",
+            remedy="use rp.Bodies(inverse.task)",
         )
     if not bodies.pairs and not bodies.only_contact:
         raise InputError(
             "there are no bodies whose distance can be kept: the URDF has no collision geometry "
             "that moves, and there are no surroundings",
-            remedy="give surroundings=, or leave bodies out",
+            remedy="give surroundings=, or omit bodies=",
         )
     if bodies.unchecked and not unchecked:
         raise InputError(

@@ -31,11 +31,12 @@ class Clutch:
               R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
 
     with the rotation B from the tracker's axes to those of the base. So the first target is the
-    arm's own pose. The point for the arm's elbow moves with the operator's elbow as p does.
+    arm's own pose. The point for the arm's elbow moves with the operator's elbow as p moves with
+    the hand.
 
     The logarithm is continued beyond half a turn. Near full turns, it is continuous only if the
     hand turns about one axis. So, if ρ is not an integer, the clutch is released where the target
-    would turn by more than 5 ρ times the step of the hand.
+    would turn by more than 5 ρ times the rotation of the hand since the last pose.
 
     Parameters
     ----------
@@ -86,17 +87,18 @@ class Clutch:
         elbow: ArrayLike | None = None,
         elbow_at: ArrayLike | None = None,
     ) -> None:
-        """Begin to move the target with the hand, and the point for the elbow with the elbow.
+        """Begin to move the target with the hand, and the elbow's point with the operator's elbow.
 
         Parameters
         ----------
         hand : pinocchio.SE3 or (4, 4) array
-            Pose of the hand, in the tracker's frame. The clutch stays released if it is not finite.
+            Pose of the hand, in the tracker's frame. The clutch stays released if the pose is not
+            finite.
         at : pinocchio.SE3 or (4, 4) array
             Commanded pose of the arm's frame, ``task.placement(governor.q)``.
         elbow : (3,) array, optional
-            Operator's elbow, in the tracker's frame, m; the elbow stays released without it, or if
-            it is not finite.
+            Operator's elbow, in the tracker's frame, m; without this point, or if it is not finite,
+            the elbow stays released.
         elbow_at : (3,) array, optional
             Commanded elbow of the arm, ``inverse.elbow(governor.q)``; ``elbow`` requires it.
         """
@@ -135,7 +137,7 @@ class Clutch:
         return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
 
     def elbow(self, elbow: ArrayLike) -> Array | None:
-        """Compute the point (3,) for the arm's elbow, m; None while it is released.
+        """Compute the point (3,) for the arm's elbow, m; None while the elbow is released.
 
         It is the argument ``elbow`` of :meth:`RepeatableInverse.leaf_toward`. A point that is not
         finite releases the elbow alone, until :meth:`engage`: ``governor.step(target)`` then keeps

@@ -113,7 +113,7 @@ class Governor:
         region Ω, the arm stops before its edge.
     dt
         Time step of the loop, 0.0001 to 0.1 s. Steps of more than 1 ms are divided, so the motion
-        does not depend on it.
+        does not depend on dt.
     limits
         Limits of acceleration and, if given, of speed and jerk, as for :func:`timed`. Limits of
         torque and of the tool's speed are refused.
@@ -125,8 +125,8 @@ class Governor:
     bodies
         Bodies of the robot and its surroundings that must keep a distance, ``rp.Bodies(task)``.
     body_distance
-        Distance that these bodies must keep, m; pairs of :attr:`Bodies.only_contact` must only not
-        collide.
+        Distance that these bodies must keep, m; for pairs of :attr:`Bodies.only_contact`, it
+        suffices that they do not collide.
     unchecked
         ``"allow"`` accepts links without a shape, :attr:`Bodies.unchecked`, whose collisions are
         not detected.
@@ -176,9 +176,9 @@ class Governor:
         self._dt = positive(dt, "dt", "s")
         if not _SHORTEST <= self._dt <= _LONGEST:
             raise InputError(
-                f"dt = {self._dt:g} s, {1 / self._dt:g} ticks per second: a governor takes 0.0001 "
-                "to 0.1 s, 10,000 to 10 per second",
-                remedy="choose another dt",
+                f"dt = {self._dt:g} s is {1 / self._dt:g} ticks per second, but a governor takes "
+                "10 to 10,000",
+                remedy="choose dt from 0.0001 to 0.1 s",
             )
         self._kept = _kept_limits(task, limits)
         self._margin = positive(margin, "margin", "rad (m)", zero=True)
@@ -186,7 +186,7 @@ class Governor:
         if not (self._lower < self._upper).all():
             name = task.joint_names[int(np.argmax(self._lower >= self._upper))]
             raise InputError(
-                f"margin = {self._margin:g} leaves no range of {name!r}; give a smaller one"
+                f"margin = {self._margin:g} leaves no range of {name!r}; give a smaller margin"
             )
         if closes is not None:
             require_type(closes, ClosingRadius, "closes", "design.proof.closes")
@@ -276,7 +276,7 @@ class Governor:
 
     @property
     def beyond_closing_radius(self) -> bool | None:
-        """True if the commanded pose is beyond the proved closing radius; None without one.
+        """True if the commanded pose is beyond the proved closing radius; None without a radius.
 
         Beyond the radius nothing is wrong, but paths that lead there are not proved to close. The
         radius holds on one leaf only: on any other leaf, every pose counts as beyond it.
@@ -311,7 +311,8 @@ class Governor:
         joint may be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad or m.
         Then the first target or twist moves it straight inside, never farther out, at no more than
         a tenth of the speed limits, with the status ``RECOVERING``. Once begun, this motion
-        continues until the joint is inside; the leaf is that of its last configuration.
+        continues until the joint is inside; the arm is then on the leaf of the motion's last
+        configuration.
 
         Parameters
         ----------
@@ -485,7 +486,9 @@ def _kept_limits(task: Task, limits: Limits) -> JointLimits:
     for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
         if value is not None:
             raise InputError(
-                ": a governor does not keep it", argument=name, remedy=f"omit {name}= of limits"
+                ": a governor does not keep this limit",
+                argument=name,
+                remedy=f"omit {name}= of limits",
             )
     if not np.isfinite(kept.velocity).all():
         name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]

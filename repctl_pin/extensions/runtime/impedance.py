@@ -115,7 +115,8 @@ class LeafImpedance:
             np.linalg.cholesky(task.inertias(task.reference[None])[0])
         except np.linalg.LinAlgError:
             raise InputError(
-                f"a link of the chain to {task.frame!r} has no inertia; torques need one per joint"
+                f"a link of the chain to {task.frame!r} has no inertia; "
+                "add the inertia of every link that a joint moves"
             ) from None
 
     def __repr__(self) -> str:
@@ -199,8 +200,9 @@ class LeafImpedance:
 def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
     """Check n numbers and return them as an array; an array of finite doubles is returned as is.
 
-    A control loop calls this at every tick, so one product decides the usual case. If it overflows,
-    :func:`vector` checks each number. ``name`` and ``each`` are words of the InputError.
+    A control loop calls this at every tick, so one scalar product, which is finite in the usual
+    case, tests all numbers at once. Otherwise, :func:`vector` checks each number. ``name`` and
+    ``each`` are words of the InputError.
     """
     if (
         type(values) is np.ndarray

@@ -150,7 +150,10 @@ class NumPyTorques:
         try:
             np.linalg.cholesky(M)
         except np.linalg.LinAlgError:
-            raise InputError("the joint-space inertia M is not positive definite") from None
+            raise InputError(
+                "the joint-space inertia M is not positive definite; "
+                "correct the inertias of the links"
+            ) from None
         A = root[:, None] * (J @ np.linalg.solve(M, J.T)) * root
         if not (np.isfinite(A).all() and np.isfinite(e).all()):
             raise _not_finite()
@@ -163,7 +166,7 @@ class NumPyTorques:
         """Evaluate ``J̇_V q̇`` (n,), the acceleration at constant q̇, by a difference along q̇.
 
         J_V is the Jacobian above the gradients of the potentials. For rows of potentials of degree
-        3 the result is exact, for others accurate to 1e-6 of its size.
+        3 the result is exact; for other rows it is accurate to 1e-6 of its size.
         """
         speed = float(np.linalg.norm(qdot))
         if speed == 0.0:

@@ -162,9 +162,9 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     """Convolve the law s(t), at rest before and after, with a triangle of width r, s.
 
     The law has the values s (T,) at the times ``own`` (T,), s. Smoothing makes the motion longer by
-    r, in s. At ``added`` ends (0 to 2), the duration grows by r/2; a higher speed makes up for the
-    rest. ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is linear
-    between the shifted points of the law.
+    r. At ``added`` ends (0 to 2), the duration grows by r/2; a higher speed compensates the
+    remainder of r. With h = r/2 and the unsmoothed law s, ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) /
+    h²``, which is linear between the shifted points of the law.
     """
     h = r / 2
     T = own[-1] + added * h
@@ -191,5 +191,5 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
 
 
 def _summed(steps: Array) -> Array:
-    """Sum up steps (T,) from 0: (T + 1,)."""
+    """Compute the running sum of steps (T,), beginning with 0: (T + 1,)."""
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -207,10 +207,11 @@ class Course:
 def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
     """Raise InputError if limits alone make a motion through Q (T, n) too long.
 
-    Too long is too long for the memory or, by the limits of jerk, more than an hour.
+    A motion is too long if its samples do not fit in memory, or if the limits of jerk make it
+    longer than an hour.
 
-    After T seconds, a joint that starts at rest has moved by at most ``v T``, ``a T²/2`` and
-    ``J T³/6``. The check saves the computation of a profile that lasts millions of seconds.
+    After T seconds, a joint that starts at rest has moved by at most ``v T``, ``a T²/2`` and ``J
+    T³/6``. The check avoids the computation of a profile that lasts millions of seconds.
     """
     away = np.abs(Q - Q[0]).max(axis=0)
     times = [away / limits.velocity, np.sqrt(2 * away) / np.sqrt(limits.acceleration)]
@@ -368,8 +369,8 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
     Raises
     ------
     InputError
-        If no speed is within the limits: the path is too rough, or a joint's torque limit does not
-        hold the arm.
+        If no speed is within the limits: the path is too rough, or a joint's torque limit is too
+        small to hold the arm.
     """
     from scipy.interpolate import CubicSpline  # slow to import
 
@@ -495,7 +496,9 @@ def _strips(
 def _rows(
     grid: Array, scale: Array, along: Array, across: Array, low: Array, high: Array
 ) -> tuple[Any, Array, Array]:
-    """Make the rows of the program: a strip at one end of an interval, ``s̈ = (x₁ − x₀) / 2h``.
+    """Make the rows of the program from strips, the limits ``low ≤ along s̈ + across x ≤ high``.
+
+    A row is a strip at one end of an interval, with ``s̈ = (x₁ − x₀) / 2h``.
 
     Strips without a finite bound give no row. Return the sparse matrix for x / scale, and the
     bounds of its rows.
@@ -519,7 +522,7 @@ def _rows(
 
 
 def _without_rests(program: _Program, found: Array) -> Array:
-    """Improve x / scale (K,) by programs with weights by saved time, until no stage is at rest.
+    """Improve x / scale (K,) by programs weighted by the saved time, until no stage is at rest.
 
     InputError is raised if some stage remains at rest.
     """

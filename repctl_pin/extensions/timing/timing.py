@@ -46,7 +46,7 @@ def timed(
 ) -> TimedMotion:
     """Time a motion's joint path from rest to rest, as quickly as the limits allow.
 
-    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|q⃛| ≤ jerk`` and
+    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if given, ``|q⃛| ≤ jerk`` and
     ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, or by several with a limit of jerk. The first
     cycle speeds up and the last slows down. If the motion closes, all cycles in between are
     identical. The arm stops at sharp corners; use ``blend=`` of the path to round them.
@@ -59,8 +59,8 @@ def timed(
         Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
     keep_times
         Keep the motion's own times, such as those of a CSV file, and only add ramps at the ends, as
-        short as the limits allow. At a sharp corner, the arm must stop, but it passes the corner at
-        its own time.
+        short as the limits allow. At a sharp corner, the arm must stop; it does so at the corner's
+        own time.
     rate
         Samples per second, Hz. A steady cycle takes a whole number of samples.
 
@@ -113,7 +113,9 @@ def timed(
 
 
 def _first_lap(motion: Motion, *, smooth: bool) -> Array:
-    """Return the first cycle of a motion, (steps + 1, n), closed exactly if it is ``smooth``."""
+    """Return the first cycle of a motion, (steps + 1, n).
+
+    With ``smooth``, a closed cycle ends exactly where it begins, without rounding errors."""
     once = motion.q[: motion.steps + 1]
     if smooth and np.linalg.norm(once[-1] - once[0]) < CLOSED:
         # jerk feels 1e-9 rad
@@ -328,7 +330,8 @@ def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]
     steady = float(marks[2] - marks[1])
     if not steady / dt < MOST_SAMPLES:
         raise InputError(
-            f"a cycle of {steady:.3g} s at {rate:g} samples per second is too long; lower the rate"
+            f"a cycle of {steady:.3g} s at {rate:g} samples per second is more than "
+            f"{MOST_SAMPLES:,} samples; lower the rate"
         )
     period = int(np.ceil(steady / dt - 1e-6))
     return period, profile.stretch * (period * dt / steady)
@@ -421,7 +424,7 @@ def approach(
 
 
 def _check_bodies(task: Task, line: Array) -> None:
-    """Raise InputError if bodies collide on a line of joints; warn of links without a body."""
+    """Raise InputError if bodies collide on a straight joint path; warn of links without a body."""
     known = bodies_of(task)
     touch = known._along(line, np.arange(len(line))).touch
     if touch is not None:
@@ -429,8 +432,8 @@ def _check_bodies(task: Task, line: Array) -> None:
         percent = 100 * at / (len(line) - 1)
         raise InputError(
             f"{one!r} and {other!r} collide at {percent:.0f} % of the straight "
-            "joint-space path: go through an intermediate configuration, or pass "
-            "bodies=False if this contact is not real"
+            "joint-space path; go through an intermediate configuration, or pass "
+            "bodies=False if this collision is not real"
         )
     if known.unchecked:
         lacking = named_links(known.unchecked)

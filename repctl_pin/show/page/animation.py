@@ -39,7 +39,7 @@ class Animation:
     page : str
         The page's HTML: self-contained, with no network access.
     study : Study or None
-        The study whose motions the page shows, if it shows one.
+        The study whose motions the page shows; None for other motions.
 
     Examples
     --------
@@ -57,7 +57,7 @@ class Animation:
         Raises
         ------
         InputError
-            If it cannot be written.
+            If the file cannot be written.
         """
         file = file_name(file)
         prepare_folder(file.parent)
@@ -99,7 +99,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     Raises
     ------
     InputError
-        If there is no motion, or they are of different robots, cycles or steps.
+        If there is no motion, or the motions differ in robot, number of cycles or number of steps.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     named = "motions by name, as in {'mine': motion}, or a study"
     require_type(motions, Mapping, "motions", named)
     if not motions:
-        raise InputError("an animation requires motions; there is none")
+        raise InputError("an animation requires motions, but there are none")
     for name, motion in motions.items():
         require_type(
             motion, Motion, f"motions[{name!r}]", "a motion, such as rp.follow(control, path, q0)"
@@ -125,7 +125,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     )
     if other is not None:
         raise InputError(
-            f"an animation shows one robot; these are motions of {robot.name} and {other.name}"
+            f"an animation shows one robot, but the motions are of {robot.name} and {other.name}"
         )
     colours = _colours({name: motion.drift[-1] for name, motion in motions.items()})
     tracks = [
@@ -148,7 +148,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
 
 
 def _colours(drifts: Mapping[str, float]) -> list[str]:
-    """Choose a colour ``#rrggbb`` for each motion, from its drift by name, in the same order.
+    """Choose a colour ``#rrggbb`` for each motion, in the order of ``drifts``, its drift by name.
 
     A name that is the label of a strategy of a study, such as J⁺, has that strategy's colour.
     Others have a warm colour if they drift, and a cool one if they are closed.

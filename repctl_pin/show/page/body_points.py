@@ -30,14 +30,15 @@ def body_drift(
     Parameters
     ----------
     bodies : sequence of (P, 3) arrays
-        Corners of each body, those of its convex hull, m, see :func:`.visuals.corners`.
+        Corners of the convex hull of each body, m, see :func:`.visuals.corners`.
     placements : (T, S, 4, 4) array
         Placements of S bodies at T samples, cycle by cycle.
     per_cycle
         Number of samples of one cycle, including both ends.
     directions
         Number of directions for each body in which the outermost corners are kept; 8 if None. With
-        128, the error of displacements of other motions is at most 0.7 %, and 0.05 % on average.
+        128, the page measures displacements in a visitor's own motions with an error of at most 0.7
+        %, and of 0.05 % on average.
 
     Returns
     -------
@@ -61,8 +62,9 @@ def body_drift(
 def _outermost(body: Array, directions: int) -> NDArray[np.intp]:
     """Find the corners of a body (P, 3), by index, that lie farthest in some directions.
 
-    The page measures the displacement of other motions at these few points. The directions are the
-    eight diagonals; if more are requested, as many points of a spiral on the sphere are added.
+    The page measures the displacement in a visitor's own motions at these few points. The
+    directions are the eight diagonals; if more are requested, as many points of a spiral on the
+    sphere are added.
     """
     ways = np.array(list(product((-1.0, 1.0), repeat=3)))
     if directions > 8:

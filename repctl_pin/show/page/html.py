@@ -63,7 +63,7 @@ def page(
     commands
         Commands for meshcat's viewer, each encoded as msgpack.
     motion : sequence of (T, W) arrays
-        Poses and points, in the order that ``scene`` describes; T and W differ.
+        Poses and points, in the order that ``scene`` describes; T and W differ between arrays.
     headline
         Headline above the animation.
     """
@@ -158,10 +158,13 @@ def _viewer() -> str:
     """
     spec = find_spec("meshcat")
     if spec is None or spec.origin is None:
-        raise RepctlError("meshcat is not installed; pip install 'meshcat>=0.3.2'")
+        raise RepctlError(
+            "a page requires meshcat, which is not installed; run `pip install 'meshcat>=0.3.2'`"
+        )
     bundle = Path(spec.origin).parent / "viewer" / "dist" / "main.min.js"
     if not bundle.is_file():
         raise RepctlError(
-            f"this meshcat has no {bundle.name}; pip install --force-reinstall 'meshcat>=0.3.2'"
+            f"the installed meshcat lacks {bundle.name}; "
+            "run `pip install --force-reinstall 'meshcat>=0.3.2'`"
         )
     return pack(bundle.read_bytes())

@@ -195,7 +195,7 @@ def _triangles(surface: Surface) -> _Element:
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
-    """Narrow the range of a colour (0 to 1) to 0.06 to 0.96, for a page.
+    """Map a colour from the range 0 to 1 to the range 0.06 to 0.96, for a page.
 
     Pure black and pure white would hide the shading, which shows the shape.
     """

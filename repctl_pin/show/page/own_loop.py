@@ -134,8 +134,8 @@ def own_loop(
 def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
-    The numbers describe J⁺ and the nearest repeatable inverse, each if it has a motion. None if
-    :func:`own_loop` returns None, no motion is shown, or a user-defined controller has a pane.
+    The numbers describe J⁺ and the nearest repeatable inverse, each if it has a motion. Return None
+    if :func:`own_loop` returns None, no motion is shown, or a user-defined controller has a pane.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),
@@ -159,8 +159,8 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
     """Round the proved closing radius of a design down to two digits, m.
 
     Every closed path within this radius of the start q0 (n,) closes in joint space; the page states
-    this for a visitor's loop. A radius around a path is also valid around its start. None without a
-    radius, or if the radius belongs to another start.
+    this for a visitor's loop. A radius around a path is also valid around its start. Return None
+    without a radius, or if the radius belongs to another start.
     """
     if not closes or not np.allclose(closes.start, q0, rtol=0, atol=1e-9):
         return None
@@ -169,10 +169,10 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """List, for each frame, which drawn path it follows; None for a frame that stands still.
+    """List, for each frame, the index of the drawn path that it follows; None if it stands still.
 
-    From another start, the page follows the same path. The result is None if a frame rotates along
-    its path, because the page cannot compute that.
+    If a visitor changes the start, the page follows the same path from there. The result is None if
+    a frame rotates along its path, because the page cannot compute that.
     """
     paths = paths_of(motion.path)
     if any(np.abs(path.twist(s)[3:]).max() > 1e-12 for path in paths for s in (0.1, 0.4, 0.7)):

@@ -128,7 +128,7 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     robot
         The robot that moves.
     cycles
-        Number of cycles, for a file that does not contain it; None means 1.
+        Number of cycles, for a file that does not contain this number; None means 1.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def playback_page(
     tracks
         Motions to show, all with the same number of cycles and steps.
     paths : sequence of (P, 3) arrays, optional
-        Paths to draw, m; by default those of the frames in cycle 1 of the first motion.
+        Paths to draw, m; by default the paths of the frames in cycle 1 of the first motion.
     name
         Name of the path.
     stopped
@@ -287,7 +287,7 @@ def _hand(name: str, kind: Kind) -> str:
 
 
 def _redundancy(task: Task) -> str:
-    """Write how many joints a task has, and how many are redundant; the text follows its name."""
+    """Write how many joints a task has, and how many are redundant, to follow the task's name."""
     return f", {task.n} joints, {task.r} redundant"
 
 

@@ -74,9 +74,9 @@ class FirstViolation:
     Attributes
     ----------
     words : str
-        Description: ``joint4 past its limit``.
+        Description, such as ``joint4 past its limit``.
     at : float
-        Time, in cycles and fractions of one.
+        Time in cycles: 1.25 is a quarter into the second cycle.
     cycle : int
         The cycle, counted from 1.
     origin : (T, 3) array
@@ -101,7 +101,7 @@ class Arm:
     label : str
         Name of the controller, such as ``J⁺``.
     shapes : tuple of Shape
-        Visual shapes.
+        Shapes of the arm, as they are drawn.
     placements : (T, S, 4, 4) array
         Rigid, unscaled transforms of S shapes at T samples.
     tip, elbow : (T, K, 3) arrays
@@ -120,7 +120,7 @@ class Arm:
     broken : FirstViolation or None
         First violated joint limit, or first collision.
     carried : (T, 4, 4) array or None
-        Motion since the start of the workpiece and the paths on it; None if they do not move.
+        Motion of the workpiece, and of the paths on it, since the start; None if they do not move.
     """
 
     label: str
@@ -199,7 +199,7 @@ class JointRows:
         return JointRows(task, rows, count)
 
     def described(self) -> dict[str, Any]:
-        """Describe the joints in plain types: names, limits (None without), type, samples."""
+        """Describe the joints in plain types: names, limits (None if unlimited), type, samples."""
         lower, upper = self.task.lower, self.task.upper
         return {
             "names": list(self.task.joint_names),
@@ -215,7 +215,8 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
     """Choose the samples to show of motions of one robot, with more per cycle if necessary.
 
     The page draws a cubic through neighbouring samples. The number of samples per cycle is
-    increased until the cubic is within ``_CLOSE`` of every motion, or all samples are shown.
+    increased until the cubic is within ``_CLOSE``, rad or m, of every motion, or all samples are
+    shown.
 
     Parameters
     ----------
@@ -346,8 +347,8 @@ def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
     """List, for each shape, the index of the joint that carries its link, and the part's name.
 
     The index is −1 for a link fixed to the base; None stands for a shape of the surroundings.
-    ``own`` holds the numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; without them
-    all are None.
+    ``own`` holds the numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; without
+    these numbers, all indices are None.
     """
     return [None] * len(arm.shapes) if own is None else own["links"]
 
@@ -363,8 +364,8 @@ def _describe(
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
     ``library`` holds the number of each body in the viewer's library, ``link`` is the link of the
-    part that the page points at. Shapes that ``rides`` marks (S,) can move, although they may not
-    in this motion.
+    part that the page points at. ``rides`` (S,) marks shapes that can move, even if they do not
+    move in this motion.
 
     The first array has the poses of M moving bodies (T, M, 7), a moving workpiece last. Tips and
     elbows (T, K, 3) follow, then the origin of a violation (T, 3), if there is one, and the points
@@ -440,9 +441,9 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
 def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    The page stores them because they are shorter. The order is x y z, qx qy qz qw. A rotation has
-    two quaternions, ±q; the one nearer to the previous sample's is used, so that the page can
-    interpolate.
+    The page stores quaternions because they are shorter than matrices. The order is x y z, qx qy qz
+    qw. A rotation has two quaternions, ±q; the one nearer to the previous sample's is used, so that
+    the page can interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

@@ -1,7 +1,7 @@
 """Live viewer of a control loop, shown in the browser; keys and the mouse move its target.
 
 Configurations are sent over a websocket by a server on 127.0.0.1, in a thread of this process. Only
-this host can reach the server. It ends with the process, which closes its port. Only pages that the
+this host can reach the server. The server and its port close with the process. Only pages that the
 server itself sent may connect.
 """
 
@@ -69,9 +69,9 @@ class Viewer:
     url : str
         Address of the page.
     offset : (3,) array
-        Displacement of the target by keys or by dragging, m, base axes. Arrow keys move it in the
-        plane of the screen, Page Up and Page Down away and nearer, and Home resets it to 0. It is
-        at most the arm's length along each axis.
+        Displacement of the target by keys or by dragging, m, base axes. Arrow keys move the target
+        in the plane of the screen, Page Up and Page Down move it away and nearer, and Home resets
+        the displacement to 0. The displacement is at most the arm's length along each axis.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class Viewer:
             sockets = bind_sockets(as_int(port, "the port", 0, 65535), _HOST)
         except OSError as error:
             raise InputError(
-                f"cannot listen on port {port}: {error.strerror}; choose another port, or none"
+                f"cannot listen on port {port}: {error.strerror}; choose another port, or 0 for any"
             ) from None
         self._port = sockets[0].getsockname()[1]
         self.url = f"http://{_HOST}:{self._port}/"
@@ -352,7 +352,7 @@ class _Page(RequestHandler):
 
 
 class _Poses(WebSocketHandler):
-    """Websocket of one browser: sends poses to it, and receives moves of the target from it."""
+    """Websocket of one browser, which receives poses and sends moves of the target."""
 
     prepare = _only_this_host
 

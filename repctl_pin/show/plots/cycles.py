@@ -107,7 +107,7 @@ def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], c
 def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
     """Find the minimum of values in each cycle of a motion, both ends included: (cycles,).
 
-    ``values`` are at equal steps over the whole motion, with one more at its end.
+    ``values`` are at equal steps over the whole motion, with one more value at the end.
     """
     steps = (len(values) - 1) // motion.cycles
     return np.array([values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)])

@@ -155,7 +155,7 @@ _LEAST = 1e-17
 def _top(curves: Sequence[_Curve]) -> float | None:
     """Choose the upper end of a linear axis so that one large drift does not flatten the rest.
 
-    Curves that :func:`_near` leaves out then exceed the axis. None if no curve is left out.
+    Curves that :func:`_near` leaves out then exceed the axis. Return None if no curve is left out.
     """
     kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
     if len(kept) == len(curves):
@@ -167,8 +167,8 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
     """Leave out motions that would hide the drift of the others on a linear scale.
 
     These motions move far away in cycle 1, to more than four times the others' drift, and stay
-    there, such as under a controller that is attracted to another posture. ``motions`` lists the
-    label, motion and colour of each.
+    there, such as under a controller with a posture task. ``motions`` lists the label, motion and
+    colour of each.
     """
     rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [
@@ -434,7 +434,7 @@ def _arrange(
 ) -> None:
     """Place a grid of axes (rows, columns) in a figure, with the given margins in inches.
 
-    The space left of the axes fits their tick labels, and that on the right fits their notes.
+    The space left of the axes fits their tick labels, and the space on the right fits their notes.
     Each text is measured once. matplotlib's constrained layout measures everything four times, and
     takes longer than all drawing.
 

@@ -124,9 +124,9 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
     """Format the displacements of the hand and of the farthest part, for every controller.
 
-    The report puts these two rows above its table. They have the maximum distance of the hand from
-    its path, and the final displacement of the part that drifted most. Each row is a name, and a
-    text per controller.
+    The report puts these two rows above its table. The rows are the maximum distance of the hand
+    from its path, and the final displacement of the part that drifted most. Each row is a name, and
+    a text per controller.
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
@@ -190,7 +190,7 @@ def _column(
 
 
 def _part(summaries: Sequence[MotionSummary | None]) -> str:
-    """Name the part that is displaced most under every controller; "farthest part" if they differ.
+    """Name the most displaced part; "farthest part" if it differs between the controllers.
 
     Motions in which all parts return are ignored. A summary of None means that a strategy stopped.
     """
@@ -201,7 +201,7 @@ def _part(summaries: Sequence[MotionSummary | None]) -> str:
 def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
     """Format the extra joint speed relative to J⁺, such as ``+3 %``; a dash if it is meaningless.
 
-    It is meaningless for J⁺ itself, whose summary is ``usual``, if J⁺ stopped, and if either motion
+    It is meaningless for J⁺ itself, whose summary is ``usual``; if J⁺ stopped; or if either motion
     leaves its path.
     """
     if usual is None or summary is usual or not usual.speed > 0:

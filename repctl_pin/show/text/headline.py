@@ -235,9 +235,9 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
 
 
 def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
-    """Write under which controller, as the end of a phrase: " under the usual control".
+    """Write the end of a phrase that names a controller, such as " under the usual control".
 
-    Empty if there is only one controller.
+    The text is empty if there is only one controller.
     """
     return f" under {under(one.label)}" if len(summaries) > 1 else ""
 
@@ -292,8 +292,8 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write which end effectors that the task does not control are displaced, and how far.
 
-    The displacement is the distance from the start, m. The list of texts is empty if all of them
-    return.
+    The displacement is the distance from the start, m. The list of texts is empty if all end
+    effectors return.
     """
     ends = ends_off(summaries)
     if not ends:
@@ -419,7 +419,7 @@ def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Write which joint and speed limits are violated, and which a further drift will violate.
 
-    Each is one text, with a tone.
+    Each violation is one text, with a tone.
 
     Without a violation, the text says that the joint limits are kept. If the drift will violate a
     limit later, it says that the limits are kept in these ``cycles``.

@@ -112,7 +112,7 @@ class MotionSummary:
 
     @property
     def turned(self) -> bool:
-        """True if a revolute joint is displaced by 0.1 rad or more although no part is by 1 cm.
+        """True if no part is displaced by 1 cm, but a revolute joint is by 0.1 rad or more.
 
         A headline then names the joint, because the drift of the arm can hardly be seen.
         """

@@ -141,8 +141,8 @@ def margin_words(motion: JointMotion) -> str:
 def study_cells(study: Study) -> list[tuple[str, list[str]]]:
     """Format the table of a study: each quantity with its unit, and its value for every controller.
 
-    Returned are a name and a text per controller for each row. Quantities that the study lacks,
-    such as body distances without bodies, have no row.
+    Return, for each row, a name and a text per controller. Quantities that the study lacks, such as
+    body distances without bodies, have no row.
     """
     some = next((row.motion for row in study.rows if row.motion is not None), None)
     unit, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
@@ -189,9 +189,8 @@ def _cell(quantity: Quantity, row: Row) -> str:
 def study_legend(study: Study) -> str:
     """Explain in one paragraph the terms and marks of a study's table, see :func:`study_cells`.
 
-    The marks are ``!`` for a bad value and ``≠`` for a motion that does not close.
-
-    Marks that do not occur in the table are left out.
+    The marks are ``!`` for a bad value and ``≠`` for a motion that does not close. Marks
+    that do not occur in the table are left out.
     """
     desired = _desired(study)
     cells = " ".join(value for _, values in study_cells(study) for value in values)

@@ -1,8 +1,9 @@
 r"""Chart of the configurations over a cell: their coordinates (u, s).
 
 The cell is a box of poses, u are the coordinates of a pose in it, and s is the position along the
-self-motion at that pose. In these coordinates, a function q = F(u) over the cell is s = 0 or s =
-s(u).
+self-motion at that pose. The polynomials q_ref(u) and n_ref(u) of a chart approximate a
+configuration at the pose, where s = 0, and the null space there. A function q = F(u) over the cell
+is described by s(u); the function of the chart itself is s = 0.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ _EXACT = 1e-11
 
 
 class _Goals(NamedTuple):
-    """What the equations of a chart require at K poses, from :meth:`Chart.goals`.
+    """Pose-dependent terms of a chart's equations at K poses, from :meth:`Chart.goals`.
 
-    They are computed once for poses at which the equations are solved often.
+    They are computed once if the equations are solved repeatedly at the same poses.
 
     Attributes
     ----------
@@ -68,6 +69,7 @@ class Chart:
     Attributes
     ----------
     cell : Cell
+        The cell.
     monomials : Monomials
         Monomials of u in which q_ref and n_ref are written.
     coefficients : (N, n, 1 + r) array
@@ -92,7 +94,8 @@ class Chart:
     def between(self, low: Array, high: Array) -> Chart:
         """Return the chart of the same function over the part of the cell between two corners (k,).
 
-        The polynomials q_ref and n_ref stay the same, rewritten in the coordinates of the part.
+        The polynomials q_ref and n_ref are the same functions, rewritten in the coordinates of the
+        part.
         """
         low, high = self.cell._kept_middles(low, high)
         if (low == -1).all() and (high == 1).all():
@@ -155,9 +158,9 @@ class Chart:
         return self.monomials.differentiated(self.coefficients)
 
     def goals(self, U: Array) -> _Goals:
-        """Evaluate what the equations of a chart require at the coordinates U (K, k) of poses.
+        """Evaluate the pose-dependent terms of the chart's equations at poses U (K, k).
 
-        These are q_ref, n_ref and the placements of the poses.
+        These terms are q_ref, n_ref and the placements of the poses.
         """
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
@@ -170,7 +173,7 @@ class Chart:
         goals: _Goals | None = None,
         iterations: int = _ITERATIONS,
     ) -> Points:
-        """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.
+        """Find the configuration with ``f(q) = x(u)`` and label s at poses u, by Newton's method.
 
         The label s is the position along the self-motion at the pose x(u), measured from q_ref(u).
 
@@ -260,7 +263,7 @@ class Chart:
         Q: Array,
         iterations: int,
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """Do the same as :meth:`_newton`, but faster, in C.
+        """Solve the equations of the chart as :meth:`_newton` does, but faster, in C.
 
         ``arm`` is the C struct of the task's joint chain.
         """
@@ -380,7 +383,7 @@ class Points(NamedTuple):
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
         """Return a copy in which the points with the indices ``at`` are those of ``other``.
 
-        A search over many poses so adopts the points at which it succeeded.
+        A search over many poses uses it to adopt the points at which the search succeeded.
         """
         arrays = [values.copy() for values in self]
         for values, new in zip(arrays, other, strict=True):
@@ -392,7 +395,7 @@ class CellPotentials:
     r"""The r potentials of a chart; their leaf {h(q) = c} is the function with s = c.
 
     A controller that holds the potentials h constant follows the function: s is the position along
-    the self-motion of each pose. Their gradients are those of :meth:`Chart.gradients`.
+    the self-motion of each pose. :meth:`Chart.gradients` evaluates their gradients.
     :class:`RepeatableInverse` accepts these potentials like polynomials of q. Outside the cell, the
     polynomials in u extrapolate and are not meaningful.
 
@@ -411,7 +414,7 @@ class CellPotentials:
         return self.chart.cell.whole
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h (r,) at q (n,), which a controller holds constant."""
+        """Evaluate the potentials h (r,), which a controller holds constant, at q (n,)."""
         return self.values(np.asarray(q, float)[None])[0]
 
     def values(self, Q: Array) -> Array:
@@ -448,7 +451,7 @@ class CellPotentials:
 
 
 def native_chart(chart: Chart) -> Any:
-    """Create the C struct :data:`CHART` of a chart, with its cell, to evaluate it in C."""
+    """Create the C struct :data:`CHART` of a chart and its cell, so that C evaluates the chart."""
     ints, reals, scalars = chart.cell._tables()
     terms, both, weights = _weights(chart)
     row, column = _elimination_order(chart)
@@ -467,9 +470,9 @@ def _weights(chart: Chart) -> tuple[int, int, Array]:
     """Arrange the coefficients of q_ref and n_ref, the polynomials of a chart, for chart.c.
 
     Return the number of monomials, padded to a multiple of 4 because C adds four at a time; the
-    number of monomials that n_ref uses; and the coefficients. Each row has the coefficients of one
-    monomial in q_ref, then, in the first rows, those in n_refᵀ. Both parts of a row are padded with
-    zeros to an even length.
+    number of monomials that n_ref uses; and the coefficients. Each row of the coefficients belongs
+    to one monomial: first its coefficients in q_ref, then, if n_ref uses it, those in n_refᵀ. Both
+    parts of a row are padded with zeros to an even length.
     """
     C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
     C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))

@@ -66,7 +66,7 @@ class Monomials:
         return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 
     def derivative(self, C: Array, j: int) -> Array:
-        """Differentiate polynomials with coefficients C (N, …) by u_j: coefficients (N, …)."""
+        """Differentiate polynomials with coefficients C (N, …) by u_j; return (N, …)."""
         some = np.flatnonzero(self.exponents[:, j])  # each leads to another monomial
         weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
         D = np.zeros_like(C)

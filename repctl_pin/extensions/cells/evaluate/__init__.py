@@ -1,1 +1,1 @@
-"""Evaluation of a function q = F(x) over its cell: margins, failures, what the arm reaches."""
+"""Evaluation of a function q = F(x) over its cell: margins, failures and reach of the arm."""

@@ -3,6 +3,10 @@
 The function q = F(x) gives one configuration for each pose of the cell, a box of poses with
 coordinates u. Formulas use ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so that ∂F C and G_d E C
 are joint speeds per unit of task speed. G_d is the desired inverse, such as J⁺.
+
+A candidate function is written in a chart: s is its position along the self-motion at each pose,
+and n_ref the approximate null space. At a fold, the leaf turns back along the self-motion, and is
+no longer a function of the pose.
 """
 
 from __future__ import annotations
@@ -80,7 +84,7 @@ class Evaluation:
         these together with all poses that a search for smaller margins visited.
     attainable_margin, attainable_margin_worst : float
         Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
-        ``limit_margin_worst``. If both margins at a pose are equal, no leaf with a larger margin
+        ``limit_margin_worst``. Each equals the margin at its pose if no leaf with a larger margin
         was found.
     smallest_singular_value : float
         Minimum σ_min of J, by search.
@@ -139,7 +143,7 @@ class Evaluation:
 
     @property
     def covered(self) -> str:
-        """Coverage as text: ``100 %`` only if no failure but collisions was found at any pose.
+        """Coverage as text: ``100 %`` only if no pose fails, except by a collision.
 
         Collisions are reported separately.
         """
@@ -254,9 +258,9 @@ def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
 def _largest_ratio(A: Array, B: Array) -> Array:
     """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` (K,) of pairs of matrices (K, n, k).
 
-    With A of a function and B of the desired inverse, this is their squared ratio of joint speeds
-    in the worst direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of
-    ``L⁻¹ AᵀA L⁻ᵀ``.
+    If A belongs to a function and B to the desired inverse, this is the squared ratio of their
+    joint speeds in the worst direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest
+    eigenvalue of ``L⁻¹ AᵀA L⁻ᵀ``.
     """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
@@ -310,7 +314,7 @@ def evaluate_cell(
     """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
 
     ``desired`` is the inverse G_d with which F is compared; in ``chart``, F is s = 0. The held-out
-    poses are ``count`` Sobol points; corners of the cell and poses found by searches follow. A
+    poses are ``count`` Sobol points; corners of the cell and poses found by searches are added. A
     quick evaluation searches neither for the largest joint speeds nor for the smallest body
     distances.
     """
@@ -349,10 +353,10 @@ def _nothing_covered(failures: tuple[FailureReason, ...]) -> Evaluation:
 
 
 def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
-    """Evaluate cost and extra joint speed: means over the poses ``inside``, maxima of ``tested``.
+    """Evaluate cost and extra joint speed: means over ``inside``, maxima over ``tested``.
 
-    ``inside`` are the covered held-out poses, ``tested`` all covered poses, corners and those found
-    by searches included.
+    ``inside`` are the covered held-out poses. ``tested`` are all covered poses, including corners
+    and poses found by searches.
     """
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()
@@ -370,9 +374,9 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
 
 
 def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
-    """Evaluate the smallest limit margins, at held-out poses and at those found by search (low).
+    """Evaluate the smallest limit margins, at held-out poses and at the poses ``low`` of a search.
 
-    Return with each the largest limit margin that any leaf attains at that pose.
+    Return also the largest limit margin that any leaf attains at each of these two poses.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
@@ -391,7 +395,7 @@ def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) 
 def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick: bool) -> Array:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
-    The margins are those of joint limits, σ_min(J) and the leaf. Searches start from the worst of
+    The margins are the limit margin, σ_min(J) and the leaf margin. Searches start from the worst of
     the sampled poses ``at``. Return all poses visited (L, k). A quick evaluation searches neither
     for leaf margins nor for joint speeds.
     """

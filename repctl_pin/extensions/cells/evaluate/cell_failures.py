@@ -26,7 +26,7 @@ neighbour has another configuration."""
 @dataclass(frozen=True, eq=False)
 @read_only
 class FailureReason:
-    """One reason why a function fails at some poses of its cell, with the worst of them.
+    """One reason why a function fails at some poses of its cell, with the worst pose.
 
     Attributes
     ----------
@@ -50,7 +50,9 @@ class FailureReason:
 
 
 def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
-    """Make a reason at coordinates u (k,) of a cell, adding 0 for those that symmetries remove.
+    """Make the reason why a function fails at coordinates u (k,) of a cell.
+
+    Coordinates that symmetries remove are added as 0.
 
     ``cause``, ``share`` and ``what`` are attributes of :class:`FailureReason`.
     """
@@ -125,13 +127,13 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
 
 
 def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
-    """Describe the failure that the function folds before poses U (K, k); None if there are none.
+    """Describe the failure of a function that folds before it reaches poses U (K, k), or None.
 
     At a fold, the leaf turns back along the self-motion, and the leaf margin, the distance from an
     algorithmic singularity, is 0. Around a singularity of J the null space takes all directions, so
     every leaf folds near it. A search for such a singularity begins at the configurations Q (K, n);
     if one is found, the message names it. ``share`` is the fraction of the sampled poses beyond a
-    fold.
+    fold. None is returned if U is empty.
     """
     if not len(U):
         return None

@@ -2,7 +2,8 @@
 
 Margins are distances from joint limits, between bodies, and from singularities (σ_min of J), and
 the leaf margin, the distance from an algorithmic singularity. The candidate q = F(x) gives one
-configuration for each pose of the cell.
+configuration for each pose of the cell. A coordinate of the cell is symmetric if a single joint
+moves the frame along it.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ minimum."""
 
 
 class Quantity(ABC):
-    """A quantity at the points of a function, which :func:`searched` minimises over the cell.
+    """A quantity that :func:`searched` minimises over the cell of a function.
 
     Subclasses are kinds of margins, and joint speeds relative to the desired inverse.
     """
@@ -105,9 +106,9 @@ class Margin(Quantity):
     starts : int
         Maximum number of poses from which smaller margins are searched for.
     violators : int
-        Maximum number of poses that one round of the penalty method adds. The last three numbers
-        are smaller for body distances, which take a hundred times as long to compute as joint
-        limits.
+        Maximum number of poses that one round of the penalty method adds. ``watched``, ``starts``
+        and ``violators`` are smaller for body distances, which take a hundred times as long to
+        compute as limit margins.
     """
 
     name: str
@@ -119,9 +120,9 @@ class Margin(Quantity):
     violators: int
 
     def least(self, at: Points) -> Array:
-        """Return the smallest of the P margins at each point (K,); infinite where there is none.
+        """Return the smallest margin (K,) at points; infinite where the function does not exist.
 
-        The points ``at`` are configurations of a function at K poses, as far as it exists there.
+        The points ``at`` are configurations of the function at K poses.
         """
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
@@ -153,11 +154,11 @@ class Margin(Quantity):
     ) -> Array:
         """Find the largest margin (K,) that self-motion attains at the poses of the given points.
 
-        A penalty requires no larger margin. At each pose, configurations on leaves within 0.7 rad
-        of the points are compared, along each component of the label s, the position along the
-        self-motion. With ``far`` the leaves lie within 2.4 rad, which for r = 1 covers the
-        self-motion inside the limits. The step is 0.06 rad, and smaller around the best leaf. Poses
-        with a margin of at least ``enough`` are not searched.
+        No penalty requires a larger margin. At each pose, the search varies each component of the
+        label s, the position along the self-motion, by up to 0.7 rad in steps of 0.06 rad, and
+        refines the best label. With ``far``, it varies them by up to 2.4 rad, which for r = 1
+        covers the self-motion inside the limits. Poses with a margin of at least ``enough`` are not
+        searched.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
@@ -261,6 +262,7 @@ class LeafMargin(Quantity):
     Attributes
     ----------
     chart : Chart
+        Chart of the function.
     """
 
     chart: Chart
@@ -311,6 +313,7 @@ class CandidateFunction:
     Attributes
     ----------
     chart : Chart
+        The chart.
     terms : Monomials
         Monomials T of the cell's coordinates u.
     a : (N, r) array

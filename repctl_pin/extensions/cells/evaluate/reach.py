@@ -105,7 +105,7 @@ def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) 
 class Rays(NamedTuple):
     """Results of following K straight rays from the middle of a cell to poses in it.
 
-    A chart of the cell is fitted to their last configurations.
+    The last configurations are the data to which a chart of the cell, a polynomial, is fitted.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class Grown(NamedTuple):
     steps : (K,) array
         Number of steps by which the box grew; :data:`STEPS` is its full size.
     margin : (K,) array
-        Smallest limit margin on the ways to the points of ``ends``, rad or m.
+        Smallest limit margin on the motions to the points of ``ends``, rad or m.
     ends : (K, C, n) array
         Configurations at the corners, edge middles and face centres of the box that grew.
     """
@@ -194,10 +194,10 @@ class Grown(NamedTuple):
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw random configurations Q (K, n), at which a box of poses is then tried; return p and Q.
+    """Draw random configurations Q (K, n), and return positions p and Q.
 
-    p (K, 3) are the frame's positions, m. Coordinates that the task does not command are replaced
-    by those of the box.
+    p (K, 3), m, are the frame's positions, around which a box of poses is then tried. Coordinates
+    that the task does not command are those of the box's middle.
     """
     task = box.task
     Q = random_configurations(task, count, rng)
@@ -208,9 +208,9 @@ def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array
 
 
 def grown(box: Cell, p: Array, Q: Array) -> Grown:
-    """Let a box grow around positions p (K, 3), m, to find how much of it the arm reaches there.
+    """Grow a box around positions p (K, 3), m, to find how much of it the arm reaches there.
 
-    The middles are solved for from configurations Q (K, n). Positions that are not reached inside
+    Inverse kinematics of the positions starts at Q (K, n). Positions that are not reached inside
     the joint limits are left out. J⁺ moves the arm from each middle straight to all corners, edge
     middles and face centres, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing when one
     of these points is not reached or is singular, or a joint there leaves its limits.
@@ -246,7 +246,7 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
 
 
 def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
-    """Evaluate configurations Q (K, n) that are to be at poses p (K, 3), m, and R (K, 3, 3).
+    """Evaluate how well configurations Q (K, n) reach poses p (K, 3), m, and R (K, 3, 3).
 
     Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and a mask (K,) that is True where
     J is regular and all joints are within their limits.
@@ -259,9 +259,9 @@ def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, 
 
 
 def _middles(box: Cell, p: Array, Q: Array) -> tuple[Array, Array]:
-    """Solve for the box's orientation at positions p (K, 3), m, from Q (K, n), inside the limits.
+    """Solve for poses at positions p (K, 3), m, in the box's orientation, starting at Q (K, n).
 
-    Return the positions and configurations where this succeeds.
+    Return the positions and configurations where this succeeds inside the joint limits.
     """
     R = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))
     Q, left = reached(box, p, R, Q, inward=True, iterations=40)

@@ -1,7 +1,8 @@
 """Range of a function along the symmetric coordinates (angle, spin) of its sector.
 
 A single joint moves the frame along such a coordinate, so the function is designed without the
-coordinate. The function's chart is then rewritten in all coordinates of the sector.
+coordinate. The function's chart is then rewritten in all coordinates of the sector. The range
+``"all"`` of such a coordinate ends only at the limits of that joint.
 """
 
 from __future__ import annotations
@@ -59,11 +60,11 @@ class Turn:
         ``reach`` of the function designed for the range ``"all"``, rad; NaN without this
         comparison.
     covered : float
-        Fraction of 4096 sampled poses that the function covers, limits of joints that alone move
-        the frame along symmetric coordinates aside; NaN in older files.
+        Fraction of 4096 sampled poses that the function covers, without regard to the limits of the
+        joints of symmetric coordinates; NaN in older files.
     as_covered : float
-        Range like ``nearly`` and ``most``, for the fraction ``covered`` of the covered poses; NaN
-        in older files.
+        Range in which the joint stays within its limits at the fraction ``covered`` of the covered
+        poses, rad; NaN in older files.
     bodies : str
         Links that end the range before the joint does; empty if the joint ends it.
     """

@@ -1,9 +1,10 @@
 """Fit of an inverse function over a cell: from the configuration in its middle to the function.
 
 The function q = F(x) gives one configuration for each pose of the cell, a box of poses.
-Configurations in the middle are compared. Rays are followed from there, and a chart is fitted to
-them: polynomials that approximate configurations and null spaces. Then the cost is minimised with
-rising degree, and with penalties on small margins.
+Configurations in the middle are compared. Rays, which are motions along straight lines, are
+followed from there, and a chart is fitted to them: the polynomial q_ref approximates
+configurations, n_ref null spaces. Then the cost is minimised with rising degree, and with penalties
+on small margins.
 """
 
 from __future__ import annotations
@@ -222,8 +223,9 @@ class CellFit:
 
         Where the null space N turns by more than 90° over a short distance, a polynomial n_ref of
         low degree can be perpendicular to N. There the equations of the chart are singular, though
-        the function is not. In two coordinates, more rays are then followed from the configuration
-        q (n,) in the middle, and the degree is raised until n_ref follows N at all their ends.
+        the function is not. For a cell with two coordinates, more rays are then followed from the
+        configuration q (n,) in the middle, and the degree is raised until n_ref follows N at all
+        their ends.
         """
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
@@ -464,7 +466,7 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 
 
 def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
-    """Describe the failure that no value of a symmetric coordinate has all poses inside the limits.
+    """Describe the failure that the joint of a symmetric coordinate would have to leave its range.
 
     A single joint moves the frame along such a coordinate of a sector. Over the cell, the values of
     this joint differ by more than the joint's range.

@@ -1,7 +1,8 @@
 r"""Cost of a candidate for the inverse function over a cell, and its minimisation.
 
 The function q = F(x) gives one configuration for each pose of the cell. The cost is the mean
-squared distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins.
+squared distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins. The label
+s of a pose, a polynomial of its coordinates u, is the position of F along the self-motion there.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class _Value:
     points : Points
         Configurations of the function at the nodes and penalised poses.
     ds : (K, r, k) array
-        ∂s/∂u there.
+        ∂s/∂u at the points.
     """
 
     cost: float
@@ -381,11 +382,11 @@ def _scaling(H: Array) -> Array:
 
 
 def _held(H: Array, at: _Value) -> Array:
-    """Add terms to the Hessian H (N r, N r) that hold labels which hardly change the cost.
+    """Add terms to the Hessian H (N r, N r) that keep labels with hardly any effect constant.
 
-    A joint that turns the tool about the axis of an axis task moves the task only because the URDF
-    is rounded, for example 1.5708 in place of π/2. Newton's step along such a joint would be a
-    ratio of rounding errors.
+    In an axis task, a joint that turns the tool about its axis changes the task coordinates only
+    because the URDF is rounded, for example 1.5708 in place of π/2. Newton's step along such a
+    joint would be a ratio of rounding errors.
     """
     return H + _IDLE * at.desired_square * np.eye(len(H))
 

@@ -57,7 +57,8 @@ class NoFunctionError(InputError):
     failures : tuple of FailureReason
         Reasons for failure.
     fits : float
-        Factor below 1 at which the cell, scaled about its middle, is covered; 0 if none was found.
+        Factor below 1 with which the cell, scaled about its middle, is covered; 0 if none was
+        found.
     partly : bool
         True if a function covers some of the poses; ``incomplete="keep"`` then works.
 
@@ -131,8 +132,8 @@ def nearest_inverse_function(
     incomplete
         Action if no single function covers the cell. Coverage is tested at held-out poses, corners,
         and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
-        works; ``"shrink"`` moves sides inward so that poses at which the function fails lie
-        outside, or, if no such part is left, scales the cell about its middle. ``"keep"`` returns a
+        works; ``"shrink"`` moves sides inward until one function covers the rest; if less than 5 %
+        of the cell would be left, it scales the cell about its middle. ``"keep"`` returns a
         function that covers only some of the poses.
     options
         Numbers of nodes, and random seed: ``samples``, ``held_out`` and ``seed`` of
@@ -227,13 +228,13 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
     require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
     if desired.task.as_dict() != cell.task.as_dict():
         raise InputError(
-            f"the control is for {desired.task!r}, the cell for {cell.task!r}; "
+            f"the controller is for {desired.task!r}, but the cell is for {cell.task!r}; "
             "make both for one task"
         )
     if cell.task.r < 1:
         raise InputError(
             f"{cell.task!r} is not redundant: with r = {cell.task.r} "
-            "the pose determines the joints",
+            "the pose determines the configuration",
             remedy="use another kind of task",
         )
 
@@ -274,7 +275,7 @@ def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
             raise InputError(
                 f"'all' requires the symmetry of the arm, which {why} breaks",
                 argument=cell.coordinate_names[i],
-                remedy="give it in rad",
+                remedy="give a half-width in rad",
             )
     return found
 
@@ -291,12 +292,12 @@ def _margin(value: float, name: str, unit: str = "") -> float:
 
 
 def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
-    """Find the largest factor below 1 by which the cell can be scaled to be covered, within 20 %.
+    """Find the largest scale below 1, within 20 %, at which one function covers the cell.
 
-    An error names the factor as remedy, and ``incomplete="shrink"`` applies it. The cell is scaled
-    about its middle, where the configuration is q (n,). Rays, which are motions along straight
-    lines to corners and other poses, give a first guess. Designs, quick ones with ``quick``,
-    confirm or lower it.
+    An error names the scaled cell in its remedy, and ``incomplete="shrink"`` applies it. The cell
+    is scaled about its middle, where the configuration is q (n,). Rays, which are motions along
+    straight lines to corners and other poses, give a first guess. Designs, which ``quick`` makes
+    faster and less accurate, confirm or lower the guess.
 
     Returns
     -------
@@ -341,7 +342,7 @@ def _refusal(
         "use incomplete='shrink' to move its sides inward "
         f"(around the same middle, {cell.scaled(fits).size()} works)"
         if fits > 0
-        else "no smaller cell with this middle works either; move it, or give another posture="
+        else "no smaller cell with this middle works either; move the cell, or change posture="
     )
     if keep:
         remedy += ", or incomplete='keep' to keep the covered part of this one"

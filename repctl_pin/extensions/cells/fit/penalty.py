@@ -151,9 +151,9 @@ class PenaltyMethod:
 
         A penalty is on a margin, such as the distance from joint limits. If no margin is too small
         in the last result, it is returned. Otherwise the cost is minimised with the monomials
-        ``terms``; if their degree is above 2, after a first fit of degree 2. All poses where the
-        functions without penalties fall short are penalised, because each penalty is a mean over
-        its poses: without some of these poses, the others would weigh more.
+        ``terms``; a degree above 2 is preceded by a fit of degree 2. All poses at which the
+        functions without penalties have too small a margin are penalised. Each penalty is a mean
+        over its poses, so if some were omitted, the others would weigh more.
 
         Parameters
         ----------

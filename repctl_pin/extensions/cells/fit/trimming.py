@@ -1,7 +1,8 @@
 """Trimming of a cell: sides are moved inward until one function covers what is left.
 
 So a box or sector in which the function fails at one corner becomes smaller on one side, not on
-all.
+all. The range ``"all"`` of a sector's angle or spin ends only at the limits of the joint that alone
+moves the frame along it. A ray is a motion along a straight line from the middle of the cell.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class Required(NamedTuple):
 def trimmed(
     fit: CellFit, cell: Cell, q: Array, limits: Required, guess: CellDesign | None = None
 ) -> CellDesign | None:
-    """Design a function on a part of a cell, whose sides are moved inward until it is covered.
+    """Move sides of a cell inward until one function covers the rest, and design that function.
 
     Quick designs show how far to move most sides. ``q`` (n,) is the configuration in the middle,
     ``guess`` a quick design from there. The function of full accuracy is designed only once; where
@@ -111,8 +112,8 @@ def _between(
 ) -> tuple[Cell, Array] | None:
     """Return the cell between two corners (k,), and the configuration (n,) in its middle.
 
-    The configuration is that of the design ``found``, or the end of a ray from q. Return None if it
-    cannot be used.
+    The configuration is that of the design ``found``, or the end of a ray from q (n,). Return None
+    if it does not lead to the middle, is singular or violates a limit.
     """
     part = cell._part(low, high)
     with suppress(InputError):
@@ -133,10 +134,10 @@ def covered_share(
 def _failing(
     fit: CellFit, cell: Cell, q: Array, found: object, limits: Required
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Evaluate where a function fails: coordinates U (K, k), and True where it does (K,).
+    """Find where a function fails: sampled coordinates U (K, k), and a mask (K,) of failures.
 
-    Without a design, the function counts as failing where rays from the middle, q (n,), do not
-    lead.
+    Without a design, a pose counts as failing if the ray to it from the configuration q (n,) in the
+    middle stops before the pose, or violates a limit.
     """
     U = np.concatenate([cell.sample(_POSES, 17), cell.corners()])
     if not isinstance(found, CellDesign):
@@ -159,7 +160,7 @@ def _failing(
 def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
     """Test at which sampled poses a function needs too much joint speed: (K,).
 
-    With ``dear``, the 3 % of the poses with the highest joint speed count as too much, too.
+    With ``dear``, the 3 % of the poses with the highest joint speed count as failing as well.
     """
     ratio = np.nan_to_num(at.ratio, nan=np.inf)
     most = np.quantile(ratio[np.isfinite(ratio)], _DEAREST) if dear else np.inf
@@ -169,10 +170,10 @@ def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
 def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> NDArray[np.bool_]:
     """Test at which configurations Q (K, n) bodies are too near all around the arm's axis.
 
-    Too near is below ``distance``, m. Surroundings may be in the way at one angle alone; a sector
-    is then cut along its angle, not along its radius. So each configuration is also tested at other
-    values of ``joint``, which turns the whole arm, within the limits of that joint; None if there
-    is no such joint.
+    They are too near if their distance is below ``distance``, m. If surroundings are near at one
+    angle alone, a sector is cut along its angle, not along its radius. So each configuration is
+    also tested at other values of ``joint``, which turns the whole arm, within the limits of that
+    joint. ``joint`` is None if there is no such joint.
     """
     bodies = bodies_of(task)
     near = bodies._nearer(Q, distance)
@@ -184,7 +185,7 @@ def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> 
 
 
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
-    """Return the configuration (n,) of a design at u (k,), or that of a ray from the middle.
+    """Return the configuration (n,) at u (k,): of the design, or at the end of a ray to u.
 
     If the design moved the sector along symmetric coordinates, the result is moved back.
     """
@@ -209,7 +210,7 @@ def ended_at_bodies(fit: CellFit, found: CellDesign) -> CellDesign:
 
 
 def kept_where_good(fit: CellFit, found: CellDesign, limits: Required) -> CellDesign | None:
-    """Cut all sides of a cell, ranges ``"all"`` included, until a function meets the limits.
+    """Cut all sides of a cell, ranges ``"all"`` included, until a function meets ``limits``.
 
     The function stays the same, over a smaller cell. Return None if less than 5 % would be left.
     """
@@ -225,7 +226,7 @@ def _cut_until_good(
     *,
     bodies_only: bool,
 ) -> CellDesign | None:
-    """Cut a cell along some of its coordinates until a function meets the limits on the rest.
+    """Cut a cell along some of its coordinates until a function meets ``limits`` on the rest.
 
     The limits are tested at sampled poses, and at poses that searches and the evaluation find. With
     ``bodies_only``, only the body distance is tested.

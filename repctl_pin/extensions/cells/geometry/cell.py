@@ -212,7 +212,10 @@ class Cell:
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices, among the m task coordinates, of those whose middle may differ in a part."""
+        """Indices, among the m task coordinates, of those whose middle may move in a part.
+
+        A part is the cell between two corners, see :meth:`_part`.
+        """
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
@@ -270,7 +273,7 @@ class Cell:
         return pin.SE3(R[0].copy(), p[0])
 
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Convert placements to coordinates u, and their deviation in the coordinates of width 0.
+        """Convert placements to coordinates u; return also their deviations from the cell.
 
         A coordinate u is 0 in the middle of the cell, and ±1 on its boundary. Coordinates of width
         0 are held constant.
@@ -425,8 +428,8 @@ class Cell:
     def along(self) -> Array:
         """Derivative ∂F/∂y (n, l) of a function F; y are the l coordinates removed by symmetries.
 
-        A single joint j moves the frame along such a coordinate, rad, so its column is 1 or −1 in
-        row j, and 0 in all others.
+        A single joint j moves the frame along such a coordinate, rad, so the coordinate's column is
+        1 or −1 in row j, and 0 in all other rows.
         """
         along = np.zeros((self.task.n, len(self.removed)))
         for column, one in enumerate(self.removed):
@@ -537,10 +540,10 @@ class Cell:
     def speeds(self, U: ArrayLike) -> Array:
         """Evaluate the matrices ``C = (EᵀE)^(−1/2)`` that turn rates of u into task speeds.
 
-        E = ∂x/∂u is that of :meth:`twists`, m and rad per unit of the k + l coordinates u of the
-        cell: k of position, l of rotation. For a function q = F(u), ∂F/∂u C is the joint speed per
-        unit of task speed, 1 m/s or 1 rad/s, so that cells of different sizes can be compared.
-        U is (K, k + l), and C (K, k + l, k + l).
+        E = ∂x/∂u, from :meth:`twists`, is for the k coordinates u and the l coordinates that
+        symmetries remove. For a function q = F(u), ∂F/∂u C is the joint speed per unit of task
+        speed, 1 m/s or 1 rad/s, so that cells of different sizes can be compared. U is (K, k), and
+        C is (K, k + l, k + l).
         """
         _, R = self.placements(U)
         E = self.twists(U, R)
@@ -550,7 +553,8 @@ class Cell:
     def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`.
 
-        Goals are p_goal (K, 3), m, and R_goal (K, 3, 3), placements p and R of the same shapes.
+        The goals are p_goal (K, 3), m, and R_goal (K, 3, 3); the placements are p and R, of the
+        same shapes.
         """
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"),
@@ -665,7 +669,7 @@ class Cell:
     def moved(self) -> NDArray[np.intp]:
         """Indices (k,), among the m task coordinates, of those that belong to u, in order.
 
-        Left out are those of width 0, and those that symmetries of the arm remove.
+        Coordinates of width 0, and those that symmetries of the arm remove, are left out.
         """
         return np.flatnonzero(self._active)
 
@@ -673,7 +677,7 @@ class Cell:
     def _active(self) -> NDArray[np.bool_]:
         """Mask (m,) of the task coordinates that belong to u.
 
-        Left out are those of width 0, and those that symmetries of the arm remove.
+        Coordinates of width 0, and those that symmetries of the arm remove, are left out.
         """
         active = np.array(self.widths > 0, bool)
         active[self._removed] = False
@@ -745,7 +749,7 @@ class Cell:
         """Evaluate the task velocity per unit (metre or rad) of each task coordinate: (K, m, m).
 
         Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame. In an axis
-        task the velocity is about the frame's own x and y axes.
+        task, the angular velocity is about the frame's own x and y axes.
         """
         T = self._frame_twists(Y)
         if self.task.kind != "axis":

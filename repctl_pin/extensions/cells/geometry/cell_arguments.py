@@ -103,8 +103,8 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` of a sector to a point, m, and a unit direction: (2, 3).
 
     None is the vertical axis of the base. If the axis of the joint that turns the whole arm nearly
-    coincides with it, that axis is used, so that the symmetry of the arm is exact. An InputError is
-    raised if the axis is not normal to the plane of a planar task.
+    coincides with that axis, the joint's axis is used, so that the symmetry of the arm is exact. An
+    InputError is raised if the axis is not normal to the plane of a planar task.
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)
@@ -122,7 +122,7 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
         if abs(line[1][across]) < 1 - 1e-12:
             raise InputError(
                 f"of a sector for the {task.kind} task must be along {'xyz'[across]}, "
-                "across its plane",
+                "normal to its plane",
                 argument="axis",
             )
     return line
@@ -145,7 +145,9 @@ def as_height(task: Task, height: float) -> float:
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
         raise InputError(
-            f": the {task.kind} task does not command it", argument="height", remedy="omit it"
+            f": the {task.kind} task does not command the height",
+            argument="height",
+            remedy="omit it",
         )
     return height
 
@@ -206,8 +208,8 @@ def no_joint(task: Task, name: str, line: Array) -> InputError:
     """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
     This range requires a joint that alone moves the frame along the coordinate. The message states
-    how far the axis of the nearest such joint differs from that of the coordinate. For the angle,
-    the latter is ``line`` (2, 3): a point and a direction. If a joint turns the arm about another
+    how far the axis of the joint that comes nearest differs from the coordinate's axis. The axis of
+    the angle is ``line`` (2, 3): a point and a direction. If a joint turns the arm about another
     axis, the remedy names that axis.
     """
     what = {

@@ -1,4 +1,4 @@
-"""Batches: kinematics, rotations, linear systems, null-space bases, and records of many rows.
+"""Batched kinematics, rotations, linear systems and null-space bases, and records of many rows.
 
 A singular matrix does not affect the results of the other rows.
 """
@@ -153,7 +153,7 @@ def inverses(J: Array) -> tuple[Array, Array]:
 
 
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
-    """Evaluate N and the singular values, with the arguments and results of :func:`bases`; faster.
+    """Evaluate N and the singular values of J as :func:`bases` does, but faster.
 
     N spans the null space of J, and is aligned to ``near``. For r = 1, N is the normalised
     projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ in half the

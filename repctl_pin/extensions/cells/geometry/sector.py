@@ -88,7 +88,7 @@ class Sector(Cell):
     InputError
         If the placement is on the axis, the half-width of the radius reaches the axis, an angle
         covers more than a full turn, a half-width is given for a coordinate that the task does not
-        command, or ``"all"`` for one without symmetry.
+        command, or ``"all"`` is given for a coordinate without symmetry.
 
     Examples
     --------
@@ -330,7 +330,10 @@ class Sector(Cell):
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices, among the m task coordinates, of those whose middle may differ in a part."""
+        """Indices, among the m task coordinates, of those whose middle may move in a part.
+
+        A part is the sector between two corners, see :meth:`_part`.
+        """
         return [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:

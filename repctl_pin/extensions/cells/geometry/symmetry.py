@@ -1,7 +1,8 @@
-r"""Detection of symmetries of an arm: one joint turns the whole arm about an axis, or the tool.
+r"""Detection of symmetries of an arm: one joint turns the whole arm, or the tool.
 
-The tool turns about its own z axis. Such a joint alone changes the angle or the spin of a pose, so
-a function over a sector need not be designed along that coordinate.
+The arm turns about an axis of the base, the tool about its own z axis. Such a joint alone changes
+the angle or the spin of a pose, so a function over a sector need not be designed along that
+coordinate.
 """
 
 from __future__ import annotations
@@ -149,7 +150,7 @@ def _found(
 
 
 def _away(task: Task, x: pin.SE3, y: pin.SE3) -> float:
-    """Compute the largest difference of two placements in the components that the task commands.
+    """Compute the largest difference between two placements in the components of the task.
 
     The difference is in m, or in entries of the rotation matrix.
     """

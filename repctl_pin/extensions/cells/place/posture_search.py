@@ -75,7 +75,9 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
         )
     if not _regular(cell, Q)[0]:
         raise InputError(
-            f": brought to {where}, {_SINGULAR_MIDDLE}", argument="posture", remedy="choose another"
+            f": brought to {where}, {_SINGULAR_MIDDLE}",
+            argument="posture",
+            remedy="or choose another posture",
         )
     return task.check(Q[0], f"the posture, brought to {where},")
 
@@ -223,8 +225,8 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     """Choose the candidate, a configuration in the middle of a cell, with which to design.
 
     The criteria are, in this order: most corners reached; no collision, or the largest body
-    distance if all collide; joint-limit margin up to 0.1; squared joint speed within 20 % of its
-    minimum; smallest distance from the configuration ``reference`` (n,).
+    distance if all collide; joint-limit margin up to 0.1 rad or m; squared joint speed within 20 %
+    of its minimum; smallest distance from the configuration ``reference`` (n,).
     """
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
@@ -269,7 +271,7 @@ def _spread(Q: Array, count: int) -> Array:
     """Return at most ``count`` rows of Q (K, n), each as far as possible from the earlier ones.
 
     These few represent all configurations, which would take too long to evaluate. Rows closer than
-    0.05 to a selected row are left out.
+    0.05 rad or m to a selected row are left out.
     """
     kept = [0]
     distance = np.linalg.norm(Q - Q[0], axis=1)
@@ -285,7 +287,7 @@ def _spread(Q: Array, count: int) -> Array:
 def fitting_start(
     problem: Problem, cell_of: Callable[[Problem], Cell]
 ) -> tuple[Problem, Cell, bool]:
-    """Choose the first default start of a problem with which a cell fits.
+    """Choose the first default start of a problem at which a cell fits.
 
     The start is the configuration in which a motion begins. A cell fits if J⁺ reaches the middle of
     the cell and, from there, every corner along a straight ray. The joints must stay within their
@@ -335,10 +337,10 @@ def fitting_start(
 
 
 def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
-    """Evaluate how well a cell is reached from the start of a problem: share and faults.
+    """Evaluate how well a cell is reached from the start of a problem; return share and faults.
 
     The share is the fraction of the corners that J⁺ reaches, or −1 if the middle is not reached.
-    The faults, 0 to 2, are: a limit is violated, bodies collide.
+    Faults are counted, 0 to 2: a violated limit is one, a collision another.
     """
     desired = Pseudoinverse(problem.task)
     try:

@@ -59,9 +59,9 @@ class Approach(NamedTuple):
 def approach_axis(task: Task, given: Any = None) -> Approach:
     """Find the approach axis of a task's frame, or check a given axis.
 
-    The approach axis is along the axis of the last joint, toward the fingers or the frame. If these
-    lie beside that axis, the approach axis points from the joint to them. If neither direction is
-    nearly along an axis of the frame, it is z.
+    The tool points along the axis of the last joint, toward the fingers or the frame's origin. If
+    these lie beside that axis, the tool points from the joint to them. The approach axis is the
+    axis of the frame nearly along that direction, or z if there is none.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")

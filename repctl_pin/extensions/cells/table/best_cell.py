@@ -2,7 +2,8 @@
 
 A cell is a box of poses. J⁺, the pseudoinverse of the task Jacobian, moves the arm from the middle
 of a box to its corners. If the arm reaches all corners, the box is a candidate, and the design of a
-function shows whether it fits.
+function shows whether it fits. A flood finds the poses on a grid that the arm reaches from one
+configuration without a change of branch, one of the separate solutions of inverse kinematics.
 """
 
 from __future__ import annotations
@@ -83,9 +84,9 @@ class BestCell:
     posture : (n,) array
         Configuration in the middle of the box, from which J⁺ reaches all corners, rad or m.
     factor : float
-        Length of the edges relative to the requested size, m per m; 1 if the box fits.
+        Length of the edges divided by their requested length; 1 if the box fits.
     margin : float
-        Smallest limit margin on the straight ways to the corners, rad or m.
+        Smallest limit margin on the straight motions to the corners, rad or m.
     reason : str
         Obstruction to the requested size at the same middle; empty if the box fits at that size.
     table : WholeTable or None
@@ -135,21 +136,21 @@ def best_cell(
     """Find the best place for a box of poses; without a size, the largest sector around the arm.
 
     Without a size, the whole table of the arm is found: the largest range of radius and height,
-    around the arm and at every spin of the tool, that one function covers. Floods from random
-    configurations, and from arms with locked joints, show what the arm reaches without a change of
-    branch. Functions are designed for the largest rectangles of three unlike floods. Sides are cut
-    where a function fails, is too fast, or brings bodies nearer than 5 mm. The best function is
-    returned.
+    around the arm and at every spin of the tool, that one function covers. Floods over a grid of
+    radius and height, from random configurations and from arms with locked joints, show what the
+    arm reaches without a change of branch (of the inverse kinematics). Functions are designed for
+    the largest rectangles of three unlike floods. Sides are cut where a function fails, is too
+    fast, or brings bodies nearer than 5 mm. The best function is returned.
 
     A box fits if one function covers it, inside the joint limits and without collisions. First, J⁺,
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
     straight lines to all corners and edges. Then the design of a function confirms the box. The
-    middles that are tried are those of random configurations, turned to the orientation, and others
-    beside the best of these. The largest box wins; boxes shrink by tenths of the size. Among boxes
-    of equal size, the order is: nearest to ``at``, if given; above z = 0 of the base; limit margin,
-    up to 0.3 rad or m; smallest joint motion. Among the first of these, the box whose function has
-    the best margins, body distance and joint speed is returned. Design its function by
-    :func:`nearest_inverse_function`.
+    middles that are tried are the positions of random configurations, turned to the orientation,
+    and further positions beside the best of these. The largest box wins; boxes shrink by tenths of
+    the size. Among boxes of equal size, the order is: nearest to ``at``, if given; above z = 0 of
+    the base; limit margin, up to 0.3 rad or m; smallest joint motion. Among the first of these, the
+    box whose function has the best margins, body distance and joint speed is returned. Design its
+    function by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ def best_cell(
         point of the arm's axis nearest to the base's origin. ``most_extra``: maximum extra joint
         speed relative to J⁺, on average and at the worst pose.
     options
-        Options of the fits. The seed is also that of the middles that are tried.
+        Options of the fits. Their seed also determines the middles that are tried.
     progress : bool or callback
         Show a bar, or call ``progress(step, fraction)``.
 
@@ -200,7 +201,7 @@ def best_cell(
     one_frame(require_task(task), "a cell")
     if task.r < 1:
         raise InputError(
-            f"{task!r} is not redundant: with r = {task.r} the pose determines the joints",
+            f"{task!r} is not redundant: with r = {task.r} the pose determines the configuration",
             remedy="use another kind of task",
         )
     seed = fit_options(options).seed
@@ -231,7 +232,7 @@ def _of_size(
     if best is None:
         why = _obstruction(_box_at(box, found.p[0]), found.Q[0])
         raise InputError(
-            f"no box of this shape fits in this orientation: {why or 'no function covers one'}",
+            f"no box of this shape fits in this orientation: {why or 'no function covers it'}",
             remedy="turn the tool, or use another kind of task",
         )
     cell, own, reason = best
@@ -280,7 +281,7 @@ def _whole(
 def _on_workpiece(task: Task) -> bool:
     """Test whether joints of the task move the link to which its poses are relative.
 
-    For such a task, the floods of the largest sector would take more than minutes.
+    For such a task, the floods of the largest sector would take too long.
     """
     Q = np.stack([task.reference, task.reference + 0.05])
     first, second = base_placements(task.robot, np.stack([task.to_robot(q) for q in Q]))
@@ -369,8 +370,8 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
 def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
 
-    The criteria are: size of the box that fits there, distance from ``at`` (3,), m, if given,
-    whether the box is above the base, limit margin, and largest joint motion to a corner.
+    The criteria are: size of the box that fits there; distance from ``at`` (3,), m, if ``at`` is
+    given; position above the base; limit margin; largest joint motion to a corner.
     """
     z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
@@ -415,7 +416,7 @@ class _Fitting(NamedTuple):
 
 
 def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
-    """Choose the middle of the largest box that fits, and a posture there; None if none fits.
+    """Choose the middle of the largest box that fits, and a configuration there, or None.
 
     A few places are tried at a time. The box becomes smaller only after all places have failed.
     """
@@ -441,12 +442,12 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
 def _best_of(
     fit: CellFit, box: Cell, places: Grown, size: int, *, search: bool
 ) -> tuple[tuple[Cell, Candidate] | None, str]:
-    """Choose the best of some places for a box of ``size`` steps; None if it fits at none.
+    """Choose the best of some places for a box of ``size`` tenths of the requested size, or None.
 
-    Quick designs show at which place and posture the function has the best margins and the lowest
-    joint speed. With ``search``, other postures are searched for at the first place. A design of
-    full accuracy confirms that one function covers the box. Return also why the first such design
-    failed; empty if none did.
+    Quick designs show at which place and configuration the function has the best margins and the
+    lowest joint speed. With ``search``, other configurations are searched for at the first place. A
+    design of full accuracy confirms that one function covers the box. Return also the reason why
+    the first such design failed; empty if none did.
     """
     desired, reason = fit.desired, ""
     cells = [_box_at(box, p, size / STEPS) for p in places.p]

@@ -1,8 +1,9 @@
 """Floods: which nodes of a table an arm reaches from one configuration without changing branch.
 
-A table is a grid of radius and height around the axis of the joint that turns the whole arm. A
-flood begins at one node with one configuration and spreads from neighbour to neighbour. It stops at
-joint limits, at singularities, and where a joint would jump. All floods are computed at once.
+A branch is one of the separate solutions of inverse kinematics. A table is a grid of radius and
+height around the axis of the joint that turns the whole arm. A flood begins at one node with one
+configuration and spreads from neighbour to neighbour. It stops at joint limits, at singularities,
+and where a joint would jump. All floods are computed at once.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class Table(NamedTuple):
         return p, np.broadcast_to(self.rotation, (len(nodes), 3, 3))
 
     def margins(self, Q: Array) -> Array:
-        """Evaluate the smallest limit margin (K,) of counted joints relative to its minimum."""
+        """Divide limit margins of counted joints by required margins; return the smallest (K,)."""
         least = _MARGIN * np.minimum(1.0, self.task.upper - self.task.lower)
         return np.asarray(
             (self.task.limit_margin(Q) / least)[:, self.counted].min(axis=1, initial=np.inf)

@@ -1,7 +1,8 @@
 """Whole table: the largest sector around an arm that one function covers at one orientation.
 
-Floods over radius and height show what the arm reaches without a change of branch. Functions are
-designed for sectors, which are the largest rectangles in the best floods.
+Floods over a grid of radius and height show what the arm reaches from one configuration without a
+change of branch (of the inverse kinematics). Functions are designed for sectors, which are the
+largest rectangles in the best floods.
 """
 
 from __future__ import annotations
@@ -150,7 +151,7 @@ class WholeTable(NamedTuple):
 
     @property
     def area(self) -> float:
-        """Area of radius and height of the sector, m²."""
+        """Area of the sector's range of radius and height, m²."""
         return area_of(self.design.cell)
 
     def __str__(self) -> str:
@@ -256,7 +257,7 @@ def whole_table(
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
             f"at this orientation{_colliding(table, floods)}",
-            remedy="turn the tool, or use --size or another kind of task",
+            remedy="turn the tool, give the size of a box, or use another kind of task",
         )
     fit = CellFit(
         Pseudoinverse(task),
@@ -321,7 +322,7 @@ def _at_side(
 ) -> tuple[Array, Array]:
     """Turn nodes (K, 2) and configurations Q (K, n) about the arm's axis, and the tool back.
 
-    The tool so keeps its orientation. Return positions (K, 3), m, and configurations (K, n), whose
+    So the tool keeps its orientation. Return positions (K, 3), m, and configurations (K, n), whose
     joints may be beyond their limits.
     """
     task, Q = table.task, Q.copy()
@@ -354,7 +355,7 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 
 
 class _Place(NamedTuple):
-    """Sector, posture in its middle (n,), upper bound of its worth, and a quick design."""
+    """Sector, configuration in its middle (n,), upper bound of its worth, and a quick design."""
 
     cell: Cell
     posture: Array
@@ -365,7 +366,7 @@ class _Place(NamedTuple):
 def _sectors(
     table: Table, floods: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
 ) -> list[_Place]:
-    """Choose the best sectors with different postures in their middles, the best first."""
+    """Choose the best sectors with different configurations in their middles, the best first."""
     postures = floods.middles(found)[1]
     worth = found.area * SPACING**2 * _turns(table, floods, found, symmetries)
     order = np.argsort(-worth)[: int((worth > 0).sum())]
@@ -462,7 +463,7 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
     name = fit.desired.task.robot.name
     raise InputError(
         f"no function covers a sector of {name} at this orientation{_failed(ranked, limits)}",
-        remedy="turn the tool, or use --size",
+        remedy="turn the tool, or give the size of a box",
     )
 
 
@@ -500,8 +501,8 @@ def _turns(
 ) -> Array:
     """Rate the range around the arm of each flood's largest rectangle: (S,), from 0.5 to 1.
 
-    A joint that turns the arm or the tool loses that part of its range over which its value varies
-    in the rectangle.
+    The sector has the range of the joint that turns the arm or the tool, minus the variation of
+    that joint over the rectangle. A full turn is rated 1.
     """
     task, share = table.task, np.ones(len(floods.Q))
     for k, flood in enumerate(floods.Q):
@@ -529,14 +530,14 @@ def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
         raise InputError(
             f"no joint of {name} turns the whole arm about a fixed axis, so there is no sector "
             "around the arm",
-            remedy=f"hold {first!r} with --lock, or give --size",
+            remedy=f"lock {first!r}, or give the size of a box",
         )
     if difference(line, VERTICAL)[0] > NEAR:
         tilt = np.degrees(difference(line, VERTICAL)[0])
         raise InputError(
             f"the axis about which {name} turns is tilted by {tilt:.0f}° from the vertical: the "
-            "tool would not stay down on the way around it",
-            remedy="give --size",
+            "tool would not keep its orientation on the way around it",
+            remedy="give the size of a box",
         )
     around = axis_symmetry(task, line)
     assert around is not None, "own_axis tested it"
@@ -599,8 +600,9 @@ def _grid(
     )
     if len(table.heights) < 2:
         raise InputError(
-            f"the arm reaches no heights between {heights[0]:g} and {heights[1]:g} m",
+            f": the arm reaches no height between {heights[0]:g} and {heights[1]:g} m",
             argument="heights",
+            remedy="give a larger range",
         )
     return table
 
@@ -709,7 +711,8 @@ def _without(floods: _Floods, shut: NDArray[np.bool_]) -> _Floods:
 def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
     """Test at which nodes (K, 2), with the configurations Q (K, n), bodies are too near.
 
-    They must be too near all around the arm; among such nodes, this is tested at one in nine.
+    They must be too near at several angles around the arm. These angles are tested at one node in
+    each block of 3 × 3 nodes.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
@@ -751,7 +754,7 @@ def _sector(
 
 
 def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
-    """Add floods from a design's middle, with joints locked at their values there, or at 0."""
+    """Add floods from the middle of a design's sector, with joints locked as there, or at 0."""
     cell, task = design.cell, table.task
     assert isinstance(cell, Sector), "a table is a sector"
     sets = list(combinations(np.flatnonzero(table.counted), task.r))[:_SETS]
@@ -785,9 +788,10 @@ def _at_zero(table: Table, design: CellDesign) -> Array:
 def _best_locked(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find the locked flood that covers most of a design's sector, preferably within the limits.
+    """Find the locked flood that covers most of a design's sector, or None if none covers any.
 
-    Among floods that cover the same share, the one with the lowest joint speed is chosen.
+    Floods within the limits of joint speed come first. Among floods that cover the same share, the
+    one with the lowest joint speed is chosen.
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
@@ -817,7 +821,9 @@ def _best_locked(
 def _larger(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find an arm with locked joints that covers a larger sector than a design within limits."""
+    """Find an arm with locked joints that covers a larger sector than a design's, or None.
+
+    Its joint speed must be within the limits."""
     cell = design.function.chart.cell
     found = rectangles(locked.reached)
     for k in np.argsort(-found.area)[:_COMPARED]:
@@ -837,9 +843,10 @@ def _larger(
 def _locked_joints(
     table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_], distance: float
 ) -> LockedJoints | None:
-    """Evaluate the locked flood k on the nodes ``inside`` (I, J) where bodies keep a distance.
+    """Evaluate the arm of the locked flood k on the nodes ``inside`` (I, J), a mask.
 
-    The body distance is in m.
+    Nodes at which bodies are nearer than ``distance``, m, are left out. Return None if no node is
+    left.
     """
     task, clear = table.task, locked.reached[k] & inside
     on = np.argwhere(clear)

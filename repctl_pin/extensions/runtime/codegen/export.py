@@ -67,8 +67,9 @@ def export_c(
         Prefix of the files and of every name in C.
     region
         Region, such as ``design.region``, that ``name_inside`` checks and from which the test
-        vectors are sampled; by default the inverse's own Ω. For a cell's function and its inverse,
-        it is the cell; by default, their steps stay within the cell and the joint limits.
+        vectors are sampled; by default the inverse's own Ω, which is the cell for a cell's function
+        and its inverse. With ``stay_inside = 1``, ``name_step`` refuses to leave Ω and the joint
+        limits.
     closes
         Closing radius of the design's certificate, ``design.proof.closes``. With this argument,
         ``name_within_closing_radius`` tests whether a pose is within the radius.
@@ -117,7 +118,9 @@ def export_c(
 def _texts(
     control: RepeatableInverse | InverseFunction, name: str, source: Source, region: Region | None
 ) -> dict[str, str]:
-    """Write the texts of all files, by file name: ``source``, its interfaces, check and example."""
+    """Write the texts of all files, by file name.
+
+    ``source`` has the texts of the C header and the C source."""
     if isinstance(control, InverseFunction):
         inverse = control.inverse
         declared, functions = (filled("function.hpp", name, {}), _function_vectors(control, name))
@@ -154,7 +157,7 @@ def _texts(
 def _signed(file: str, text: str) -> str:
     """Put a comment line before a file's text: origin, version and checksum of the text.
 
-    The checksum prevents that a later export overwrites an edited file.
+    The checksum prevents a later export from overwriting an edited file.
     """
     said = f"{_SIGNED} {__version__}; checksum of the lines below: {_checksum(text.encode())}"
     return f"# {said}\n{text}" if file == "CMakeLists.txt" else f"/* {said} */\n{text}"

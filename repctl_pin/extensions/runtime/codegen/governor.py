@@ -18,7 +18,7 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 
 
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
-    """Write the parts for the governor of the C header, the C source and the C++ header.
+    """Write the governor's parts of the C header, the C source and the C++ header.
 
     The governor stays within the limits at run time; ``name`` is the prefix of the exported names.
     """
@@ -37,7 +37,7 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
 
 
 def torque_code(task: Task, name: str) -> tuple[str, str]:
-    """Write the parts for the torque law of the C header and the C source.
+    """Write the torque law's parts of the C header and the C source.
 
     ``name`` is the prefix of the exported names.
     """

@@ -61,7 +61,7 @@ def _rates(task: Task) -> str:
 
 
 def quoted(text: str) -> str:
-    """Write a C string literal, as a name of a joint can contain anything.
+    """Write a text, such as the name of a joint, as a C string literal.
 
     Bytes of its UTF-8 text other than letters, digits and ``_`` become octal escapes.
     """

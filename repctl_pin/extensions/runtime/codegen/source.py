@@ -180,11 +180,11 @@ def _native_files(
 
 
 def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tuple[str, str, str]:
-    """Write the parts for the closing radius of the C header, C source and C++ header.
+    """Write the closing radius' parts of the C header, the C source and the C++ header.
 
     The closing radius is the distance from a start or a path within which closed paths are proved
-    to close in the joints. Without it, the three texts are empty. InputError is raised if it is not
-    proved, or belongs to another kind of task.
+    to close in the joints. Without it, the three texts are empty. InputError is raised if the
+    radius is not proved, or belongs to another kind of task.
     """
     if closes is None:
         return "", "", ""
@@ -193,7 +193,7 @@ def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tupl
         raise InputError(f"closes: {closes.words}", remedy="omit closes=")
     if closes.kind != task.kind:
         raise InputError(
-            f"closes is of {closes.kind} tasks, but the inverse of {task.kind}",
+            f"closes is for {closes.kind} tasks, but the inverse is for {task.kind} tasks",
             remedy="give the closing radius of the design that the inverse belongs to",
         )
     squares = {"square": closes.metres**2, "chord": closes.squared_chord}
@@ -216,8 +216,8 @@ def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | N
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
     """Test whether an inverse belongs to the function over this cell of poses.
 
-    Only then can the cell be the inverse's region in C, because the chart of the function tests the
-    poses.
+    Only then can the cell be the inverse's region in C, because C tests poses with the polynomials
+    of that function.
     """
     if not isinstance(inverse.potentials, CellPotentials):
         return False

@@ -157,8 +157,8 @@ def _template(file: str) -> str:
 def pasted(*names: str) -> str:
     """Read files of the native library for pasting into an export, without their build directives.
 
-    The exported source is a single file, so ``#include`` lines are dropped; only a file without an
-    include guard, which belongs at one place, is pasted there.
+    The exported source is a single file, so ``#include`` lines are dropped. A file without an
+    include guard belongs at one place, and replaces its ``#include`` line.
     """
     return "\n".join(_pasted(name) for name in names)
 
