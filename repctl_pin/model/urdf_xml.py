@@ -118,7 +118,7 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
         tags = _some(f"<xacro:{_local(e)}>" for e in xacro)
         notes.append(
             f"ignored: {tags} in {line(xacro[0])}, left over from xacro; "
-            "the elements it would add are missing"
+            "run xacro to add the missing elements"
         )
     names = [e.tag for e in elements] + [name for e in elements for name in e.attrib]
     undeclared = [
