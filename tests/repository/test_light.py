@@ -15,6 +15,7 @@ import repctl_pin as rp
 
 ROOT = Path(__file__).parents[2]
 LEFT_OUT = [
+    "array_api_compat",
     "PIL",
     "collada",
     "embreex",
