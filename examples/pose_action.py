@@ -79,7 +79,7 @@ def designed() -> rp.InverseFunction:
 
 
 def cycle(F: rp.InverseFunction) -> np.ndarray:
-    """Make a closed path of actions (STEPS, m + r) that moves all coordinates and the elbow."""
+    """Make a closed path of actions (STEPS, m + r), in which pose and elbow move."""
     s = 2 * np.pi * np.arange(1, STEPS + 1) / STEPS
     phases = np.arange(F.cell.k + F.task.r)
     return 0.5 * (np.sin(s[:, None] + phases) - np.sin(phases))

@@ -13,6 +13,7 @@ processor time:
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -24,12 +25,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 import repctl_pin as rp
-from repctl_pin.base.files import write_whole
 from repctl_pin.redundancy import align, nullspace
 from repctl_pin.show.palette import BLUE, VERMILLION
-from repctl_pin.show.plots.motions import png
 
 DEMOS, HELD_OUT, FRAMES = 200, 20, 25
 """Demonstrations to learn from, and to test with, and frames of each."""
@@ -191,7 +191,9 @@ def main(seeds: int = 5, picture: Path | None = None) -> dict[str, list[np.ndarr
             cells.append(f"{np.median(values):.2g} ({min(values):.2g} to {max(values):.2g})")
         print(f"| {name} | {' | '.join(cells)} |")
     if picture is not None:
-        write_whole(picture, png(figure(found)))
+        drawn = io.BytesIO()
+        figure(found).savefig(drawn, dpi=150)
+        Image.open(drawn).convert("RGB").quantize(64).save(picture, optimize=True)
     return found
 
 

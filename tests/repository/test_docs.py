@@ -225,7 +225,17 @@ def redraw(names: list[str], folder: Path) -> None:
 def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
     """Those of the examples are held to their scripts by test_examples.py."""
     kept = sorted((ROOT / "docs" / "figures").glob("*.png"))
-    names = ["cell", "closing", "drift", "proofs", "ring", "states", "survey", "teleoperation"]
+    names = [
+        "cell",
+        "cloning",
+        "closing",
+        "drift",
+        "proofs",
+        "ring",
+        "states",
+        "survey",
+        "teleoperation",
+    ]
     assert [file.stem for file in kept] == names
     assert all(file.stat().st_size < 150_000 for file in kept)
     linked = re.findall(

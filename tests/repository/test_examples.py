@@ -9,6 +9,7 @@ import re
 import runpy
 import shlex
 import struct
+import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cell_functions import function_of
 from loading import EXAMPLES, PAPER, example
 from shown import FIGURES, likeness, steady
 
@@ -248,6 +250,50 @@ def test_torques(run: Run) -> None:
     pytest.importorskip("mujoco")
     found = run("python examples/torques.py")[0]["found"]
     assert found["joints"].max() > 0.3 and found["joints"][-1] < 1e-3 and found["hand"].max() < 5e-3
+
+
+@pytest.mark.slow
+def test_pose_action(run: Run) -> None:
+    """Issue 58, 4: each action has one configuration; differential inverse kinematics drifts."""
+    pytest.importorskip("mujoco")
+    found = run("python examples/pose_action.py")[0]["found"]
+    assert found["PoseAction"].max() < 1e-4 and np.all(np.diff(found["differential IK"]) > 0.01)
+
+
+@pytest.mark.filterwarnings("ignore:.*WARN")
+def test_an_action_of_hand_and_elbow_is_held_by_the_servos(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Issue 58, 4: the environment passes gymnasium's own check, and the arm goes to F(x; c)."""
+    pytest.importorskip("mujoco")
+    checker = pytest.importorskip("gymnasium.utils.env_checker")
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    module = example("pose_action")
+    F = function_of("poses of one orientation")
+    start = F(F.cell.at(np.zeros(F.cell.k)))
+    env = module.PoseAction(module.PandaArm(F.task, start), F, elbow=0.2)
+    checker.check_env(module.PandaArm(F.task, start), skip_render_check=True)
+    assert env.action_space.shape == (F.cell.k + 1,)
+    env.reset(seed=0)
+    # the second action is beyond ±1, and clipped
+    for wide, action in ((1.0, [0.5, -0.5, 0.2, 1.0]), (3.0, [1.0, -1.0, 0.3, -1.0])):
+        for _ in range(60):
+            observed, *_ = env.step(wide * np.array(action))
+        u, c = np.split(np.clip(wide * np.array(action), -1, 1), [3])
+        wanted = F(F.cell.at(u), leaf=0.2 * c)
+        # soft servos sag under gravity
+        assert np.abs(observed[:7] - wanted).max() < 0.06
+        assert np.abs(F.pose_and_leaf(wanted[None])[1] - 0.2 * c).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_mjx_action() -> None:
+    """Issue 58, 4: in a process of its own, because the threads of JAX do not survive forks."""
+    pytest.importorskip("mujoco.mjx")
+
+    def run(command: str) -> str:
+        words = [sys.executable, *shlex.split(command)[1:]]
+        return subprocess.run(words, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+
+    assert run("python examples/mjx_action.py").endswith(SHOWN["python examples/mjx_action.py"])
 
 
 @pytest.mark.slow

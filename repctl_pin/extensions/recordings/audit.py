@@ -260,7 +260,8 @@ def audit(
     ----------
     log
         File (``.csv``, ``.npz`` or ``.parquet``) with a column ``time``, s, and one column per
-        joint; or a pair of times (T,), s, and joint positions (T, n), rad or m.
+        joint; a data set of LeRobot (its folder) or robomimic (``.hdf5``); or a pair of times (T,),
+        s, and joint positions (T, n), rad or m.
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional

@@ -21,13 +21,18 @@ EXAMPLE = """examples:
 
 The log is a CSV, .npz or .parquet file with a column time, in s, and one for
 each joint, in rad or m. Poses that repeat are found by themselves. A pause at
-a pose counts once, and gaps are allowed."""
+a pose counts once, and gaps are allowed. The log may also be a data set: the
+folder of a LeRobot data set, or an HDF5 file of robomimic."""
 
 
 def add_options(parser: Parser) -> None:
     """Add the options of ``repctl audit`` to its parser."""
     add = parser.add_argument
-    add("log", metavar="LOG", help="recorded joints: a .csv, .npz or .parquet file")
+    add(
+        "log",
+        metavar="LOG",
+        help="recorded joints: a .csv, .npz, .parquet or .hdf5 file, or LeRobot's folder",
+    )
     add("--robot", metavar="ROBOT", required=True, help="catalogue name or path to a URDF")
     parser.loading()
     add(
