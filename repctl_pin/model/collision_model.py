@@ -24,7 +24,7 @@ from .body_bounds import APART, BodyBounds, KnownApart, strokes
 from .body_shapes import BodyShape, UnusableShape, body_shape, collide, contains, transform
 from .catalogue import disabled_pairs
 from .model import fixed_placements, link_frames, origin
-from .shapes import find_mesh
+from .packages import find_mesh
 from .task import Task
 from .urdf import Description
 
