@@ -65,18 +65,18 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Context manager: yield a temporary folder, and finally move all its files to ``folder``.
+    """Context manager: yield a temporary folder, and finally move its contents to ``folder``.
 
-    A folder in it is moved as a whole, but replaces nothing.
+    A subfolder is moved as a whole. All targets are checked before the first move.
 
-    Either all files are moved or none. One process at a time moves its files, so that a folder
-    never holds files of two runs. A symbolic link in ``folder`` is replaced; its target, which the
-    user did not name, is not written. After an exception the files in ``folder`` are unchanged.
+    One process at a time moves its files, so that a folder never holds files of two runs. A
+    symbolic link in ``folder`` is replaced; its target, which the user did not name, is not
+    written. If the block raises an exception, the files in ``folder`` are unchanged.
 
     Raises
     ------
     InputError
-        If the folder cannot be written to, or a file would replace a folder.
+        If ``folder`` is not writable, a file would replace a folder, or a subfolder exists already.
     """
     with not_left_empty(folder):
         prepare_folder(folder)

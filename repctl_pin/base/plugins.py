@@ -96,7 +96,7 @@ def parts(place: str) -> list[Any]:
 
 
 def registered(kind: str) -> dict[str, EntryPoint]:
-    """Find the plugins of a kind, by name, without importing them.
+    """Map the name of each plugin of a kind to its entry point; import none.
 
     ``kind`` is ``strategies``, ``potentials`` or ``paths``.
     """

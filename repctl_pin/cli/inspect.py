@@ -111,7 +111,7 @@ def _with_bodies(robot: rp.Robot) -> dict[str, int]:
     a size or an existing mesh file, which is not read. If no link has a shape, all links count.
     """
     from ..model.model import link_frames
-    from ..model.shapes import find_mesh
+    from ..model.packages import find_mesh
 
     description = robot.description
     joint = {name: frame.parentJoint for name, frame in link_frames(robot.model).items()}

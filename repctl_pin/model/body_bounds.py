@@ -204,15 +204,15 @@ class BodyBounds:
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
         return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))
 
-    def reach(self, joints: Mapping[str, Joint]) -> Array:
+    def reach(self, joints: Mapping[str, Joint], strokes: Array) -> Array:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
 
         A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because the distance
         is 1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at
         most the point's distance from the joint's origin. This distance is bounded along the chain
-        from the joint to the body. So the bound holds at every configuration within the limits of
-        the prismatic joints. ``joints`` are the joints of the robot, by name. With this bound, a
-        single distance rules out collisions in a whole box of configurations.
+        from the joint to the body. So the bound holds at every configuration whose prismatic
+        joints are within ±``strokes`` (N,), m. ``joints`` are the joints of the robot, by name.
+        With this bound, a single distance rules out collisions in a whole box of configurations.
         """
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
@@ -225,7 +225,7 @@ class BodyBounds:
                     joint = joints[model.names[j]]
                     if joint.kind == "prismatic":
                         row[j - 1] = 1.0
-                        far += _stroke(joint)
+                        far += strokes[j - 1]
                     else:
                         row[j - 1] = far
                     far += float(np.linalg.norm(model.jointPlacements[j].translation))
@@ -298,7 +298,7 @@ class KnownApart:
 
 
 def strokes(model: pin.Model, joints: Mapping[str, Joint]) -> Array:
-    """Return the positions (N,) up to which :meth:`BodyBounds.reach` holds, rad or m."""
+    """Bound the positions of all joints by their limits: (N,), m; infinite unless prismatic."""
     kinds = (joints[name] for name in list(model.names)[1:])
     return np.array([_stroke(j) if j.kind == "prismatic" else np.inf for j in kinds])
 

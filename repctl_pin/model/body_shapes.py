@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError, needed
-from .shapes import Shape, find_mesh
+from .packages import find_mesh
+from .shapes import Shape
 from .surfaces import HEAD, unit, without_tracebacks
 
 _LARGEST_FILE = 100_000_000

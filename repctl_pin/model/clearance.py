@@ -109,8 +109,9 @@ class _Search:
     def __init__(self, model: _CollisionModel, Q: Array) -> None:
         self._model, self._Q = model, Q
         self._way = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
-        # a joint that stands still moves nothing, even where its reach is not bounded
-        self._reach = np.where(self._way[-1] > 0, model.reach(), 0.0)
+        # a motion may exceed the limits of prismatic joints, so its own positions bound them;
+        # a joint that stands still moves nothing
+        self._reach = np.where(self._way[-1] > 0, model.reach(np.abs(Q).max(axis=0)), 0.0)
         self._measured = model.kept(1.0) > 0
         self._best = np.inf
         self._distances: list[Array] = []

@@ -24,7 +24,7 @@ from .body_bounds import APART, BodyBounds, KnownApart, strokes
 from .body_shapes import BodyShape, UnusableShape, body_shape, collide, contains, transform
 from .catalogue import disabled_pairs
 from .model import fixed_placements, link_frames, origin
-from .shapes import find_mesh
+from .packages import find_mesh
 from .task import Task
 from .urdf import Description
 
@@ -154,12 +154,14 @@ class _CollisionModel:
                 found[k] = any(self._exact(pair) < distance for pair in nearest_first)
         return found
 
-    def reach(self) -> Array:
+    def reach(self, strokes: Array | None = None) -> Array:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
 
-        See :meth:`BodyBounds.reach`. A proof uses it to cover a box of configurations.
+        The bound holds while prismatic joints are within ±``strokes`` (N,), m; by default, within
+        their limits. See :meth:`BodyBounds.reach`. A proof uses it to cover a box of
+        configurations.
         """
-        return self._bounds.reach(self._joints)
+        return self._bounds.reach(self._joints, self._strokes if strokes is None else strokes)
 
     @property
     def tables(self) -> Any:
@@ -565,7 +567,8 @@ class _CollisionModel:
         self._placed = pin.GeometryData(self._shapes)
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
-        self._known = KnownApart(self.reach(), strokes(self._model, self._joints))
+        self._strokes = strokes(self._model, self._joints)
+        self._known = KnownApart(self.reach(), self._strokes)
 
     def _sampled_collisions(self, task: Task, near: _Mask) -> tuple[_Mask, Array, _Mask]:
         """Test the pairs for collisions at the reference pose and at random configurations.

@@ -20,10 +20,10 @@ from .end_effectors import arm_ends, is_sensor, rank, task_links
 from .kind import Kind, KindName, task_kind
 from .mechanism import Mechanism, Range, based, couple, limits, pose
 from .model import frame_id, frame_placements, link_ids, lock_joints, path_between
-from .shapes import find_mesh, named_mesh
+from .packages import find_mesh, named_mesh, package_folder
 from .task import Task
 from .urdf import Description, check_surroundings, read_urdf
-from .urdf_xml import package_folder, short
+from .urdf_xml import short
 
 if TYPE_CHECKING:
     from .several_frames import FrameSpec

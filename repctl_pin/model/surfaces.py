@@ -278,9 +278,7 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Arr
     """
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
-        raise InputError(
-            "a vertex is not finite, or over 1e9 from the origin; export the mesh again"
-        )
+        raise InputError("a coordinate is over 1e9, or not finite; export the mesh again")
     points = vertices @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(mesh.faces)
     triangles = points.take(faces, 0)

@@ -13,6 +13,7 @@ from pathlib import Path
 from lxml import etree
 
 from ..base.errors import UrdfError
+from .packages import package_folder
 
 _MAX_NESTING = 64  # depth of nested XML elements
 _MAX_ATTRIBUTES = 100  # per element; libxml2 lists them in quadratic time
@@ -118,7 +119,7 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
         tags = _some(f"<xacro:{_local(e)}>" for e in xacro)
         notes.append(
             f"ignored: {tags} in {line(xacro[0])}, left over from xacro; "
-            "the elements it would add are missing"
+            "run xacro to add the missing elements"
         )
     names = [e.tag for e in elements] + [name for e in elements for name in e.attrib]
     undeclared = [
@@ -248,19 +249,7 @@ def short(text: str) -> str:
     return repr(text if len(text) <= 60 else text[:59] + "…")
 
 
-# ---- packages and xacro ----
-
-
-def package_folder(given: str | Path) -> tuple[str, Path]:
-    """Split ``NAME=DIR`` into the name of a package and its folder; the name is empty for ``DIR``.
-
-    A path may contain ``=`` itself: it is read as a path if the name would contain a separator, or
-    if there is such a folder.
-    """
-    name, mark, folder = str(given).partition("=")
-    if not (mark and name) or "/" in name or os.path.isdir(given):
-        return "", Path(given)
-    return name, Path(os.path.expanduser(folder))
+# ---- xacro ----
 
 
 _SECONDS = 20.0

@@ -1,6 +1,6 @@
 """Visible shapes of a robot, their placements at configurations, and their corners.
 
-Mesh files are located here and read where they are drawn. A robot without shapes, and a link whose
+Mesh files are read where they are drawn. A robot without shapes, and a link whose
 mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Surroundings
 are drawn by their collision shapes."""
 
@@ -23,7 +23,8 @@ from ..base.arguments import Array, read_only
 from ..base.errors import InputError
 from .mechanism import Coupling, Mechanism
 from .model import fixed_placements, frame_placements, link_frames, link_ids, origin
-from .shapes import Color, Shape, find_mesh
+from .packages import find_mesh
+from .shapes import Color, Shape
 from .urdf import MAX_SHAPES, Description, Joint
 
 if TYPE_CHECKING:

@@ -159,7 +159,7 @@ class LinkPoints:
         return cls(task, tuple(best), visuals, np.array([*best.values()]), np.array(points))
 
     def at(self, Q: Array) -> Array:
-        """Compute the points at configurations Q (K, n): (K, L, 3), m, base axes."""
+        """Compute the point of each of the L links at Q (K, n): (K, L, 3), m, base axes."""
         placements = self._visuals.placements(self.task.to_robot(Q))
         return np.einsum("KLij,Lj->KLi", placements[:, self._shape, :3], self._point)
 

@@ -44,7 +44,7 @@ _WORTH = 0.05
 def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
     """Collect the notes on the motions of a study from q0 (n,), as texts.
 
-    The first row is that of J⁺, the last that of the repeatable controller.
+    ``rows`` has one result per controller: J⁺ first, the repeatable one last.
     """
     plain, closed = rows[0].motion, rows[-1].motion
     return [
@@ -104,8 +104,8 @@ def violation_texts(row: Row) -> list[str]:
     """
     motion, said = row.motion, [str(violation) for violation in row.violations]
     if motion is not None and motion.speed_ratio > TOO_FAST:
-        times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
-        said.append(f"{motion.fastest_joint} goes {times}")
+        times = f"{motion.speed_ratio:.2g} times its speed limit"
+        said.append(f"{motion.fastest_joint} reaches {times}")
     return said
 
 

@@ -120,7 +120,9 @@ def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
     """Each sentence of the note, from a small function and made areas."""
     place = panda_pose.placement(panda_pose.reference)
     cell = rp.Sector(panda_pose, place, radius=0.05, height=0.06, angle="all")
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(panda_pose), cell, degree=2, options=FEW)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(panda_pose), cell, degree=1, options=rp.FitOptions(samples=64, held_out=64)
+    )
     area = 4 * 0.05 * 0.06
 
     def note(share: float, affordable: float, distance: float) -> str:

@@ -80,6 +80,39 @@ def test_a_pin_between_two_samples_is_hit(tmp_path: Path) -> None:
     assert not (tmp_path / "motion.csv").exists()
 
 
+SLIDE = """<robot name="slide"><link name="base"><collision><origin xyz="0 0 0.13"/>
+<geometry><sphere radius="0.005"/></geometry></collision></link><link name="turning"/>
+<link name="rod"><collision><origin xyz="-1 0 0.1"/><geometry><sphere radius="0.005"/></geometry>
+</collision></link>
+<link name="hand"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="turning"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+<joint name="slide" type="prismatic"><parent link="turning"/><child link="rod"/><axis xyz="1 0 0"/>
+<limit lower="0.1" upper="0.3" velocity="2" effort="1"/></joint>
+<joint name="wrist" type="revolute"><parent link="rod"/><child link="hand"/><axis xyz="0 0 1"/>
+<origin xyz="0.05 0 0"/><limit lower="-3" upper="3" velocity="2" effort="1"/></joint></robot>"""
+
+
+def test_a_slide_beyond_its_limits_moves_the_hand_further(tmp_path: Path) -> None:
+    """A revolute joint moves the hand by its radius, also where that is beyond the slide's limits.
+
+    The hand passes a pin at 1.05 m between two samples. The limits allow 0.35 m; with that radius,
+    the distances at the samples would rule out one below the 2 cm from rod to base.
+    """
+    (tmp_path / "slide.urdf").write_text(SLIDE)
+    pin = '<cylinder radius="0.001" length="0.2"/>'
+    (tmp_path / "thin.urdf").write_text(THIN.format(x=1.05, y=0, yaw=0, shape=pin))
+    robot = rp.Robot.load(tmp_path / "slide.urdf", surroundings=tmp_path / "thin.urdf")
+    task = robot.task("hand", "xy")
+    q0 = np.array([0.4, 0.2, 0.5])
+    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.02), q0, cycles=1, steps=10)
+    Q = np.linspace([-0.15, 1.0, 0.0], [0.15, 1.0, 0.0], 4)
+    t = np.linspace(0.0, 1.0, len(Q))
+    motion = replace(motion, t=t, q=Q, qdot=np.gradient(Q, t, axis=0), steps=len(Q) - 1)
+    assert motion.body_distance.min() > 0  # none of the samples collides
+    assert motion.clearance.touch is not None or not motion.clearance.between
+
+
 @pytest.mark.parametrize("count", [20, pytest.param(100, marks=pytest.mark.slow)])
 def test_never_clean_where_a_dense_check_finds_a_collision(count: int, tmp_path: Path) -> None:
     """Issue 52, item 26.2: pins and thin plates at random places, and coarse samples."""

@@ -148,12 +148,12 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
     assert main(["study", *few, "--period", "5"]) == 0
     out = capsys.readouterr().out
     assert re.search(r"^limits .*speed × \d", out, flags=re.MULTILINE)
-    assert re.search(r"^! usual control: \w+ goes .* times as fast", out, flags=re.MULTILINE)
+    assert re.search(r"^! usual control: \w+ reaches .* times its speed", out, flags=re.MULTILINE)
     assert main(["study", *few, "--period", "5", "--full"]) == 0
     out = capsys.readouterr().out
     assert (
         re.search(r"^peak joint speed.*\d!", out, flags=re.MULTILINE)
-        and "times as fast as its limit allows" in out
+        and "times its speed limit" in out
     )
     said = " ".join(out.partition("\n\n")[0].split())
     assert "times the speed limit under the repeatable one." in said

@@ -592,7 +592,7 @@ KIND = {
         robot(links("a", "b"), '<xacro:property name="x" value="${pi}"/><xacro:arm/>', joint()),
         [
             "ignored: <xacro:property>, <xacro:arm> in line 3, left over from xacro; "
-            "the elements it would add are missing"
+            "run xacro to add the missing elements"
         ],
     ),
 }

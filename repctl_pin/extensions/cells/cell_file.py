@@ -23,7 +23,8 @@ from ...base.errors import InputError
 from ...design.subject import check_configurations
 from ...model.catalogue import disabled_pairs
 from ...model.model import fixed_placements, link_frames
-from ...model.shapes import Shape, find_mesh
+from ...model.packages import find_mesh
+from ...model.shapes import Shape
 from ...model.task import Task
 from ...model.urdf import Description
 from ...saving.design_file import FileKind, head

@@ -27,7 +27,7 @@ from ...strategies.elbow import ElbowLevel
 from ..cells.cell_design import CellDesign
 from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status
-from .elbow_search import ElbowSearch
+from .elbow_thread import ElbowSearch
 from .servo_inputs import SAME, JointReadings, SteadyTime, clock_difference, target_of
 
 _ROOM = 0.02

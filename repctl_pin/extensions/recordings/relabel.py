@@ -440,7 +440,7 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
 
 
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
-    """Count the frames that the level c relabels; find their smallest limit margin, rad or m."""
+    """Count recorded poses that F reaches at level c; find the smallest limit margin, rad or m."""
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]
     return len(Q), float(F.task.limit_margin(Q).min(initial=np.inf))

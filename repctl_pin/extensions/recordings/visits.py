@@ -317,9 +317,8 @@ def _at(values: Array, at: float) -> Array:
 class _Estimate(NamedTuple):
     """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, with data on its errors.
 
-    Three attributes describe q before the correction: ``off`` (m,) is the task error, ``A`` (n, n)
-    the derivative of q with respect to errors of the log's rows, and ``bend`` (n,) a bound on the
-    error of interpolation between rows.
+    Before the correction, q has the task error ``off`` (m,). ``A`` (n, n) maps the noise of one row
+    of the log to that of q. ``bend`` (n,) bounds the error of regression or interpolation.
     """
 
     q: Array

@@ -351,7 +351,7 @@ class Governor:
         if status is Status.BAD_NUMBER:
             raise InputError(
                 "the frame is 10⁶ m or more from the base, where no target is accepted",
-                remedy="place the base nearer to the origin of the URDF",
+                remedy="correct the joint origins in the URDF",
             )
         assert status is Status.OK, status  # all else was refused above
         self._q[...] = q
@@ -468,7 +468,7 @@ def _as_twists(twist: ArrayLike, task: Task) -> Array:
 
 
 def _as_level(leaf: ArrayLike, r: int) -> Array:
-    """Convert a level c (r,) to an array; as in twists, its numbers need not be finite."""
+    """Convert a level c (r,) to an array; C, not this function, checks that it is finite."""
     level = as_numbers(leaf)
     if level is None or np.atleast_1d(level).shape != (r,):
         count = f"{r} numbers, the levels of the potentials" if r > 1 else "1 number, the level"

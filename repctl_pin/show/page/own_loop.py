@@ -40,9 +40,9 @@ _Numbers = dict[str, Any]
 def own_loop(
     motion: Motion, strategies: Sequence[Strategy], closes: ClosingRadius | None = None
 ) -> _Numbers | None:
-    """Collect the numbers for a visitor's own loop, in plain Python types.
+    """Collect the numbers for a loop that a visitor of the page draws, in plain Python types.
 
-    The page contains the numbers as JSON, and computes the motions in the browser without a server.
+    The page contains the numbers as JSON, and computes the motions in the browser.
 
     Parameters
     ----------
@@ -57,9 +57,8 @@ def own_loop(
     Returns
     -------
     dict or None
-        None if a controller or a potential is user-defined, a chain starts at another ``base``, or
-        the potentials have too many terms. The page then has no ring with which a visitor drags the
-        hand.
+        None if a controller or a potential is user-defined, a frame has a ``base`` of its own, or
+        the potentials have too many terms. The visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
     laws = [_law(strategy) for strategy in strategies]

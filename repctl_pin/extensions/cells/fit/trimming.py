@@ -210,9 +210,9 @@ def ended_at_bodies(fit: CellFit, found: CellDesign) -> CellDesign:
 
 
 def kept_where_good(fit: CellFit, found: CellDesign, limits: Required) -> CellDesign | None:
-    """Cut all sides of a cell, ranges ``"all"`` included, until a function meets ``limits``.
+    """Cut a cell on all sides, also in angle and spin, until its function meets ``limits``.
 
-    The function stays the same, over a smaller cell. Return None if less than 5 % would be left.
+    The function stays the same. Return None if less than 5 % of the volume would be left.
     """
     cell = found.function.chart.cell
     return _cut_until_good(fit, found, limits, [*cell.free, *cell.moved], bodies_only=False)

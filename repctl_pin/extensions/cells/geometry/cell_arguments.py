@@ -185,7 +185,9 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
     turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
     if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
         raise InputError(
-            "reaches half a turn; keep its length below 2.98 rad", argument="half_angle"
+            "reaches half a turn",
+            argument="half_angle",
+            remedy="keep the norm of x and y below 2.98 rad, and z at most π",
         )
     return turns
 

@@ -382,10 +382,10 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
 
 
 def _free(box: Cell, found: Grown, count: int) -> Grown:
-    """Select the first ``count`` middles of a box in which no bodies collide.
+    """Select the first ``count`` places of ``found`` whose configuration Q has no collision.
 
-    At most eight times as many are tested, because the test is slow. If all tested middles have a
-    collision, only the first middle is returned.
+    At most ``8 count`` places are tested, because the test is slow. If all of them have a
+    collision, only the first place is returned.
     """
     bodies = bodies_of(box.task)
     free: list[int] = []

@@ -258,7 +258,7 @@ def _json(file: Path) -> dict[str, Any]:
     except ValueError as error:
         raise InputError(f"{file} is not JSON: {error}") from None
     if not isinstance(made, dict):
-        raise InputError(f"{file} has no statistics by name of the feature")
+        raise InputError(f"{file} is not a JSON object; download it again")
     return made
 
 
