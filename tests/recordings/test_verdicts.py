@@ -149,6 +149,9 @@ def test_sentence_json_and_page_agree(
         assert result["repeats"] == (level is same) == (result["verdict"] == "repeats")
         page = Path("repctl-out/log/audit.html").read_text(encoding="utf-8")
         assert words in page and ("Your arm repeats" in page) == result["repeats"]
+        # the command of the next step is marked as code
+        marked = "<code>repctl study planar3r --frame tool --task xy</code>" in page
+        assert marked == (level is not same), page[page.index("verdict") :][:2000]
 
 
 def test_a_planted_link_is_replaced_not_followed(

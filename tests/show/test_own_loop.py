@@ -597,6 +597,49 @@ def two_hands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return rp.animation(rp.study(wanted, cycles=2, steps=60, degree=1)).save(folder / "page.html")
 
 
+_WHAT_OVERLAPS = """
+const found = [], seen = (n) => n.offsetWidth && getComputedStyle(n).visibility !== "hidden";
+for (const pane of document.querySelectorAll(".pane")) {
+  const frame = pane.getBoundingClientRect(), all = (what) => [...pane.querySelectorAll(what)];
+  const boxes = all(".arm-label, .callout, .drag-me, .ring").filter(seen).map((n) => {
+    const { left, top, right, bottom } = n.getBoundingClientRect();
+    const inset = n.matches(".ring") ? (right - left) / 5 : 0;
+    return { name: n.className + " " + n.textContent, node: n,
+      at: [left + inset, top + inset, right - inset, bottom - inset] };
+  });
+  boxes.forEach(({ name, at: a }, k) => {
+    if (a[0] < frame.left || a[2] > frame.right) found.push(name + " is cut");
+    for (const { name: other, at: b } of boxes.slice(k + 1))
+      if (a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]) found.push([name, other]);
+  });
+  for (const leader of all(".leader").filter((n) => seen(n) && !n.hidden)) {
+    const [x, y, toX, toY] = leader.line;
+    for (let s = 0.04; s < 0.97; s += 0.02)
+      for (const { name, at: [l, t, r, b] } of boxes) {
+        const u = frame.left + x + s * (toX - x), v = frame.top + y + s * (toY - y);
+        if (leader.matches(".gap") && name.startsWith("ring")) continue;
+        if (u > l && u < r && v > t && v < b)
+          found.push([leader.className, name]);
+      }
+  }
+}
+return [...new Set(found.map(String))];
+"""
+
+
+@pytest.mark.parametrize("size", [(900, 700), (720, 620), (1280, 800), (390, 844), (320, 640)])
+def test_rings_lines_and_labels_do_not_overlap(
+    driver: Any, two_hands: Path, size: tuple[int, int]
+) -> None:
+    """28.1: of two hands, at the end of every cycle, in every pane; nothing is cut."""
+    schemes(driver, width=size[0], height=size[1])
+    open_page(driver, two_hands)
+    for cycle in (0, 1, 2):
+        driver.execute_script("repctl.seek(arguments[0]); repctl.picture()", cycle)
+        assert driver.execute_script(_WHAT_OVERLAPS) == [], cycle
+    assert errors(driver) == []
+
+
 @pytest.mark.parametrize("mirrored", some([False, True], True))
 def test_a_loop_is_drawn_with_either_hand(
     driver: Any, two_hands: Path, mirrored: bool, tmp_path: Path
@@ -612,7 +655,7 @@ def test_a_loop_is_drawn_with_either_hand(
     ]
     assert callouts == [
         f"{hand} hand 0 from {what}"
-        for what in ("the grey one", "cycle 1")
+        for what in ("the grey one", "cycle\u00a01")
         for hand in ("left", "right")
     ]
     assert driver.execute_script("return repctl.own.rings.map((row) => row.length)") == [2, 2]

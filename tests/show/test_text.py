@@ -259,6 +259,19 @@ def test_limits_bodies_and_where_it_leads() -> None:
         "under the usual control." in (words(headline_of([leading, CLOSED], 10))[1])
     )
     assert "limits are kept in these 10 cycles." in words(headline_of([leading, CLOSED], 10))[1]
+    # the same joint in the same cycle is said once
+    also = replace(leading, label="pink")
+    told = words(headline_of([also, leading, CLOSED], 10))[1]
+    assert (
+        "drifts like cycle 10, joint 2 leaves its range in cycle 17 under pink and under the usual "
+        "control." in told
+    )
+    assert told.count("every further cycle") == 1
+    later = replace(also, leaves=(18, "joint 3"))
+    assert (
+        "cycle 18 under pink, and joint 2 leaves its range in cycle 17 under the usual control."
+        in words(headline_of([later, leading, CLOSED], 10))[1]
+    )
     slower = words(headline_of([USUAL, replace(CLOSED, speed=0.998 * USUAL.speed)], 10))[1]
     assert slower.startswith(
         "The joints move 0.2 % slower under the repeatable one (root mean square over cycle 1). "

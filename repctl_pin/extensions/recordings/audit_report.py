@@ -283,7 +283,7 @@ def _next_step(audit: Audit) -> list[str]:
         return []
     if audit.drifts or audit.verdict in (JUMPS, SCATTERS):
         study = f"repctl study {robot} --frame {','.join(task.frames)}{kind}"
-        return [f"next: {study} compares with a repeatable controller"]
+        return [f"next: `{study}` compares with a repeatable controller"]
     if audit.returns < ENOUGH - 1:
         return [f"next: record at least {ENOUGH - 1} returns to this pose"]
     return ["next: record more returns to this pose, or log the joints with less noise"]

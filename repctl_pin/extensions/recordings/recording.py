@@ -209,7 +209,7 @@ class Recording:
             Names of the numbers in such an array, in order, needed if it also has other joints or a
             gripper. The numbers of the task's joints are used. For HDF5, the name of the array.
         action : str, optional
-            For data sets: ``joints`` if actions are joint positions in the order of the joints,
+            For a data set, ``joints`` if its actions are joint positions in the joints' order, or
             ``hand`` if they command the hand and are kept. By default, the data set says which.
 
         Raises

@@ -87,7 +87,8 @@ class Relabeled:
         Misfit of a smooth function of the pose at the relabelled frames: that of the recorded
         configurations, if any, and that of the new configurations.
     further : dict of str to (K, n) array
-        New configurations of further columns of a data set, such as its actions, by name.
+        New configurations of further columns of a data set, such as its actions, by name; rad or
+        m.
 
     Examples
     --------

@@ -392,7 +392,8 @@ def approach(
 
     Examples
     --------
-    >>> way = rp.approach(q0 + 0.2, motion, rp.Limits(acceleration=5.0))
+    >>> limits = rp.Limits(acceleration=5.0)  # rad/s²
+    >>> way = rp.approach(q0 + 0.2, motion, limits, bodies=False)  # the links have no shapes
     >>> np.allclose(way.q[-1], motion.q[0])
     True
     """

@@ -43,8 +43,15 @@ from ..text.headline import Headline
 SCRIPTS = (
     *("dom", "numbers", "arm/viewer", "arm/arm", "arm/eye", "arm/traces"),
     *("arm/kinematics", "arm/law"),
-    *("chrome/panes", "chrome/chart", "chrome/callouts", "chrome/clock", "chrome/address"),
-    *("chrome/controls", "chrome/paper", "chrome/save", "chrome/console", "chrome/plain"),
+    *("chrome/panes", "chrome/chart", "chrome/room", "chrome/callouts", "chrome/clock"),
+    *(
+        "chrome/address",
+        "chrome/controls",
+        "chrome/paper",
+        "chrome/save",
+        "chrome/console",
+        "chrome/plain",
+    ),
     *("own/run", "own/sentence", "own/loops", "own/elbow", "own/own"),
     *("live/live", "stage", "main"),
 )

@@ -433,17 +433,29 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
         if one.speed_ratio > TOO_FAST:
             times = f"{one.speed_ratio:.2g} times"
             said.append(Span(f"{times} the speed limit{by}.", "bad"))
-    later = [
-        Span(
-            f"If every further cycle drifts like cycle {cycles}, {one.leaves[1]} leaves its range "
-            f"in cycle {one.leaves[0]}{_by(one, summaries)}."
-        )
-        for one in summaries
-        if one.leaves is not None
-    ]
+    later = _outlook(summaries, cycles)
     times = "this cycle" if cycles == 1 else f"these {cycles} cycles"
     kept = f"Joint limits are kept{f' in {times}' if later else ''}."
     return [*(said or [Span(kept)]), *later]
+
+
+def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
+    """Write which joints leave their ranges if the drift goes on: a list of one text, or none.
+
+    Controllers under which the same joint leaves its range in the same cycle are named together.
+    """
+    exits: dict[tuple[int, str], list[MotionSummary]] = {}
+    for one in summaries:
+        if one.leaves is not None:
+            exits.setdefault(one.leaves, []).append(one)
+    if not exits:
+        return []
+    parts = [
+        f"{joint} leaves its range in cycle {cycle}"
+        + " and".join(_by(one, summaries) for one in those)
+        for (cycle, joint), those in exits.items()
+    ]
+    return [Span(f"If every further cycle drifts like cycle {cycles}, {', and '.join(parts)}.")]
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:

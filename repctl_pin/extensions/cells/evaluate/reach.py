@@ -238,14 +238,14 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
         ends[on], steps[on] = now.reshape(-1, C, n), step
         margin[on] = np.minimum(margin[on], least[rows].reshape(-1, C).min(axis=1))
         # one step outward
-        error[:, : step_of_all.shape[1]] += np.tile(step_of_all, (len(together), 1))
+        error[:, : step_of_all.shape[1]] += np.tile(step_of_all, (together.size, 1))
         dQ = np.einsum("Knm,Km->Kn", G[rows], error[rows])
         jumps = np.abs(dQ).max(axis=1) > _LONGEST
         now = now + dQ
     return Grown(p, Q, steps, margin, ends)
 
 
-def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, Array]:
+def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Evaluate how well configurations Q (K, n) reach poses p (K, 3), m, and R (K, 3, 3).
 
     Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and a mask (K,) that is True where

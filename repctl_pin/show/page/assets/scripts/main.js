@@ -285,8 +285,9 @@ async function main() {
   byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
   if (callouts)
     panes.drawn = () => {
-      callouts.place();
-      if (own) own.place();
+      const spots = own ? own.spots() : null;
+      callouts.place(spots);
+      if (own) own.place(callouts.rooms, spots);
     };
   viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.addressParts() : []));
   savable(viewer, clock, scene.live);

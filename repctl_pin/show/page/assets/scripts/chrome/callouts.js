@@ -3,13 +3,15 @@
 import { tint } from "./chart.js";
 import { byId, element } from "../dom.js";
 import { formatLength } from "../numbers.js";
+import { Room } from "./room.js";
 
 const PHONE = "(max-width: 640px)"; // where what a number is measured from has fewer words
+const SHORT = 420; // px, width of a pane below which these have fewer words, too
 const RIM = 13; // px from the hand to the rim of its ring
 
 export class Callouts {
   constructor(panes, scene) {
-    Object.assign(this, { panes, scene, narrow: window.matchMedia(PHONE) });
+    Object.assign(this, { panes, scene, narrow: window.matchMedia(PHONE), rooms: [] });
     this.sets = panes.arms.map((arm, k) => ({
       arm,
       part: makeCallout(panes.frames[k], ""),
@@ -29,8 +31,8 @@ export class Callouts {
   // it was off, m, and when.
   say(read = null) {
     const { leading, hands: names } = this.scene;
-    for (const { arm, part, hands } of this.sets) {
-      const from = this.measuredFrom(arm);
+    this.sets.forEach(({ arm, part, hands }, k) => {
+      const from = this.measuredFrom(arm, k);
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
       const lost = Boolean(arm.lost) && !leading;
       part.box.style.visibility = lost ? "hidden" : "";
@@ -41,30 +43,34 @@ export class Callouts {
       hands.forEach((hand, f) => {
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        const of = arm.repeats ? "from cycle 1" : "from the grey one";
+        const of = arm.repeats ? "from cycle\u00a01" : "from the grey one";
         setText(hand.value, `${names[f]} ${formatLength(away)} ${of}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
-    }
+    });
     if (!this.scene.leading) this.place(); // else the picture that follows places them
   }
 
   // What the number of an arm is measured from.
-  measuredFrom(arm) {
+  measuredFrom(arm, k) {
     const { leading } = this.scene;
     const grey = arm.ghostSpot() ? ", in grey" : "";
     if (leading === "slides") return `from the start${grey}`;
     if (leading && arm.repeats) return "the other is measured from here";
-    if (this.narrow.matches) return arm.repeats ? "from cycle 1" : "from the grey arm";
-    if (arm.repeats) return "from its place in cycle 1";
-    const base = leading || arm.reference ? "the repeatable arm" : "its place in cycle 1";
+    if (this.narrow.matches || this.panes.place(k).width < SHORT)
+      return arm.repeats ? "from cycle\u00a01" : "from the grey arm";
+    const first = "its place in cycle\u00a01";
+    if (arm.repeats) return `from ${first}`;
+    const base = leading || arm.reference ? "the repeatable arm" : first;
     return `from ${base}${grey}`;
   }
 
-  // The part's above the arm, the hand's below it; each with a line to what it speaks of.
-  place() {
+  // The part's above the arm, those of the hands around them; each with a line to what it speaks
+  // of. They keep clear of the pane's label, of the rings at `spots`, and of one another.
+  place(spots = this.spots) {
     const { panes } = this;
-    const rim = this.scene.own ? RIM : 0;
+    this.spots = spots;
+    this.rooms = [];
     if (byId("panes").classList.contains("quiet")) return;
     const size = ({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({
       x,
@@ -76,34 +82,36 @@ export class Callouts {
     const sizes = this.sets.map(({ part, hands }, k) => ({
       label: size(panes.frames[k].firstChild),
       box: size(part.box),
-      below: hands.map(({ box }) => size(box)),
+      boxes: hands.map(({ box }) => size(box)),
     }));
-    this.sets.forEach(({ arm, part, hands, gap }, k) => {
+    this.rooms = this.sets.map(({ arm, part, hands, gap }, k) => {
       const { width, height } = panes.place(k);
-      const { label, box, below } = sizes[k];
-      const { beside } = panes;
+      const { label, box, boxes } = sizes[k];
+      const room = new Room(width, height);
       const at = arm.lost ? null : panes.seen(k, arm.partSpot());
       const ghost = at && arm.ghostSpot();
       const from = ghost && panes.seen(k, ghost);
+      const tips = at && hands.map((_, f) => this.tip(arm, k, f));
+      // what stands where it is
       drawLine(gap, from, at, width, height);
-      const top = beside ? 8 : label.y + label.h + 6;
-      const left = beside ? label.x + label.w + 8 : 8;
-      placeCallout(part, box, at, top, width, height, left);
-      hands.forEach((hand, f) => {
-        const tip = at && panes.seen(k, arm.point("tip", f, arm.now.frame, arm.now.f));
-        const low = at && Math.min(tip.y + 0.09 * height, height - below[f].h - 34);
-        placeCallout(
-          hand,
-          below[f],
-          tip && { x: tip.x, y: tip.y + rim },
-          low,
-          width,
-          height,
-          8,
-          at && along(from || at, at),
-        );
-      });
+      room.box(label);
+      if (from) room.line(from, at);
+      for (const spot of (spots && spots[k]) || tips || []) room.ring(spot, spots ? RIM : 3);
+      // what is said finds its place: the part's has its row, so those of the hands come first
+      const row = panes.beside ? 8 : label.y + label.h + 6;
+      const left = panes.beside ? label.x + label.w + 8 : 8;
+      const put = (hand, f) => {
+        const places = at && aroundHand(boxes[f], tips[f], room);
+        putCallout(hand, boxes[f], at && tips[f], spots ? RIM : 0, room, places);
+      };
+      room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => hands.forEach(put));
+      putCallout(part, box, at, 0, room, at && aboveArm(box, at, left, row, width));
+      return room;
     });
+  }
+
+  tip(arm, k, f) {
+    return this.panes.seen(k, arm.point("tip", f, arm.now.frame, arm.now.f));
   }
 }
 
@@ -122,44 +130,69 @@ function setText(node, words) {
   if (node.textContent !== words) node.textContent = words;
 }
 
-// `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room
-// for it begins; `free`: points to leave free, the box stands beside them, on the side that it
-// stood on before, or below them
-function placeCallout(callout, { w, h }, at, y, width, height, left, free) {
+// Where the part's callout may stand, and its line begin, the best first: the line slants, so that
+// it lies on no straight link.
+function aboveArm({ w, h }, at, left, y, width) {
+  const x = (share) =>
+    Math.max(Math.min(Math.max(at.x - w / 2 + share * w, left), width - w - 8), 0);
+  return [0.5, 0.1, 0.9].flatMap((start) =>
+    [-0.45, 0, 0.45].map((share) => ({ x: x(share), y, w, h, start })),
+  );
+}
+
+// Where a hand's callout may stand, the best first: below the hand, above it, beside it.
+function aroundHand({ w, h }, { x, y }, { width, height }) {
+  const far = 0.09 * height;
+  const lower = [y + far, y + far + h + 10, y + far + 2 * (h + 10)];
+  const upper = [y - far - h, y - far / 2 - h, y - far - 2 * h - 10];
+  const rows = [...lower.slice(0, 2), ...upper, lower[2]];
+  const sides = [0, 0.45, -0.45];
+  const places = [
+    ...rows.flatMap((top) => sides.map((side) => [x - w / 2 + side * w, top])),
+    ...[0, -1.2 * h, 1.2 * h].flatMap((down) => [
+      [x + 2 * RIM, y - h / 2 + down],
+      [x - 2 * RIM - w, y - h / 2 + down],
+    ]),
+  ];
+  const within = (v, low, high) => Math.max(Math.min(v, high), low);
+  return places.map(([left, top]) => ({
+    x: within(left, 8, width - w - 8),
+    y: within(top, 4, height - h - 34),
+    w,
+    h,
+  }));
+}
+
+// Put a callout of a size where it covers least; `at`: what is spoken of, and its ring's radius;
+// `places`: where it may stand.
+function putCallout(callout, { w, h }, at, radius, room, places) {
   const { box, leader } = callout;
-  if (!at) {
+  if (!at || !w) {
     drawLine(leader, null, null);
     return;
   }
-  const within = (v) => Math.min(Math.max(v, 4), height - h - 4);
-  const beside = (side) =>
-    Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
-  const isClear = ([side, top]) =>
-    !free ||
-    free.every(
-      (p) =>
-        p.y < top - 8 || p.y > top + h + 8 || p.x < beside(side) - 8 || p.x > beside(side) + w + 8,
-    );
-  const rows = [within(y), within(Math.max(y, ...(free || []).map((p) => p.y + 9)))];
-  const places = rows.flatMap((row) => [callout.side || 0, 0, 1, -1].map((side) => [side, row]));
-  const [side, top] = places.find(isClear) || places[1];
-  callout.side = side;
-  // the line to a part slants, so that it lies on no straight link
-  const x = beside(free ? side : -1);
-  box.style.transform = `translate(${x}px, ${top}px)`;
-  const from = {
-    x: free ? Math.min(Math.max(at.x, x + 6), x + w - 6) : x + w / 2,
-    y: at.y > top + h ? top + h : at.y < top ? top : NaN,
+  const rule = (place) => {
+    const from = nearest(place, at);
+    const far = Math.hypot(at.x - from.x, at.y - from.y) || 1;
+    const cut = Math.max(1 - radius / far, 0);
+    return [from, { x: from.x + cut * (at.x - from.x), y: from.y + cut * (at.y - from.y) }];
   };
-  drawLine(leader, from, at, width, height);
+  const cost = (place) => room.covers(place) + room.crosses(...rule(place));
+  callout.side = room.best(places, cost, callout.side);
+  const place = places[callout.side];
+  const [from, to] = rule(place);
+  box.style.transform = `translate(${place.x}px, ${place.y}px)`;
+  drawLine(leader, from, to, room.width, room.height);
+  room.box(place);
+  if (!leader.hidden) room.line(from, to);
 }
 
-// Points of a line, its ends among them.
-function along(p, q) {
-  return [0, 0.25, 0.5, 0.75, 1].map((t) => ({
-    x: p.x + t * (q.x - p.x),
-    y: p.y + t * (q.y - p.y),
-  }));
+// The point of a box's edge from which the line to `at` begins: the nearest, or at a share of it.
+function nearest({ x, y, w, h, start }, at) {
+  const within = start ? x + start * w : Math.min(Math.max(at.x, x + 6), x + w - 6);
+  if (at.y > y + h) return { x: within, y: y + h };
+  if (at.y < y) return { x: within, y };
+  return { x: at.x < x ? x : x + w, y: y + h / 2 };
 }
 
 // Draw a line between two points of the window; none if there is no first point, or the second is

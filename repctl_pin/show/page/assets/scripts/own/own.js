@@ -39,9 +39,6 @@ export class Own {
       sine: law.sine(),
     }));
     this.stride = this.chain.size / 250;
-    this.elbows = this.chain.frames.map(
-      ({ elbow }) => new MeshCat.THREE.Vector3(...this.chain.places[elbow].p),
-    );
     this.studied =
       data.path && data.path.map((k) => k !== null && paths[k].map((p) => p.toArray()));
     this.texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
@@ -839,10 +836,12 @@ export class Own {
   // change: of a gesture, and from the first loop on of all loops.
   reserve() {
     const [[ring]] = this.rings;
-    // there the words are shorter
-    ring.classList.remove("under", "above");
-    const words = ring.firstChild.offsetWidth;
-    this.wide = words ? ring.offsetWidth / 2 + 4 + words : this.wide;
+    // the words "Drag me", and fewer of them
+    const sizes = [false, true].map((short) => {
+      ring.classList.toggle("short", short);
+      return { w: ring.firstChild.offsetWidth, h: ring.firstChild.offsetHeight };
+    });
+    if (sizes[0].w) this.inviting = sizes;
     const proved = this.chain.proved ? PROVED_WORDS : "";
     for (const id of ["verdict", "notes"]) {
       const text = this.looped ? LOOP_WORDS[id] + (id === "notes" ? proved : "") : LEAD_WORDS[id];
@@ -864,30 +863,50 @@ export class Own {
     }
   }
 
-  // Put the rings where the hands are; they are not there while they go round without them.
-  place() {
+  // Where the hands' rings are, in the pixels of each pane.
+  spots() {
     const { chain, lead, panes } = this;
     const hands = lead ? lead.hands : this.points ? this.hands(this.points[0]) : chain.homes;
+    this.shown = hands.map((hand) => new MeshCat.THREE.Vector3(...hand));
+    return this.rings.map((_, k) => this.shown.map((hand) => panes.seen(k, hand)));
+  }
+
+  // Put the rings where the hands are, and their words where `rooms` has room; they are not there
+  // while the hands go round without them.
+  place(rooms = [], spots = this.spots()) {
     this.rings.forEach((row, k) =>
       row.forEach((ring, f) => {
-        const hand = new MeshCat.THREE.Vector3(...hands[f]);
-        const { x, y } = panes.seen(k, hand);
+        const { x, y } = spots[k][f];
         ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
-        ring.classList.toggle("away", this.clock.playing && this.isAway(k, f, hand));
-        // where the words find no room on the right: above a hand that is beside its elbow
-        const over = x + this.wide > panes.place(k).width;
-        const above = over && this.isBesideElbow(k, f, { x, y });
-        ring.classList.toggle("above", above);
-        ring.classList.toggle("left", over && !above && x > this.wide);
-        ring.classList.toggle("under", over && !above && x <= this.wide);
+        ring.classList.toggle("away", this.clock.playing && this.isAway(k, f, this.shown[f]));
+        if (rooms[k] && !k && this.inviting) this.invite(ring, f, spots[k][f], rooms[k]);
       }),
     );
   }
 
-  // Whether a hand is seen beside its elbow rather than below it, at the start.
-  isBesideElbow(k, f, hand) {
-    const elbow = this.panes.seen(k, this.elbows[f]);
-    return Math.abs(elbow.x - hand.x) > Math.abs(elbow.y - hand.y);
+  // Put the words "Drag me" at a ring where they cover least, fewer if there is no room for more;
+  // those of another hand only where they cover nothing.
+  invite(ring, f, { x, y }, room) {
+    const out = ring.offsetWidth / 2 + 2;
+    const places = this.inviting.flatMap(({ w, h }, short) =>
+      [
+        ["right", x + out, y - h / 2],
+        ["left", x - out - w, y - h / 2],
+        ["under", x - w / 2, y + out],
+        ["above", x - w / 2, y - out - h],
+      ].map(([side, left, top]) => ({ side, short, x: left, y: top, w, h })),
+    );
+    const beside = (v, size, all) => Math.max(-v, v + size - all, 0);
+    const cost = (place) =>
+      room.covers(place) +
+      place.h * beside(place.x, place.w, room.width) +
+      place.w * beside(place.y, place.h, room.height);
+    ring.side = room.best(places, cost, ring.side);
+    const place = places[ring.side];
+    for (const side of ["left", "under", "above"]) ring.classList.toggle(side, place.side === side);
+    ring.classList.toggle("short", Boolean(place.short));
+    ring.classList.toggle("mute", f > 0 && cost(place) > 0);
+    if (!ring.matches(".mute, .away")) room.box(place);
   }
 
   isAway(k, f, hand) {
