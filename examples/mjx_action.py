@@ -1,7 +1,7 @@
 """The same action in MJX: many arms at once, on arrays of JAX.
 
 A policy commands the position of each hand and its elbow. The joints are q = F(x; c), a pure
-function of arrays, so that `jax.jit` and `jax.vmap` take the whole step: function, servos, physics.
+function of arrays with any leading axes, that JAX compiles. Servos hold the joints.
 
 Requires JAX and MJX: pip install jax mujoco-mjx.
 
@@ -28,7 +28,7 @@ ARMS, STEPS, CYCLES = 8, 50, 3
 
 
 def pose_action(F: rp.InverseFunction, size: float, elbow: float) -> Callable[..., Any]:
-    """Make the function of an action (4,) in [−1, 1] that returns joints.
+    """Make the function of actions (…, 4) in [−1, 1] that returns joints (…, n).
 
     The action is a displacement of the hand from the middle of the cell, in units of ``size``, m,
     and the level c in units of ``elbow``, rad. The hand is not turned.
@@ -38,7 +38,8 @@ def pose_action(F: rp.InverseFunction, size: float, elbow: float) -> Callable[..
 
     def joints(action: jax.Array) -> jax.Array:
         action = jnp.clip(action, -1.0, 1.0)
-        return function(middle.at[:3, 3].add(size * action[:3]), elbow * action[3:])
+        x = jnp.broadcast_to(middle, (*action.shape[:-1], 4, 4))
+        return function(x.at[..., :3, 3].add(size * action[..., :3]), elbow * action[..., 3:])
 
     return joints
 
@@ -53,19 +54,21 @@ def main() -> np.ndarray:
 
     @jax.jit
     @jax.vmap
-    def step(data: Any, action: jax.Array) -> Any:
-        data = data.replace(ctrl=joints(action))
+    def step(data: Any, q: jax.Array) -> Any:
+        """Hold the joints q for some steps of the simulation."""
+        data = data.replace(ctrl=q)
         return jax.lax.fori_loop(0, SUBSTEPS, lambda _, state: mjx.step(model, state), data)
 
     s = 2 * np.pi * np.arange(1, STEPS + 1) / STEPS
     phase = 2 * np.pi * np.random.default_rng(0).random((ARMS, 1, 4))
     actions = 0.5 * (np.sin(s[:, None] + phase) - np.sin(phase))
-    start = jax.vmap(joints)(jnp.zeros((ARMS, 4)))
+    held = joints(jnp.asarray(actions))  # of all arms and steps at once
+    start = joints(jnp.zeros((ARMS, 4)))
     data = jax.vmap(lambda q: mjx.make_data(model).replace(qpos=q))(start)
     ends = []
     for _ in range(CYCLES):
         for k in range(STEPS):
-            data = step(data, jnp.asarray(actions[:, k]))
+            data = step(data, held[:, k])
         ends.append(np.asarray(data.qpos))
     drift = np.linalg.norm(np.array(ends) - ends[0], axis=2)
     print(f"{ARMS} arms: after cycle {CYCLES}, the joints are those after cycle 1")

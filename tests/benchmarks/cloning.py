@@ -29,7 +29,6 @@ from PIL import Image
 
 import repctl_pin as rp
 from repctl_pin.redundancy import align, nullspace
-from repctl_pin.show.palette import BLUE, VERMILLION
 
 DEMOS, HELD_OUT, FRAMES = 200, 20, 25
 """Demonstrations to learn from, and to test with, and frames of each."""
@@ -165,7 +164,7 @@ def figure(found: dict[str, list[np.ndarray]]) -> Figure:
     axes = made.subplots()
     for name, each in found.items():
         label, joints = CASES[name]
-        colour = VERMILLION if label == "recorded" else BLUE
+        colour = "#D55E00" if label == "recorded" else "#0072B2"  # vermilion and blue
         for k, e in enumerate(each):
             share = 100 * np.arange(1, len(e) + 1) / len(e)
             style = "--" if joints else "-"

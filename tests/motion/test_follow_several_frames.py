@@ -181,7 +181,7 @@ def test_an_audit_counts_visits_of_both_hands(hands, constant):
     path = rp.several_paths(task, q0, [circle, circle])
     plain = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=6, steps=80)
     found = rp.audit((plain.t, plain.q), task)
-    assert found.creeps and found.returns == 6
+    assert found.drifts and found.returns == 6
     closed = rp.follow(constant, path, q0, cycles=6, steps=80)
     assert rp.audit((closed.t, closed.q), task)
     right, leaf, Q = task.placements(q0)[1], constant.leaf(q0), [q0]
