@@ -14,7 +14,6 @@ from ...cli.given import Options, integer, natural, numbers_of
 from ...cli.options import KINDS, Parser
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted
-from .data_sets.data_set import is_data_set, require_new
 
 HELP = "give recorded poses or joints one configuration per pose, and report the difference"
 EXAMPLE = """examples:
@@ -72,6 +71,8 @@ def run(options: Options) -> int:
 
     Returns the exit code.
     """
+    from .data_sets.data_set import is_data_set, require_new
+
     file = Path(options.file)
     if file.is_dir():
         file = file.resolve()  # a name for "."

@@ -92,7 +92,10 @@ def require_new(source: Path, path: Path) -> None:
     So no data set is replaced, and none is copied into itself.
     """
     if os.path.lexists(path):
-        raise InputError(f"{path} exists already, and is not replaced", remedy="choose another")
+        raise InputError(
+            f"{path} exists already, and is not replaced",
+            remedy="remove it, or choose another folder",
+        )
     real = source.resolve()
     if real.is_dir() and real in (path.resolve(), *path.resolve().parents):
         raise InputError(f"{path} lies in the data set {source}", remedy="choose another folder")
