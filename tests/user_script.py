@@ -94,6 +94,7 @@ def cells(task: rp.Task) -> None:
         options=rp.FitOptions(held_out=64),
     )
     function: rp.InverseFunction = found.function
+    print(rp.arrays.inverse_function(function, np)(np.eye(4)))
     moved: rp.MotionBetween = rp.motion_between(
         function, poses, rp.Limits(acceleration=5.0), blend=0.01
     )

@@ -82,8 +82,8 @@ def test_another_order_of_the_joints_is_found(
 
 def test_without_poses_limits_show_another_order(panda_pose: rp.Task, joints: np.ndarray) -> None:
     text = refused(panda_pose, joints=joints[:, ::-1])
-    fits = "fit in another order of the joints; give the joints in the order panda_joint1, "
-    assert f"is outside its limits in 100 % of the frames; {fits}" in text
+    fits = "the values fit in another order of the joints; give the joints in the order "
+    assert f"is outside its limits in 100 % of the frames; {fits}panda_joint1, " in text
     wild = joints.copy()
     wild[:, [1, 3]] = 2.5  # no joint but four has such angles, and no order
     text = refused(panda_pose, joints=wild)

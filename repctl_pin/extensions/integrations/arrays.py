@@ -411,7 +411,9 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
 
     def link(at: tuple[Numbers, Numbers], table: Numbers, slide: Numbers, angle: Numbers) -> Any:
         R, p = at
-        x, y, z, step = xp.unstack(xp.reshape(table @ xp.reshape(R, (3, -1)), (4, 3, -1)))
+        x, y, z, step = xp.unstack(
+            xp.reshape(table @ xp.reshape(R, (3, 3 * R.shape[-1])), (4, 3, R.shape[-1]))
+        )
         cos, sin, o = xp.cos(angle), xp.sin(angle), p + step
         R = xp.stack([cos * x + sin * y, cos * y - sin * x, z])
         return (R, o + slide * z), (z, o)
@@ -439,8 +441,9 @@ def _jacobian(
         omega = xp.stack([xp.sum(omega * each, axis=1) for each in R[:2]], axis=1)
     twists = [*xp.unstack(v, axis=1), *xp.unstack(omega, axis=1)]
     J = xp.stack([twists[i] for i in kind.rows.tolist()], axis=1)
-    flat = _like(xp, chain.S.T, z) @ xp.reshape(J, (z.shape[0], -1))
-    return xp.reshape(flat, (-1, *J.shape[1:]))
+    m, K = J.shape[1:]
+    flat = _like(xp, chain.S.T, z) @ xp.reshape(J, (z.shape[0], m * K))
+    return xp.reshape(flat, (flat.shape[0], m, K))
 
 
 def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[Any, ...]]:
@@ -475,7 +478,7 @@ def _monomials(xp: Namespace, u: Numbers, parent: Any, factor: Any, blocks: Any)
 def _polynomials(xp: Namespace, coefficients: Array, T: Numbers) -> Numbers:
     """Evaluate polynomials (…, K) with coefficients (N, …) from their monomials T (N, K)."""
     table = _like(xp, coefficients.reshape(len(coefficients), -1).T, T)
-    return xp.reshape(table @ T, (*coefficients.shape[1:], -1))
+    return xp.reshape(table @ T, (*coefficients.shape[1:], T.shape[-1]))
 
 
 def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Numbers, Any]]:
