@@ -285,18 +285,6 @@ def test_an_action_of_hand_and_elbow_is_held_by_the_servos(monkeypatch: pytest.M
 
 
 @pytest.mark.slow
-def test_mjx_action() -> None:
-    """Issue 58, 4: in a process of its own, because the threads of JAX do not survive forks."""
-    pytest.importorskip("mujoco.mjx")
-
-    def run(command: str) -> str:
-        words = [sys.executable, *shlex.split(command)[1:]]
-        return subprocess.run(words, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-
-    assert run("python examples/mjx_action.py").endswith(SHOWN["python examples/mjx_action.py"])
-
-
-@pytest.mark.slow
 def test_best_leaf(run: Run) -> None:
     """A broken limit, and none."""
     _, told = run("python examples/best_leaf.py")

@@ -268,9 +268,11 @@ def _leads(audit: Audit) -> list[str]:
         said.append(f"! if the drift goes on like this, {joint} leaves its range in another {more}")
     said += _next_step(audit)
     worst = int(np.argmax(audit.visits.noise))
-    noise = f"{_number(float(audit.visits.noise[worst]))} {unit_of([audit.task.revolute[worst]])}"
+    noise = float(audit.visits.noise[worst])
+    unit = unit_of([audit.task.revolute[worst]])
+    most = f"at most {_number(noise)} {unit} there" if noise > 0 else "none was found"
     same = metres(audit.visits.tolerance)
-    said.append(f"the same pose: within {same}; noise of the joints there, at most: {noise}")
+    said.append(f"poses count as the same within {same}; noise of the joints: {most}")
     return said
 
 
