@@ -9,7 +9,6 @@ import re
 import runpy
 import shlex
 import struct
-import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
