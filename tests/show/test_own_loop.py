@@ -781,6 +781,8 @@ def test_a_loop_is_computed_in_slices(driver: Any, page: Path) -> None:
 
 def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> None:
     """Not at every instant, but again for another motion, size or scheme."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
     schemes(driver, width=900, height=700)
     open_page(driver, page)
     counted = (
@@ -794,14 +796,11 @@ def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> Non
     pixels = "return document.getElementById('chart').toDataURL()"
     driver.execute_script("repctl.seek(1)")
     light = driver.execute_script(pixels)
+    again = "repctl.seek(1); " + pixels
     schemes(driver, width=900, height=700, dark=True)
-    driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0], 50))")
-    driver.execute_script("repctl.seek(1)")
-    assert driver.execute_script(pixels) != light
+    WebDriverWait(driver, 20).until(lambda page: page.execute_script(again) != light)
     schemes(driver, width=900, height=700)
-    driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0], 50))")
-    driver.execute_script("repctl.seek(1)")
-    assert driver.execute_script(pixels) == light
+    WebDriverWait(driver, 20).until(lambda page: page.execute_script(again) == light)
     assert errors(driver) == []
 
 
