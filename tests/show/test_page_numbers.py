@@ -109,7 +109,8 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
             said = {f"{name} {words}" for words in written(value)}
             assert part[k] in said, (time, value)
-            assert hand[k] == f"hand{free} 0 from {('the grey one', 'cycle 1')[k]}"
+            whence = ("the grey one", "cycle\N{NO-BREAK SPACE}1")[k]
+            assert hand[k] == f"hand{free} 0 from {whence}"
             assert np.ptp(study.task.positions(np.array(at)), axis=0).max() < 1e-3
             assert reading[k] in written(ends[done]) and reading[k] in bar
             assert int(now) == done
