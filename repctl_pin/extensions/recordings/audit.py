@@ -168,8 +168,9 @@ class Audit:
     def leaves_range(self) -> tuple[float, str] | None:
         """Predicted time after the log, s, at which a joint leaves its range, and the joint's name.
 
-        The prediction assumes that the drift continues at the measured rate. None if the arm does
-        not drift, or if the predicted time is more than 100 times as long as the log.
+        The prediction assumes that the drift continues at its mean rate in the log. If the drift
+        grows, another joint can be the first, and earlier. None if the arm does not drift, or if
+        the predicted time is more than 100 times as long as the log.
         """
         if self.joints is None or not self.drifts:
             return None

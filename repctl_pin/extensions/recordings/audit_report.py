@@ -7,6 +7,7 @@ joints at one hand pose.
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -265,7 +266,10 @@ def _leads(audit: Audit) -> list[str]:
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range
         more = _time_span(when)
-        said.append(f"! if the drift goes on like this, {joint} leaves its range in another {more}")
+        said.append(
+            f"! at the mean rate of this log, {joint} leaves its range in another {more}; if the "
+            "drift grows, a joint leaves it sooner"
+        )
     said += _next_step(audit)
     worst = int(np.argmax(audit.visits.noise))
     noise = float(audit.visits.noise[worst])
@@ -280,11 +284,11 @@ def _next_step(audit: Audit) -> list[str]:
     """Write what to do after an audit: a list of one text, empty if the arm repeats."""
     task = audit.task
     robot = task.robot.name if task.robot.entry else task.robot.description.path.name
-    kind = f" --task {task.kind}" if len(task.frames) == 1 else ""
+    kind = ["--task", str(task.kind)] if len(task.frames) == 1 else []
     if audit.verdict == REPEATS:
         return []
     if audit.drifts or audit.verdict in (JUMPS, SCATTERS):
-        study = f"repctl study {robot} --frame {','.join(task.frames)}{kind}"
+        study = shlex.join(["repctl", "study", robot, "--frame", ",".join(task.frames), *kind])
         return [f"next: `{study}` compares with a repeatable controller"]
     if audit.returns < ENOUGH - 1:
         return [f"next: record at least {ENOUGH - 1} returns to this pose"]
