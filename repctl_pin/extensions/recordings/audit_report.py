@@ -272,9 +272,8 @@ def _leads(audit: Audit) -> list[str]:
         )
     said += _next_step(audit)
     worst = int(np.argmax(audit.visits.noise))
-    noise = float(audit.visits.noise[worst])
-    unit = unit_of([audit.task.revolute[worst]])
-    most = f"at most {_number(noise)} {unit} there" if noise > 0 else "none was found"
+    noise, unit = _number(float(audit.visits.noise[worst])), unit_of([audit.task.revolute[worst]])
+    most = f"at most {noise} {unit} there" if noise != "0" else "none was found"
     same = metres(audit.visits.tolerance)
     said.append(f"poses count as the same within {same}; noise of the joints: {most}")
     return said
