@@ -14,7 +14,7 @@ import numpy as np
 from ....base.arguments import Array, ratio_in_percent
 from ....model.bodies import bodies_of
 from ....motion import Motion, elbow
-from ....motion.joint_motion import TOO_FAST, checked_words
+from ....motion.joint_motion import TOO_FAST
 from ....show.page.html import render
 from ....show.page.playback import TracedChain, playback_of, playback_page
 from ....show.page.snapshot import still_figure
@@ -258,12 +258,11 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
     if not np.isfinite(least):
         return more or [Span("No collision bodies: collisions are not checked.")]
     named = " and ".join(links)
-    checked = next(filter(None, map(checked_words, path)), "")
     if least < 0:
         return [Span(f"{named} collide.", "bad"), *more]
     if least < NEAR:
-        return [Span(f"{named} come as near as {metres(least)}{checked}.", "near"), *more]
-    return [Span(f"Links stay at least {metres(least)} apart{checked}."), *more]
+        return [Span(f"{named} come as near as {metres(least)}.", "near"), *more]
+    return [Span(f"Links are at least {metres(least)} apart at the tested poses."), *more]
 
 
 def _unbroken(span: Span) -> Span:
