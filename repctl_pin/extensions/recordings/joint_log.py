@@ -133,16 +133,8 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
         return _of_data_set(path, task, units)
     table = read_table(path, joints)
     where = str(table.file)
-    clock = _clock(list(table.widths))
-    if clock is None:
-        raise InputError(
-            f"{where}: there is no column of times among {', '.join(table.widths)}",
-            remedy="name the column of times 'time', in s",
-        )
-    single = [name for name, width in table.widths.items() if width == 1]
-    if clock not in single:
-        raise InputError(f"{where}: the times in {clock!r} are not numbers, one per row")
-    header = [name for name in single if name != clock]
+    clock = _clock_of(table)
+    header = [name for name, width in table.widths.items() if width == 1 and name != clock]
     try:
         names, by_name = _columns(header, joints)
         whole = None if names else _whole(table, len(joints))
@@ -162,6 +154,19 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
     said = f"{unit} since 1970" if epoch else unit
     read = f"read {clock} in {said}, and joints from {taken}"
     return replace(log, t=log.t * _UNITS[unit], read=read)
+
+
+def _clock_of(table: Table) -> str:
+    """Find the column of times of a log; InputError if it is missing or has no number per row."""
+    clock = _clock(list(table.widths))
+    if clock is None:
+        raise InputError(
+            f"{table.file}: there is no column of times among {', '.join(table.widths)}",
+            remedy="name the column of times 'time', in s",
+        )
+    if table.widths[clock] != 1:
+        raise InputError(f"{table.file}: the times in {clock!r} are not numbers, one per row")
+    return clock
 
 
 def _of_data_set(path: Path, task: Task, units: Array) -> JointLog:

@@ -405,30 +405,9 @@ def _find(
         for argument, names in _NAMES.items()
         if any(name in widths for name in names)
     }
-    places = None
-    missing = [name for name in task.joint_names if name not in widths]
-    if not missing:
-        found["joints"] = list(task.joint_names)
-        if given is not None:
-            raise InputError(
-                ": each joint has a column of its own", argument="joints", remedy="omit joints="
-            )
-    elif len(missing) < task.n:
-        raise InputError(f"there is no column {missing[0]!r}", remedy="add that column")
-    elif "joints" in found:
-        name = found["joints"][0]
-        lerobot = _lerobot_names(table.file) if given is None else None
-        if lerobot is not None and len(lerobot) == widths[name]:
-            require_known(name, lerobot, task)
-            given = lerobot
-        places = places_of(name, widths[name], task, given)
-    elif given is not None:
-        arrays = ", ".join(JOINTS)
-        raise InputError(
-            f"requires a column that holds an array of joints: {arrays}",
-            argument="joints",
-            remedy="add that column, or omit joints=",
-        )
+    joints, places = _joint_columns(table, task, found.get("joints"), given)
+    if joints is not None:
+        found["joints"] = joints
     pose: tuple[str, ...] = POSITION + QUATERNION
     if not task.kind.turns and not set(QUATERNION) <= set(widths):
         pose = POSITION
@@ -442,6 +421,40 @@ def _find(
             remedy=f"name joints {', '.join(task.joint_names)}, or poses x, y, z, qx, qy, qz, qw",
         )
     return found, places
+
+
+def _joint_columns(
+    table: Table, task: Task, array: list[str] | None, given: Sequence[str] | None
+) -> tuple[list[str] | None, tuple[int, ...] | None]:
+    """Find the columns of the joints, and the index of each joint in a row of an array of them.
+
+    ``array`` is the column of such an array, used if no joint has a column of its own; None if the
+    table lacks it. ``given`` are the names of the numbers in the array. InputError is raised for
+    only some of the joints, and for names without an array.
+    """
+    missing = [name for name in task.joint_names if name not in table.widths]
+    if not missing:
+        if given is not None:
+            raise InputError(
+                ": each joint has a column of its own", argument="joints", remedy="omit joints="
+            )
+        return list(task.joint_names), None
+    if len(missing) < task.n:
+        raise InputError(f"there is no column {missing[0]!r}", remedy="add that column")
+    if array is not None:
+        (name,), width = array, table.widths[array[0]]
+        lerobot = _lerobot_names(table.file) if given is None else None
+        if lerobot is not None and len(lerobot) == width:
+            require_known(name, lerobot, task)
+            given = lerobot
+        return array, places_of(name, width, task, given)
+    if given is not None:
+        raise InputError(
+            f"requires a column that holds an array of joints: {', '.join(JOINTS)}",
+            argument="joints",
+            remedy="add that column, or omit joints=",
+        )
+    return None, None
 
 
 def _lerobot_names(file: Path) -> list[str] | None:

@@ -71,16 +71,7 @@ def run(options: Options) -> int:
 
     Returns the exit code.
     """
-    from .data_sets.data_set import is_data_set, require_new
-
-    file = Path(options.file)
-    if file.is_dir():
-        file = file.resolve()  # a name for "."
-    folder = options.output_folder(file.name if file.is_dir() else file.stem)
-    if is_data_set(file):
-        require_new(file, folder / file.name)
-    elif file.resolve() == (folder / file.name).resolve():
-        raise InputError(f"would replace {file}", argument="--out", remedy="choose another folder")
+    file, folder = _places(options)
     say = progress(options.json)
     needed("matplotlib", by="repctl relabel")
     design = options.load_saved() if options.saved else None
@@ -121,6 +112,21 @@ def run(options: Options) -> int:
         return fitted(f"{said}\n\n{relabeled.summary()}\n")
 
     return report(options, lambda: _as_dict(relabeled), text, files)
+
+
+def _places(options: Options) -> tuple[Path, Path]:
+    """Return the recording, and the folder of the new one, in which it must replace nothing."""
+    from .data_sets.data_set import is_data_set, require_new
+
+    file = Path(options.file)
+    if file.is_dir():
+        file = file.resolve()  # a name for "."
+    folder = options.output_folder(file.name if file.is_dir() else file.stem)
+    if is_data_set(file):
+        require_new(file, folder / file.name)
+    elif file.resolve() == (folder / file.name).resolve():
+        raise InputError(f"would replace {file}", argument="--out", remedy="choose another folder")
+    return file, folder
 
 
 def _sentence(relabeled: rp.Relabeled) -> str:
