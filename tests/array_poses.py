@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 from cell_functions import chart_of
@@ -33,15 +35,35 @@ def matrices(F: rp.InverseFunction, U: np.ndarray) -> np.ndarray:
     return X
 
 
+def random_coordinates(F: rp.InverseFunction, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Coordinates of poses inside and a little outside a cell: (count, k)."""
+    return rng.uniform(-1.1, 1.1, (count, F.cell.k))
+
+
 def random_targets(
     F: rp.InverseFunction, count: int, seed: int = 0, most: float = 1.5
 ) -> tuple[np.ndarray, np.ndarray]:
     """Poses inside and a little outside a cell, and leaves, every third of which is 0."""
     rng = np.random.default_rng(seed)
-    X = matrices(F, rng.uniform(-1.1, 1.1, (count, F.cell.k)))
+    X = matrices(F, random_coordinates(F, count, rng))
     C = rng.uniform(-most, most, (count, F.task.r))
     C[::3] = 0.0
     return X, C
+
+
+def ways(
+    F: rp.InverseFunction, rng: np.random.Generator, count: int = COUNT
+) -> Callable[[float], np.ndarray]:
+    """Random ways through :func:`random_targets`: poses (count, 4, 4) as a function of a step.
+
+    They are twists or, in a cell that holds coordinates constant, ways inside the cell.
+    """
+    U = random_coordinates(F, count, np.random.default_rng(0))
+    if (F.cell.widths == 0).any():
+        dU = rng.normal(size=U.shape)
+        return lambda h: matrices(F, U + h * dU)
+    X, twists = matrices(F, U), rng.normal(size=(count, 6))
+    return lambda h: np.array([turned(x, h * w) for x, w in zip(X, twists, strict=True)])
 
 
 def turned(x: np.ndarray, twist: np.ndarray) -> np.ndarray:

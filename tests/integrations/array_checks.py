@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from array_poses import COUNT, function_of, random_targets, targets, turned
+from array_poses import COUNT, function_of, random_targets, targets, turned, ways
 from sectors import WIDTHS
 
 import repctl_pin as rp
@@ -55,26 +55,14 @@ def test_jitted_numbers_and_derivatives_are_those_of_numpy(name: str) -> None:
     wanted = rp.arrays.inverse_function(F, np)(X, C)
     good = ~np.isnan(wanted).any(axis=1)
     assert 4 < good.sum() < COUNT
-    twists, dC = rng.normal(size=(COUNT, 6)), rng.normal(size=C.shape)
-    dX = np.array(
-        [
-            (turned(x, 1e-6 * w) - turned(x, -1e-6 * w)) / 2e-6
-            for x, w in zip(X, twists, strict=True)
-        ]
-    )
+    way, dC = ways(F, rng), rng.normal(size=C.shape)
+    dX = (way(1e-6) - way(-1e-6)) / 2e-6
     f = rp.arrays.inverse_function(F, jnp)
     Q, dQ = jax.jit(lambda *at: jax.jvp(f, at[:2], at[2:]))(X, C, dX, dC)
     assert np.array_equal(np.isnan(Q), np.isnan(wanted))
     assert np.abs(Q - wanted)[good].max() < 1e-12
     # The other way: a difference of F in C over the same directions
-    ends = [
-        F.batch(
-            np.array([turned(x, h * w) for x, w in zip(X, twists, strict=True)]),
-            leaf=C + h * dC,
-            missing="nan",
-        )
-        for h in (1e-5, -1e-5)
-    ]
+    ends = [F.batch(way(h), leaf=C + h * dC, missing="nan") for h in (1e-5, -1e-5)]
     slopes = (ends[0] - ends[1])[good] / 2e-5
     fine = ~np.isnan(slopes).any(axis=1)
     assert fine.sum() > 3

@@ -43,7 +43,7 @@ export class Callouts {
       hands.forEach((hand, f) => {
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        const of = arm.repeats ? "from cycle\u00a01" : "from the grey one";
+        const of = this.isFromGrey(arm) ? "from the grey one" : "from cycle\u00a01";
         setText(hand.value, `${names[f]} ${formatLength(away)} ${of}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
@@ -58,11 +58,15 @@ export class Callouts {
     if (leading === "slides") return `from the start${grey}`;
     if (leading && arm.repeats) return "the other is measured from here";
     if (this.narrow.matches || this.panes.place(k).width < SHORT)
-      return arm.repeats ? "from cycle\u00a01" : "from the grey arm";
+      return this.isFromGrey(arm) ? "from the grey arm" : "from cycle\u00a01";
     const first = "its place in cycle\u00a01";
     if (arm.repeats) return `from ${first}`;
-    const base = leading || arm.reference ? "the repeatable arm" : first;
-    return `from ${base}${grey}`;
+    return `from ${this.isFromGrey(arm) ? "the repeatable arm" : first}${grey}`;
+  }
+
+  // Whether the numbers of an arm compare it with the repeatable arm, which is drawn in grey.
+  isFromGrey(arm) {
+    return !arm.repeats && Boolean(this.scene.leading || arm.reference);
   }
 
   // The part's above the arm, those of the hands around them; each with a line to what it speaks
