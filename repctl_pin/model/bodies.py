@@ -249,10 +249,22 @@ class Bodies:
         collide. The gradient of this distance shows which motion separates the hulls."""
         return self._all(Q, hulls=True)[0]
 
-    def _nearer(self, Q: ArrayLike, distance: float) -> NDArray[np.bool_]:
-        """Test at every row of Q (K, n) whether a body distance is below ``distance``, m: (K,)."""
+    def _nearer(
+        self, Q: ArrayLike, distance: float, among: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.bool_]:
+        """Test at every row of Q (K, n) whether a body distance is below ``distance``, m: (K,).
+
+        ``among`` marks the pairs that are tested, as :meth:`_moved_by` does; by default all.
+        """
         Q = as_configurations(Q, self.task.n, repr(self.task))
-        return np.asarray(self._model.nearer(self._drive.joints(Q), distance))
+        return np.asarray(self._model.nearer(self._drive.joints(Q), distance, among))
+
+    def _moved_by(self, joint: int) -> NDArray[np.bool_]:
+        """Test which pairs of bodies a joint of the task moves relative to each other: (P,)."""
+        if isinstance(self._model, _NoBodies):
+            return np.zeros(0, bool)
+        turning = self._drive.S[:, joint] != 0
+        return np.asarray((self._model.reach()[:, turning] > 0).any(axis=1))
 
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
@@ -296,7 +308,7 @@ class _NoBodies:
         """Return inf and −1 for every row of Q (K, N)."""
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
 
-    def nearer(self, Q: Array, distance: float) -> NDArray[np.bool_]:
+    def nearer(self, Q: Array, distance: float, among: Any = None) -> NDArray[np.bool_]:
         """Return False for every row of Q (K, N)."""
         return np.zeros(len(Q), bool)
 

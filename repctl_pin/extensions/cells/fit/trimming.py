@@ -28,7 +28,8 @@ from ..evaluate.turning import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
 from ..geometry.kinematics import placed
-from ..geometry.sector import ANGLE
+from ..geometry.sector import ANGLE, Sector
+from ..geometry.symmetry import Symmetry
 from ..place.posture_search import given
 from .cell_fit import CellFit
 
@@ -44,8 +45,8 @@ _BODIES = 768
 _STARTS, _SPREAD = 6, 0.3
 """Number of poses from which nearer bodies are searched for, and their least difference in u."""
 
-_TURNS = (0.9, -0.9, 1.8, -1.8)
-"""Further values of the joint that turns the arm at which bodies are tested, rad."""
+_TURNS = 6
+"""Number of angles around the arm at which bodies are tested."""
 
 _DEAREST = 0.97
 """Share of the poses that are kept where a function costs too much on average."""
@@ -61,6 +62,13 @@ _LEAST = 0.05
 """Share of the cell below which nothing of use is left."""
 
 
+class Window(NamedTuple):
+    """Range of the angle around the arm: direction of its middle (3,), and half-width, rad."""
+
+    outward: Array
+    half: float
+
+
 class Required(NamedTuple):
     """Limits that a function must meet on the part of a cell that it covers.
 
@@ -70,11 +78,14 @@ class Required(NamedTuple):
         Maximum extra joint speed, on average and at any pose.
     distance : float
         Minimum body distance, m; −inf without a test.
+    window : Window, optional
+        Angles of a sector outside which bodies may be nearer; the sector is cut to them.
     """
 
     mean: float = np.inf
     worst: float = np.inf
     distance: float = -np.inf
+    window: Window | None = None
 
 
 def trimmed(
@@ -122,10 +133,13 @@ def _between(
 
 
 def covered_share(
-    fit: CellFit, cell: Cell, q: Array, limits: Required
+    fit: CellFit, cell: Cell, q: Array, limits: Required, known: CellDesign | None = None
 ) -> tuple[float, CellDesign | None]:
-    """Estimate by a quick design the share of a cell left after a cut; return share and design."""
-    found = fit.design(cell, q, quick=True)
+    """Estimate by a quick design the share of a cell left after a cut; return share and design.
+
+    ``known`` is such a design, if there is one.
+    """
+    found = known or fit.design(cell, q, quick=True)
     low, high = cut_sides(*_failing(fit, cell, q, found, limits))
     share = float(np.prod((high - low) / 2))
     return share, found if isinstance(found, CellDesign) else None
@@ -149,9 +163,10 @@ def _failing(
     U, bad = np.concatenate([U, more]), np.pad(bad, (0, len(more)), constant_values=True)
     if np.isfinite(limits.distance):
         some = np.flatnonzero(~bad[: len(at.Q)])[:_BODIES]
-        joints = [one.joint for one in cell.removed if one.coordinate == ANGLE]
-        joint = joints[0] if joints else None
-        bad[some] = near_all_round(cell.task, at.Q[some], limits.distance, joint)
+        around = next((one for one in cell.removed if one.coordinate == ANGLE), None)
+        bad[some] = near_all_round(
+            cell.task, at.Q[some], limits.distance, around, _range(cell, limits.window)
+        )
     if found.extra_speed > limits.mean and not bad.any():
         bad[: len(at.Q)] = _too_dear(at, limits, dear=True)
     return U, bad
@@ -167,21 +182,55 @@ def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
     return np.asarray((ratio >= (1 + limits.worst) ** 2) | (ratio > most))
 
 
-def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> NDArray[np.bool_]:
-    """Test at which configurations Q (K, n) bodies are too near all around the arm's axis.
+def near_all_round(
+    task: Task,
+    Q: Array,
+    distance: float,
+    around: Symmetry | None,
+    angles: tuple[float, float] = (-np.pi, np.pi),
+) -> NDArray[np.bool_]:
+    """Test at which configurations Q (K, n) bodies are too near at all of a range of angles.
 
     They are too near if their distance is below ``distance``, m. If surroundings are near at one
     angle alone, a sector is cut along its angle, not along its radius. So each configuration is
-    also tested at other values of ``joint``, which turns the whole arm, within the limits of that
-    joint. ``joint`` is None if there is no such joint.
+    tested at several angles within the limits of the joint ``around``, which turns the whole arm.
+    ``angles`` is the range from the first to the last angle, rad. Without such a joint, each
+    configuration is tested as it is.
     """
     bodies = bodies_of(task)
-    near = bodies._nearer(Q, distance)
-    for turn in () if joint is None else _TURNS:
-        turned = Q[near] + turn * np.eye(task.n)[joint]
-        inside = task.limit_margin(turned)[:, joint] >= 0
-        near[np.flatnonzero(near)[inside]] = bodies._nearer(turned[inside], distance)
+    if around is None:
+        return bodies._nearer(Q, distance)
+    # pairs that the joint does not move relative to each other are as near at every angle
+    moved = bodies._moved_by(around.joint)
+    near = bodies._nearer(Q, distance, ~moved)
+    left = np.flatnonzero(~near)
+    for angle in np.linspace(*angles, 2 * _TURNS + 1)[1::2]:
+        there = turned(task, Q[left], around, float(angle))
+        shut = there[:, around.joint] > task.upper[around.joint]
+        shut[~shut] = bodies._nearer(there[~shut], distance, moved)
+        left = left[shut]
+    near[left] = True
     return near
+
+
+def turned(task: Task, Q: Array, around: Symmetry, angle: float) -> Array:
+    """Turn the arm at configurations Q (K, n) by an angle, rad, about the axis of a joint.
+
+    The joint is less than a full turn above its lower limit; it may be beyond its upper one.
+    """
+    Q, low = Q.copy(), task.lower[around.joint]
+    low = low if np.isfinite(low) else 0.0
+    Q[:, around.joint] = low + (Q[:, around.joint] + around.sign * angle - low) % (2 * np.pi)
+    return Q
+
+
+def _range(cell: Cell, window: Window | None) -> tuple[float, float]:
+    """Return the first and the last angle of a window, rad, from the middle of a sector."""
+    if window is None or not isinstance(cell, Sector):
+        return -np.pi, np.pi
+    x, y, _ = cell.directions @ window.outward
+    middle = float(np.arctan2(y, x))
+    return middle - window.half, middle + window.half
 
 
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
@@ -233,6 +282,12 @@ def _cut_until_good(
     """
     chart, left, design = found.function.chart, 1.0, found
     stops = _stops(found, limits, bodies_only)
+    if limits.window is not None and ANGLE in coordinates:
+        ends = np.clip(
+            np.array(_range(chart.cell, limits.window)) / chart.cell.widths[ANGLE], -1, 1
+        )
+        if ends[1] - ends[0] < 2:
+            chart, stops = _cut(chart, {ANGLE: (ends[0], ends[1])}, fit.limit_margin), stops[:0]
     for k in range(_CUTS):
         U, bad = _near(chart, limits.distance, seed=19 + k)
         # where bodies are near, joint speed is tested after the next cut

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ....base.arguments import Array
 from ....model.task import Task
 from ..geometry.kinematics import placed
+from ..geometry.symmetry import Symmetry
 
 SPACING = 0.03
 """Spacing of the nodes, m."""
@@ -54,8 +55,8 @@ class Table(NamedTuple):
         Coordinates of the nodes, m.
     counted : (n,) array of bool
         Joints whose limits are checked: all but those that alone turn the arm or the tool.
-    joint : int
-        Index of the joint that turns the arm about the axis.
+    around : Symmetry
+        The joint that turns the arm about the axis.
     """
 
     task: Task
@@ -66,7 +67,7 @@ class Table(NamedTuple):
     radii: NDArray[Any]
     heights: NDArray[Any]
     counted: NDArray[np.bool_]
-    joint: int
+    around: Symmetry
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -158,23 +159,6 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
         front = beside[good]
         found[front[:, 0], front[:, 1], front[:, 2]] = Q[good]
     return found
-
-
-def connected(mask: NDArray[np.bool_], nodes: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return the part of each mask (S, I, J) that is connected to a node (S, 2) of that mask."""
-    found = np.zeros_like(mask)
-    seed = np.arange(len(mask))
-    found[seed, nodes[:, 0], nodes[:, 1]] = mask[seed, nodes[:, 0], nodes[:, 1]]
-    while True:
-        wide = found.copy()
-        wide[:, 1:] |= found[:, :-1]
-        wide[:, :-1] |= found[:, 1:]
-        wide[:, :, 1:] |= found[:, :, :-1]
-        wide[:, :, :-1] |= found[:, :, 1:]
-        wide &= mask
-        if (wide == found).all():
-            return found
-        found = wide
 
 
 class Rectangles(NamedTuple):
