@@ -259,6 +259,18 @@ class Bodies:
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return np.asarray(self._model.nearer(self._drive.joints(Q), distance, among))
 
+    def _pair_bounds(self, Q: Array) -> Array:
+        """Bound the distances of all pairs from below at Q (K, n): (K, P), m.
+
+        The bound of a pair that is only tested for contact is infinite.
+        """
+        return np.asarray(self._model.lowest(self._drive.joints(Q)))
+
+    def _of_pairs(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Compute the distance of the hulls of one pair at each row of Q (K, n): (K,), m."""
+        rows = zip(self._drive.joints(Q), pairs, strict=True)
+        return np.array([self._model.some_distances(q, one[None])[0] for q, one in rows])
+
     def _moved_by(self, joint: int) -> NDArray[np.bool_]:
         """Test which pairs of bodies a joint of the task moves relative to each other: (P,)."""
         if isinstance(self._model, _NoBodies):
@@ -307,6 +319,10 @@ class _NoBodies:
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Return inf and −1 for every row of Q (K, N)."""
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
+
+    def lowest(self, Q: Array) -> Array:
+        """Return a matrix without columns: there are no pairs."""
+        return np.zeros((len(Q), 0))
 
     def nearer(self, Q: Array, distance: float, among: Any = None) -> NDArray[np.bool_]:
         """Return False for every row of Q (K, N)."""

@@ -156,6 +156,15 @@ class _CollisionModel:
                     found[start + k] = any(self._is_nearer(i, distance) for i in nearest_first)
         return found
 
+    def lowest(self, Q: Array) -> Array:
+        """Bound the distances of all pairs from below at Q (K, N): (K, P), m.
+
+        The bound of a collision-only pair is infinite.
+        """
+        bounds = [block for _, _, block in self._bounded(Q)]
+        found = np.concatenate(bounds) if bounds else np.zeros((0, len(self.pairs)))
+        return np.where(self._only_contact, np.inf, found)
+
     def reach(self, strokes: Array | None = None) -> Array:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
 

@@ -217,6 +217,24 @@ def test_shrink_moves_the_side_that_is_out_of_reach(tmp_path: Path) -> None:
     assert found.evaluation.everywhere
 
 
+def test_a_pair_of_constant_distance_hides_no_other() -> None:
+    """55: between two links of ur5's wrist the distance is 4.3 mm at every pose; at some edges of
+    this sector the upper arm comes nearer to the base, which random poses at the edges find."""
+    task = rp.Robot.load("ur5").task(None, "axis")
+    q = np.array([-0.1268, 4.147, -1.963, -3.755, 4.712, 3.684])
+    place = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([-0.342, 0.154, 0.045]))
+    cell = rp.Sector(task, place, radius=0.195, height=0.435, angle="all")
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=rp.solve_ik(task, q, place), degree=1, options=FEW
+    )
+    rng = np.random.default_rng(0)
+    U = rng.uniform(-1, 1, (4000, 3))
+    U = np.where(rng.random(U.shape) < 0.4, np.sign(U), U)
+    near = rp.Bodies(task).distances(found.function.batch(U)).min()
+    assert found.body_distance < near < 0.004
+    assert set(found.evaluation.nearest_bodies) == {"base_link", "upper_arm_link"}
+
+
 @pytest.mark.slow
 def test_the_whole_table_of_a_panda_holds_at_random_poses(panda_pose: rp.Task) -> None:
     """No numbers: at 2,000 random poses one configuration, inside the limits, free of collisions;

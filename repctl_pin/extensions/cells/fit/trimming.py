@@ -22,8 +22,8 @@ from ....model.task import Task
 from ..cell_design import CellDesign
 from ..chart.chart import Chart
 from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
-from ..evaluate.margins import CandidateFunction, distances_of, searched
-from ..evaluate.reach import rays, unlike_rows
+from ..evaluate.margins import CandidateFunction, nearest_by_pair
+from ..evaluate.reach import rays
 from ..evaluate.turning import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
@@ -41,9 +41,6 @@ _POSES, _TURNED = 4096, 2048
 
 _BODIES = 768
 """Number of poses at which bodies are tested to move the sides of radius and height."""
-
-_STARTS, _SPREAD = 6, 0.3
-"""Number of poses from which nearer bodies are searched for, and their least difference in u."""
 
 _TURNS = 6
 """Number of angles around the arm at which bodies are tested."""
@@ -354,39 +351,32 @@ def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.b
 
     Body distances also depend on coordinates that symmetries remove, such as the angle. Return
     poses U (K, k) in all coordinates of the cell, and where bodies are too near (K,). If bodies are
-    too near at no sampled pose, a descent searches for such poses.
+    too near at no sampled pose, the nearest pose of each pair of bodies is searched for.
     """
     whole = expanded(chart)
     candidate = CandidateFunction.zero(whole)
     U = whole.cell.sample(_TURNED, seed)
     ends = np.random.default_rng(seed).random(U.shape) < 1 / 3  # bodies are nearest at the edges
     U = np.concatenate([np.where(ends, np.sign(U), U), whole.cell.corners()])
-    near, Q, there = _nearer(candidate, U, distance)
+    near = _nearer(candidate, U, distance)
     if np.isfinite(distance) and not near.any():
-        hulls = np.full(len(U), np.inf)
-        hulls[there] = bodies_of(whole.cell.task).hull_distances(Q[there])
-        starts = U[np.argsort(hulls)]
-        starts = starts[unlike_rows(starts, _SPREAD, _STARTS)]
-        more = searched(candidate, distances_of(whole.cell.task), starts)
+        more = nearest_by_pair(candidate, seed, distance)
         U = np.concatenate([U, more])
-        near = np.concatenate([near, _nearer(candidate, more, distance)[0]])
+        near = np.concatenate([near, _nearer(candidate, more, distance)])
     return U, near
 
 
-def _nearer(
-    candidate: CandidateFunction, U: Array, distance: float
-) -> tuple[NDArray[np.bool_], Array, NDArray[np.bool_]]:
+def _nearer(candidate: CandidateFunction, U: Array, distance: float) -> NDArray[np.bool_]:
     """Test at which poses U (K, k) of a function bodies are nearer than a distance, m: (K,).
 
-    Return also the configurations (K, n), and which of them are inside the joint limits (K,).
-    Bodies are tested only for these.
+    Bodies are tested only at poses inside the joint limits.
     """
     points, task = candidate.at(U), candidate.chart.cell.task
     there = points.found & (task.limit_margin(points.Q).min(axis=1) > -1e-6)
     near = np.zeros(len(U), bool)
     if np.isfinite(distance):
         near[there] = bodies_of(task)._nearer(points.Q[there], distance)
-    return near, points.Q, there
+    return near
 
 
 def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> Chart:

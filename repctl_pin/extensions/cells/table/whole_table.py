@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import suppress
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -743,7 +743,7 @@ def _opened(
     The test of bodies is slow. So a flood is left out if it can neither be better than others nor
     have a larger rectangle.
     """
-    parts: list[list[Array]] = []
+    parts: list[list[Any]] = []
     clear: list[NDArray[np.bool_]] = []
     values: list[float] = []
     most = rectangles(floods.reached).area
