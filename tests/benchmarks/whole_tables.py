@@ -15,7 +15,7 @@ import numpy as np
 
 import repctl_pin as rp
 
-ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "tiago", "talos", "z1")
+ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "ur10", "z1", "tiago", "talos")
 TITLES = "arm | reach | rectangle | designed | angle | spin | mean | worst | bodies | time | locked"
 
 
