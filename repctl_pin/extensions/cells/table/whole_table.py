@@ -184,7 +184,7 @@ class WholeTable(NamedTuple):
         if design.body_distance < 2 * design.requested_body_distance:
             links = " and ".join(design.evaluation.nearest_bodies)
             return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
-        return "the function exceeds the limits of joint speed or of a joint elsewhere"
+        return "elsewhere joints exceed a limit of position or speed, or bodies come too near"
 
 
 def area_of(cell: Cell) -> float:
