@@ -214,8 +214,8 @@ class Continuation:
         kept = self.chosen.kept
         at = self.coarse.guards[-1][0] if self.coarse.guards else self.problem.region.center
         return SingularRegionError(
-            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an "
-            f"algorithmic singularity between the nodes, such as near {named(task, at)}",
+            f"{len(Q)} samples do not determine {len(kept)} potentials: each fit has an "
+            f"algorithmic singularity between the samples, such as near {named(task, at)}",
             at,
             None,
             "give more samples, a lower degree or fewer potentials",

@@ -282,9 +282,10 @@ class Task:
         return self._placements(self._matrix(Q))[0]
 
     def joint_origins(self, q: ArrayLike) -> Array:
-        """Compute the origins of the joints, from the base outward: an array (n, 3), m.
+        """Compute the origins of the joints, from the base outward: (n, 3), m in the base frame.
 
-        For a joint that others mimic, the row is the origin of the first joint that it drives.
+        A joint that others mimic drives several joints of the chain; its row is the origin of the
+        one nearest to the base.
         """
         pin.forwardKinematics(self.model, self._data, self._vector(q))
         return np.array([self._data.oMi[j].translation for j in self._first])
@@ -292,7 +293,8 @@ class Task:
     def axes(self, q: ArrayLike) -> Array:
         """Compute the joints' rotation axes: unit vectors (n, 3), base axes; 0 if prismatic.
 
-        For a joint that others mimic, the row is the axis of the first joint that it drives.
+        A joint that others mimic drives several joints of the chain; its row is the axis of the
+        one nearest to the base.
         """
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 

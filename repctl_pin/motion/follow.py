@@ -184,8 +184,8 @@ def followed(
     gap = float(np.linalg.norm(task.error(q0, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
         raise InputError(
-            f"the path starts {gap:.3g} m (or rad) away from the frame; "
-            "use rp.solve_ik() first, or feedback"
+            f"the path starts {gap:.3g} (m and rad) away from the frame; start at "
+            "rp.solve_ik(task, q0, path.placement(0.0)), or give a gain feedback= above 0"
         )
     grid = path_grid(path, steps)
     if isinstance(integrator, LeafLock):

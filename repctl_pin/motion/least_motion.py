@@ -216,10 +216,11 @@ class _Cost:
     def of(
         cls, task: Task, path: TaskPath, grid: Array, *, free_start: bool, margin: float = 0.0
     ) -> _Cost:
-        """Create the cost at the points s = ``grid`` of a path, with multipliers 0.
+        """Create the cost at the points s = ``grid`` (K + 1,) of a path, with all multipliers 0.
 
-        The multipliers are the forces of the joint limits, which :func:`_within_limits` finds.
-        ``margin`` is the joint-limit margin to keep, rad or m.
+        There is one Lagrange multiplier per joint and configuration, for the joint limits;
+        :func:`_within_limits` computes the multipliers. ``free_start`` is True if the start may
+        move, and ``margin`` is the joint-limit margin to keep, rad or m.
         """
         targets = [path.placement(float(s)) for s in grid[:-1]]
         lengths = np.diff(grid)

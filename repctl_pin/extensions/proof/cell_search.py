@@ -113,7 +113,10 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        """Test on which boxes the bounds of leaf and limit margin exceed their goals: (K,)."""
+        """Test on which boxes the bounds of both margins exceed their goals: (K,) array of bool.
+
+        The margins are the leaf margin and the limit margin.
+        """
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:

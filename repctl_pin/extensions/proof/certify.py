@@ -122,7 +122,7 @@ def prove(
         require_type(region, Region, "region", A_REGION)
         if not isinstance(what, Design):
             raise InputError(
-                ": a function is proved over its own cell", argument="region", remedy="omit it"
+                ": a function is proved over its own cell", argument="region", remedy="omit region="
             )
     closing = _asked_closing(closes, ratio)
     if not callable(progress):
