@@ -108,7 +108,7 @@ class Table(ABC):
         return values
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0, for a message: its line in a CSV file, else its frame."""
+        """Name a row, counted from 0, for a message: by its line in a CSV file, else its number."""
         return f"{self.file}, frame {row}"
 
 
@@ -202,7 +202,7 @@ def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
 def _format(file: Path) -> str:
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
-        raise InputError(f"{file} is not a .csv, .npz or .parquet file")
+        raise InputError(f"{file} must end in .csv, .npz or .parquet")
     return suffix
 
 

@@ -207,8 +207,7 @@ class Continuation:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
         The nodes are too few if the V of the linear problem is regular, but every descent ends in a
-        V that is singular between the nodes. The remedy in the message is more nodes or fewer
-        potentials.
+        V that is singular between the nodes. The message calls nodes samples, as the option does.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept

@@ -221,7 +221,7 @@ def _read_bytes(path: Path) -> bytes:
     with path.open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
-        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB; make it coarser")
+        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB; simplify it")
     return data
 
 

@@ -216,7 +216,8 @@ def _locked(
     if feedback:
         raise InputError(
             "feedback= and a leaf lock are mutually exclusive: "
-            "the leaf lock corrects the task error itself"
+            "the leaf lock corrects the task error itself; "
+            "omit feedback="
         )
     if not isinstance(strategy, RepeatableInverse):
         raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")

@@ -187,7 +187,9 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
     Q[: cost.first] = start
     moved = cost.moved(Q)
     if moved is None:
-        raise InputError(": it is too far from the path", argument="guess", remedy="omit it")
+        raise InputError(
+            ": the motion is too far from the path", argument="guess", remedy="omit guess="
+        )
     return moved
 
 
@@ -236,7 +238,7 @@ class _Cost:
         )
 
     def excess(self, Q: Array, *, shifted: bool = True) -> Array:
-        """Excess of joint positions over the joint limits less the margin: (K, n), 0 inside.
+        """Compute by how much joints exceed their limits less the margin: (K, n), rad or m.
 
         If ``shifted``, the positions are those in the augmented Lagrangian: joint values plus the
         multiplier divided by the point's stiffness, λ_k / ρ_k.
@@ -260,7 +262,7 @@ class _Cost:
     def moved(self, Q: Array) -> Array | None:
         """Move free configurations of Q (K, n) along J⁺ onto the path; None if one of them fails.
 
-        A step along the null space leaves the path in second order.
+        A step along the null space moves the frame off the path in second order.
         """
         moved = _on_path(self.task, self.targets[self.first :], Q[self.first :])
         return None if moved is None else np.vstack([Q[: self.first], moved])

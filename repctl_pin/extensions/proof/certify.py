@@ -148,7 +148,7 @@ def _share(margin: float) -> float:
 
 
 class _Closing(NamedTuple):
-    """Closing radius to prove: distance within which every closed path also closes in the joints.
+    """Closing radius to prove: within it, closed paths end in the configuration they began in.
 
     Attributes
     ----------

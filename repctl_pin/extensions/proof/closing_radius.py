@@ -1,6 +1,6 @@
 """The closing radius of a design: around its start, or along a closed path.
 
-Within this distance, every closed path of the end effector also closes in the joints.
+Within this distance, each closed path of the frame ends in the configuration it began in.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def closing_radius(
     goal: float | None,
     seconds: float,
 ) -> ClosingRadius:
-    """Prove a closing radius of a design: every closed path within it closes in the joints.
+    """Prove a closing radius of a design, within which each motion on a closed path closes.
 
     Parameters
     ----------
