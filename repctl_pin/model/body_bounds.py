@@ -88,10 +88,10 @@ _FAST = 1e9
 """Rate of a joint with unbounded rates, m per rad or m."""
 
 _NEARBY = 0.05
-"""Way of a pair since its last test up to which its distance is measured, m."""
+"""Relative motion of a pair's bodies since its last test, m, below which it may be measured."""
 
 _KEPT, _CREDIT = 64, 8
-"""Distances kept per pair, and how many more are measured than tests are spared."""
+"""Numbers of distances stored per pair, and of measurements allowed beyond the tests they saved."""
 
 
 class BodyBounds:

@@ -31,7 +31,7 @@ _SMALL = 5e-3
 """The same in m, for distances below 5 cm; the minimum stays above 0."""
 
 _FLOOR = 2e-6
-"""Way of the bodies of a pair, m, from which a piece is not halved again."""
+"""Relative motion of a pair's bodies on a piece, m, below which the piece is not halved again."""
 
 _FLOOR_OF_TOUCH = 1e-3
 """The same where a collision was found, and only an earlier one is sought."""

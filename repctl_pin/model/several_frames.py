@@ -210,7 +210,7 @@ class SeveralFrames(Task):
         raise NotImplementedError("the parts place the frames")
 
     def __str__(self) -> str:
-        note = "; the task falls apart: frames share no joint"
+        note = "; this is several independent tasks, whose frames share no joint"
         return f"{super().__str__()}{note * (len(self.groups) > 1)}"
 
 

@@ -199,7 +199,7 @@ def _check_root(root: etree._Element) -> None:
         if len(element.attrib) > _MAX_ATTRIBUTES:
             raise UrdfError(
                 f"{line(element)}: {len(element.attrib)} attributes in one element exceed "
-                f"the maximum of {_MAX_ATTRIBUTES}"
+                f"the maximum of {_MAX_ATTRIBUTES}; correct the file"
             )
     tags = {child.tag for child in root}
     xacro = next((e for e in root.iter() if isinstance(e.tag, str) and _prefix(e) == "xacro"), None)

@@ -26,7 +26,7 @@ from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 
 _INSIDE = 1e-4
-"""Distance of the result from a joint limit, rad or m; curved ways between iterations need it."""
+"""Distance of the result from a joint limit, rad or m: paths between iterations are curved."""
 
 _LEAST = 0.05
 """Minimum leaf margin of the result, or that of the start if it is lower."""
@@ -35,13 +35,13 @@ _REGULAR = 0.01
 """Minimum inverse condition number of J at the result, or that of the start if it is lower."""
 
 _FLAT = 0.01
-"""Curvature, as a share of that toward a point on the elbow's way, below which nothing is moved."""
+"""Norm of curvature and slope, relative to ‖∂p_elbow/∂z‖², below which a direction is flat."""
 
 _LONGEST, _SHORTEST = 0.3, 1e-11
 """Longest motion of a joint per iteration, and that of the last one, rad or m."""
 
 _APART = 1e-3
-"""Distance of the self-motions by which second derivatives are evaluated."""
+"""Step in z, rad or m, of the differences from which second derivatives are evaluated."""
 
 _ITERATIONS, _HALVES = 60, 20
 

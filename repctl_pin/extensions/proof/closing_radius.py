@@ -116,7 +116,7 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
 def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
     """Write whether a radius is the largest that can be proved, and why no larger one is."""
     if goal is not None and found.radius >= goal:
-        return True, "no larger one was asked for"
+        return True, "no larger radius was requested"
     where = _edge(task, places, found)
     if found.complete:
         return True, where

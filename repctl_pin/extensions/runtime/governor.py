@@ -309,9 +309,9 @@ class Governor:
 
         The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
         joint may be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad or m.
-        In both cases, the first target or twist moves the joint straight inside, never farther out,
-        at no more than a tenth of the speed limits, with the status ``RECOVERING``. Once begun,
-        this motion continues until the joint is inside; the arm is then on the leaf of the motion's
+        In both cases, the first target or twist moves the joint straight inside, never farther out.
+        The speed is at most a tenth of the limits, and the status ``RECOVERING``. Once begun, this
+        motion continues until the joint is inside; the arm is then on the leaf of the motion's
         last configuration.
 
         Parameters

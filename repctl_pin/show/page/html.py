@@ -18,7 +18,6 @@ Traces are the paths of frames and elbows. The ghost is the repeatable arm at th
 without one, the same arm in cycle 1. The fan is the arm at the end of each shown cycle, and drift
 is the colour of displaced bodies.
 
-
 Times are in shown cycles: 1.25 is a quarter into the second cycle. A page whose address ends in
 ``#paused`` does not start by itself.
 """
