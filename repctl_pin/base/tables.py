@@ -104,7 +104,9 @@ class Table(ABC):
             row = int(np.argmax(wrong))
             sizes = np.repeat(names, [self.widths[name] for name in names])
             name = sizes[np.argmin(np.isfinite(values[row]))]
-            raise InputError(f"{self.where(row)}: {name} is not a finite number", at=row)
+            raise InputError(
+                f"{self.where(row)}: {name} is not a finite number; correct it", at=row
+            )
         return values
 
     def where(self, row: int) -> str:
@@ -305,7 +307,8 @@ class CsvTable(Table):
             if len(row) != size:
                 like = "the first line" if self._header is None else "the header"
                 raise InputError(
-                    f"{self.file}, line {line}: {len(row)} fields, but {like} has {size}"
+                    f"{self.file}, line {line}: {len(row)} fields, but {like} has {size}; "
+                    "write one field per column"
                 )
             yield line, row
 

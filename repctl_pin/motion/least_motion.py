@@ -181,7 +181,11 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
     cycle = guess.cycle(0)
     t = guess.t[: guess.steps + 1]
     if cycle.shape[1] != cost.task.n:
-        raise InputError(f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess")
+        raise InputError(
+            f"has {cycle.shape[1]} joints, not {cost.task.n}",
+            argument="guess",
+            remedy="give a motion of the task's joints",
+        )
     s = (t - t[0]) / (t[-1] - t[0])
     Q = np.stack([np.interp(grid[:-1], s, joint) for joint in cycle.T], axis=1)
     Q[: cost.first] = start
