@@ -103,7 +103,7 @@ class ElbowLevel:
 class _Regular:
     """Bounds on how near a search may come to singularities and to the edge of Ω.
 
-    From a start that exceeds the usual bounds, the search comes no nearer than the start.
+    If the start exceeds the usual bounds, the search comes no nearer than the start.
     """
 
     condition: float

@@ -430,7 +430,7 @@ class Servo:
 
     @property
     def current_leaf(self) -> Array | None:
-        """Level c (r,) of the design's potentials at the last command, None before it."""
+        """Level c (r,) of the potentials at the last command; None before the first command."""
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
