@@ -221,7 +221,7 @@ def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
 def renamed(path: TaskPath, **names: Any) -> TaskPath:
     """Return the same curve with another name, spec, plane or names of corners.
 
-    ``dataclasses.replace`` would drop the bounds on arcs, because it may change the curve.
+    ``dataclasses.replace`` would drop the bounds ``arc``, because it may change the curve.
     """
     return with_arc(replace(path, **names), path.arc)
 
@@ -282,8 +282,9 @@ def _require_values(path: TaskPath, s: float) -> None:
         value = as_numbers(f(s))
         if value is None or value.shape != (3,) or not np.isfinite(value).all():
             raise InputError(
-                f"{path.name}: point(s), slope(s) and spin(s) must return three finite numbers, "
-                f"also at s = {s:.3g}"
+                f"{path.name}: "
+                f"{'point' if f is path.point else 'slope' if f is path.slope else 'spin'}"
+                f"({s:.3g}) must be three finite numbers"
             )
 
 

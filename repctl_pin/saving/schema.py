@@ -284,7 +284,7 @@ class Figures(Part):
 
 
 class ClosingRadiusFile(Part):
-    """Closing radius: distance from a start or a path within which every closed path closes.
+    """Closing radius: closed paths within it of a start or a path end in the initial configuration.
 
     The radius has a distance, m, and an angle, rad; the angle is null if the task commands no
     orientation. The keys are the attributes of :class:`repctl_pin.base.certificate.ClosingRadius`.

@@ -211,7 +211,10 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     notes = [f"joint speed: {size} above a local minimum of closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:
-        notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")
+        notes.append(
+            f"another elbow position needs {100 * saved:.0f} % less joint speed; "
+            "use --best-leaf speed"
+        )
     return notes
 
 

@@ -484,8 +484,8 @@ def _polynomials(xp: Namespace, coefficients: Array, T: Numbers) -> Numbers:
 def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Numbers, Any]]:
     """Create the function (q, placement, ẋ) → (V (n, r, K), rates (r, K), inside (K,)).
 
-    ``Vᵀ q̇ = rates`` says that the potentials stay constant; for a cell, V is n_ref, and the rates
-    are those of its polynomials. A placement outside the cell is not inside.
+    If ``Vᵀ q̇ = rates``, the potentials stay constant. Rates are 0, and V are the gradients, except
+    for a cell, see :func:`_held_by_cell`. ``inside`` is False for placements outside the cell.
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)
@@ -523,7 +523,11 @@ def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Nu
 
 
 def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers, Any]]:
-    """Create :func:`_held` of a cell, ``n_refᵀ q̇ = n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``."""
+    """Create the function that :func:`_held` returns for the potentials of a cell.
+
+    V is n_ref, and the rates are ``n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``. q_ref (n, K) and n_ref
+    (n, r, K) are the polynomials of :func:`_reference`, dq_ref and dn_ref their time derivatives.
+    """
     reference, cell = _reference(xp, chart), chart.cell
     _, slopes = chart._differentiated
 

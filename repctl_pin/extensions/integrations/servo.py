@@ -425,12 +425,12 @@ class Servo:
 
     @property
     def command(self) -> Array | None:
-        """Last command (n,); None before the first."""
+        """Last commanded configuration (n,), rad or m; None before the first command."""
         return self._commands[-1] if self._commands else None
 
     @property
     def current_leaf(self) -> Array | None:
-        """Level c (r,) of the design's potentials at the last command; None before the first."""
+        """Level c (r,) of the potentials at the last command; None before the first command."""
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:

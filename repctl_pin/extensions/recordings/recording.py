@@ -450,7 +450,7 @@ def _joint_columns(
         return array, places_of(name, width, task, given)
     if given is not None:
         raise InputError(
-            f"requires a column that holds an array of joints: {', '.join(JOINTS)}",
+            f"requires a column that holds an array of joints, one of {', '.join(JOINTS)}",
             argument="joints",
             remedy="add that column, or omit joints=",
         )

@@ -215,9 +215,9 @@ class Relabeled:
             missing = np.isnan(Q).any(axis=1)
             if missing.any():
                 raise InputError(
-                    f"{int(missing.sum()):,} of {len(Q):,} frames of {name!r} have no new joints, "
-                    f"the first is {source.where(int(np.argmax(missing)))}: a data set is written "
-                    "whole",
+                    f"{int(missing.sum()):,} of {len(Q):,} rows of {name!r} have no configuration "
+                    "in the cell within the limits, so nothing was written; the first is "
+                    f"{source.where(int(np.argmax(missing)))}",
                     remedy="use the function of a larger cell, or another leaf",
                 )
 

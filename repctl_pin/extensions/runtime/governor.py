@@ -201,7 +201,7 @@ class Governor:
         self._connect()
 
     def _connect(self) -> None:
-        """Pass the addresses of the arm, the state, the limits and a tick's memory to C.
+        """Pass C the addresses of the arm, its state and limits, and the arrays of each tick.
 
         This is done at creation, and again in each copy, whose memory has other addresses.
         """
@@ -309,10 +309,10 @@ class Governor:
 
         The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
         joint may be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad or m.
-        Then the first target or twist moves it straight inside, never farther out, at no more than
-        a tenth of the speed limits, with the status ``RECOVERING``. Once begun, this motion
-        continues until the joint is inside; the arm is then on the leaf of the motion's last
-        configuration.
+        In both cases, the first target or twist moves the joint straight inside, never farther out.
+        The speed is at most a tenth of the limits, and the status ``RECOVERING``. Once begun, this
+        motion continues until the joint is inside; the arm is then on the leaf of the motion's
+        last configuration.
 
         Parameters
         ----------
@@ -325,7 +325,7 @@ class Governor:
             If q is farther beyond a joint limit or outside the region Ω, if two bodies are closer
             than ``body_distance``, or if the frame is at least 10⁶ m from the base.
         SingularityError
-            If J_V is singular there.
+            If J_V = [J; Vᵀ], with the gradients V of h, is singular at q.
         """
         q = self._task.check(q, "the start", beyond=RECOVERABLE)
         inside = np.clip(q, self._lower, self._upper)

@@ -212,11 +212,10 @@ class JointRows:
 
 
 def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
-    """Choose the samples to show of motions of one robot, with more per cycle if necessary.
+    """Choose the samples that the page shows of several motions of one robot.
 
     The page draws a cubic through neighbouring samples. The number of samples per cycle is
-    increased until the cubic is within ``_CLOSE``, rad or m, of every motion, or all samples are
-    shown.
+    increased until the cubic is within 0.0002 rad or m of every motion, or all samples are shown.
 
     Parameters
     ----------
@@ -224,6 +223,11 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
         Configurations of the whole robot, rad or m.
     cycles
         Number of cycles of each motion.
+
+    Returns
+    -------
+    Frames
+        Indices of the shown samples, the same for all motions.
     """
     samples = len(motions[0])
     steps = (samples - 1) // cycles

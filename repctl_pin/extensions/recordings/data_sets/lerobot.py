@@ -63,7 +63,7 @@ def read_info(folder: Path) -> dict[str, Any]:
         raise InputError(f"{file} is not JSON: {error}") from None
     features = info.get("features") if isinstance(info, dict) else None
     if not isinstance(features, dict) or not all(isinstance(f, dict) for f in features.values()):
-        raise InputError(f"{file} has no 'features'", remedy="write them with LeRobot")
+        raise InputError(f"{file} has no 'features'", remedy="export the data set with LeRobot")
     return info
 
 
@@ -134,7 +134,10 @@ class LeRobotData(DataSet):
         for file in self._files:
             table = _opened(file)
             if name not in table.schema_arrow.names:
-                raise InputError(f"{file} has no column {name!r}, but meta/info.json has it")
+                raise InputError(
+                    f"{file} has no column {name!r}, which meta/info.json lists",
+                    remedy="export the data set with LeRobot again",
+                )
             column = table.read(columns=[name])[name]
             width = self.widths[name]
             if width and arrow_width(column) != width:
