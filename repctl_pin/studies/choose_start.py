@@ -112,7 +112,7 @@ def starts(
     if draw is None:
         yield from _with_a_circle(task, offers)
     else:
-        remedy = "no default start is regular; give one"
+        remedy = "every default start is singular; give a start"
         found = _reachable(task, offers, draw, remedy)
         yield from _best_first(task, found, _FAINT if any_path else 0.0)
 

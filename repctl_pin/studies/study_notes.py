@@ -186,7 +186,7 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
     rest = f"the rest of {100 * extra:+.1f} % is due to J⁺'s drift of {drift}"
     return [
         f"joint speed: {100 * same:+.1f} % relative to J⁺ at the same configurations; "
-        f"{rest}, to configurations in which the path takes less"
+        f"{rest}, to configurations in which the path needs less joint speed"
     ]
 
 
