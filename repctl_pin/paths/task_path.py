@@ -259,8 +259,9 @@ def _check(path: TaskPath) -> None:
         if not off[worst] <= 1e-3 * np.abs(differences).max() + 1e-6 * size:
             raise InputError(
                 f"{path.name}: at s = {samples[worst][0]:.3g} the given "
-                f"{'slope' if curve == 'p' else 'spin'} is {row(twists[worst, part])} {unit} per cycle, "
-                f"but differences of {curve}(s) give {row(differences[worst, part])}; correct that function"
+                f"{'slope' if curve == 'p' else 'spin'} is {row(twists[worst, part])} {unit} per "
+                f"cycle, but differences of {curve}(s) give {row(differences[worst, part])}; "
+                "correct that function"
             )
 
 

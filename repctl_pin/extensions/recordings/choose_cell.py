@@ -63,7 +63,7 @@ def design_for(
     thin = thinned(recording, _FRAMES)
     few = thinned(recording, _TRIED)
     best: tuple[float, CellDesign | None] = (0.0, None)
-    failure = InputError("no box or sector contains the frames")
+    failure = InputError("no box or sector contains the recorded poses")
     for share in _SHARES:
         for cell in _cells(thin, share):
             report(f"a function over {cell.size()}", 0.1)

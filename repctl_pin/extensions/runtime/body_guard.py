@@ -194,7 +194,7 @@ class BodyGuard:
             own.next, own.nodes = after, _NODES
 
     def _keeps_part(self, Q: Array, S: Array) -> bool:
-        """Test whether all distances are kept along at most ROOM samples, by halving if needed.
+        """Test whether all distances are kept along at most 32 samples, by halving if needed.
 
         Q and S are as for :meth:`allows`.
         """

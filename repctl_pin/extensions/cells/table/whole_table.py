@@ -179,7 +179,7 @@ class WholeTable(NamedTuple):
         if design.body_distance < 2 * design.requested_body_distance:
             links = " and ".join(design.evaluation.nearest_bodies)
             return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
-        return "the function exceeds the limits of joint speed or of a joint elsewhere"
+        return "the function exceeds the limits of joint speed or of a joint outside it"
 
 
 def area_of(cell: Cell) -> float:
@@ -355,7 +355,7 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 
 
 class _Place(NamedTuple):
-    """Sector, configuration in its middle (n,), upper bound of its worth, and a quick design."""
+    """Sector, configuration in its middle (n,), upper bound of :func:`_worth`, quick design."""
 
     cell: Cell
     posture: Array
@@ -484,9 +484,9 @@ def _failed(ranked: list[_Place], limits: Required) -> str:
 def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
     """Rate a quick design by area, range around the arm, body distance and joint speed.
 
-    Cuts at bodies later cost some 10 % of the worth where bodies are near, and 15 % where they
-    collide at some angle. A table of half a turn is worth three quarters of a whole one. A place
-    without a quick design has half the worth of its area, and so is still tried.
+    Later cuts at bodies lower the rating by 10 % where bodies are near, and by 15 % where they
+    collide at some angle. A sector of half a turn gets three quarters of the rating of a full one.
+    Without a quick design, the rating is half of the area, m², so that the place is still tried.
     """
     if design is None:
         return 0.5 * area_of(cell)

@@ -106,7 +106,7 @@ def _require_near(table: DataSet, task: Task, name: str, A: Array, Q: Array) -> 
     worst = int(np.argmax(away))
     if away[worst] > _AWAY:
         raise InputError(
-            f"{table.file}: {name!r} is {away[worst]:.2g} from {task.joint_names[worst]} in the "
-            "median, and not the position of that joint",
+            f"{table.file}: {name!r} is {away[worst]:.2g} rad or m from "
+            f"{task.joint_names[worst]} in the median, and not the position of that joint",
             remedy="use action='hand' (--action hand) if the actions command the hand",
         )

@@ -42,7 +42,7 @@ def joints_of(
     name = table.joints
     if name is None:
         raise InputError(
-            f"there are {', '.join(table.widths)}, but no array of the {task.n} joints",
+            f"the data set has {', '.join(table.widths)}, but no array of the {task.n} joints",
             remedy="name the array by joints= (--joints)",
         )
     if given is None and isinstance(table, LeRobotData):
@@ -94,7 +94,10 @@ def places_of(name: str, width: int, task: Task, given: Sequence[str] | None) ->
     for joint in own:
         if stems.count(joint) != 1:
             times = "twice" if joint in stems else "not"
-            raise InputError(f"{joint} is {times} among {', '.join(names)}", argument="joints")
+            raise InputError(
+                f": {joint} is {times} among {', '.join(names)}; name each joint once",
+                argument="joints",
+            )
     return tuple(map(stems.index, own))
 
 

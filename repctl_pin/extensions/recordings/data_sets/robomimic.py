@@ -51,7 +51,9 @@ class RobomimicData(DataSet):
         if array is not None:
             found = [name for name in (array, f"obs/{array}") if self.widths.get(name, 0) > 0]
             if not found:
-                raise InputError(f"{file}: no array {array!r} of numbers is in every demonstration")
+                raise InputError(
+                    f"{file}: no array {array!r} of numbers is in every demonstration; name another"
+                )
         if len(found) > 1:
             raise InputError(
                 f"{file}: several arrays may be the joints: {', '.join(found)}",
@@ -177,7 +179,9 @@ def _sizes(
     try:
         environment = json.loads(data.attrs.get("env_args", "{}"))
     except (ValueError, TypeError):
-        raise InputError(f"{file}: the attribute env_args of data is not JSON") from None
+        raise InputError(
+            f"{file}: the attribute env_args of data is not JSON; write JSON, or remove it"
+        ) from None
     known = environment.get("env_kwargs") if isinstance(environment, dict) else None
     return np.cumsum([0, *sizes]), known if isinstance(known, dict) else {}
 
