@@ -218,9 +218,9 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
 def _from_anywhere(least: Motion) -> float:
     """Find the minimum joint speed (rms) of closed motions with a free start near a given motion.
 
-    The result shows whether another elbow position needs less speed. The motions have at least half
-    of the given motion's joint-limit margin. The result is infinite if no such motion is found, or
-    bodies collide in it.
+    The result, rad/s or m/s, shows whether another elbow position needs less joint speed. The
+    motions have at least half of the given motion's joint-limit margin. The result is infinite if
+    no such motion is found, or bodies collide in it.
     """
     margin = float(least.limit_margin.min()) / 2
     try:

@@ -679,7 +679,7 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 
 
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
-    """Leave out whole turns (n, K) of the joints that move the frame along removed coordinates."""
+    """Remove full turns from q − q_ref (n, K), at joints that alone move the frame (symmetries)."""
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi
     return away - _like(xp, turning, away) * xp.round(away / (2 * np.pi))

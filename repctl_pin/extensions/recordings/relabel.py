@@ -388,7 +388,7 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 def _with_further(recording: Recording) -> Recording:
     """Append the further joints of a data set to the frames of a recording, without times.
 
-    So the cell contains their poses, too, and the level loses none of them.
+    So the cell contains their poses, too, and the level is chosen such that F reaches them.
     """
     if not recording.further:
         return recording

@@ -151,9 +151,10 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
 
 
 def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, float]:
-    """Score a pose by its number of certain visits, doubled for rests, then by the time there, s.
+    """Score a pose by its visits within a quarter of the tolerance, then by the time there, s.
 
-    ``each`` is the time between two rows of the log, s.
+    The number of visits is doubled if they are rests. ``each`` is the time between two rows of the
+    log, s.
     """
     stays = each * np.array([len(one.rows) for one in there])
     rests = len(there) > 2 and np.mean(stays >= _REST) > 0.8

@@ -257,9 +257,7 @@ class BodyGuard:
     def _measured(self, sample: int, count: int) -> int:
         """Measure the distances of ``count`` pairs that C chose at a sample.
 
-        Return 1, or 0 on error.
-
-        Errors must not pass through C, so :meth:`allows` raises them later.
+        Return 1, or 0 on error. Errors must not pass through C; :meth:`allows` raises them later.
         """
         try:
             held = self._own.held

@@ -255,7 +255,7 @@ def _joint_origins(
 ) -> list[Array]:
     """Compute the joint origins of every chain at the start of each motion: (n, 3) arrays, m.
 
-    ``base`` (1, 4, 4) places the base.
+    They are in the root frame, in which ``base`` (1, 4, 4) is the placement of the base.
     """
     return [
         on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]

@@ -675,7 +675,7 @@ def _colliding(table: Table, floods: _Floods) -> str:
 
 
 def _unlike(table: Table, floods: _Floods) -> _Floods:
-    """Select the floods with the largest rectangles and different postures in their middles.
+    """Select the floods with the largest rectangles and different configurations in their middles.
 
     Joints that do not move the task, such as the last one of an axis task, make no difference.
     """
@@ -773,7 +773,7 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
 
 
 def _at_zero(table: Table, design: CellDesign) -> Array:
-    """Turn the posture of a design to the angle and the spin of a table: (n,)."""
+    """Turn the configuration (n,) in a design's middle to the angle and the spin of a table."""
     q = design.posture.copy()
     for one in design.function.chart.cell.removed:
         p, R, _ = placed(table.task, q[None])

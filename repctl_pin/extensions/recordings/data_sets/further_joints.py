@@ -38,6 +38,11 @@ def further_joints(
     action
         What the actions are: ``joints``, ``hand``, or None if the data set says so itself.
 
+    Returns
+    -------
+    Further columns by name, each as the indices of the joints in a row and their positions (K, n),
+    rad or m; and the names of columns of actions that are kept unchanged.
+
     Raises
     ------
     InputError

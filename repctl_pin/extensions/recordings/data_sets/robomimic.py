@@ -155,7 +155,7 @@ def _arrays(group: Any, file: Path, prefix: str = "") -> Iterator[tuple[str, Any
 def _sizes(
     data: Any, demos: list[str], sets: Mapping[str, Mapping[str, Any]], file: Path
 ) -> tuple[Array, dict[str, Any]]:
-    """Count the frames of the demonstrations; return their ends, and the environment's arguments.
+    """Count the frames of the demonstrations; return running sums, and robosuite's ``env_kwargs``.
 
     InputError is raised if an attribute of the file says another count.
     """
@@ -211,7 +211,7 @@ def _types(configuration: Any) -> Iterator[str]:
 
 
 def _require_own(dataset: Any, file: Path) -> None:
-    """Raise InputError if the numbers of an array are also those of another name, or elsewhere."""
+    """Raise InputError if an array shares its numbers with another name or another file."""
     import h5py
 
     shared = h5py.h5o.get_info(dataset.id).rc > 1 or dataset.is_virtual or dataset.external
