@@ -447,7 +447,7 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
         return JoinedFile([basis_file(part) for part in potentials.parts])
     raise InputError(
         f"{potentials!r} cannot be saved: a file holds polynomials, Fourier series and arm "
-        "angles, no user-defined functions"
+        "angles, no user-defined functions; design with one of these"
     )
 
 
