@@ -446,8 +446,8 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
     if isinstance(potentials, Joined):
         return JoinedFile([basis_file(part) for part in potentials.parts])
     raise InputError(
-        f"{potentials!r} cannot be saved: a file holds polynomials, Fourier series and arm "
-        "angles, no user-defined functions; design with one of these"
+        f"{potentials!r} cannot be saved: a file holds no user-defined functions; "
+        "design with polynomials, Fourier series or arm angles"
     )
 
 
