@@ -221,7 +221,7 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the figures of the motion timed from rest to rest, which replace the untimed ones."""
+    """Collect the figures of the timed motion, by key; they replace those of :func:`_result`."""
     return {
         "duration": rest.duration,
         "slowed_by": None,

@@ -107,7 +107,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
-    """Make the function that bounds length and rotation of such a path; see ``TaskPath.arc``."""
+    """Make the function that bounds a path's length and rotation; see ``TaskPath.arc``."""
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
         [

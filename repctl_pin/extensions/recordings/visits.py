@@ -177,7 +177,7 @@ class _Pass(NamedTuple):
 
 
 def _noise_of(Q: Array) -> Array:
-    """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
+    """Estimate the noise of every column of Q (T, n): standard deviations (n,), rad or m.
 
     A log does not state the precision of its readings, so differences of readings are used.
     Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; the differences
@@ -442,7 +442,7 @@ def _near(t: Array, low: int) -> NDArray[np.intp]:
 
 
 def _bend(Q: Array) -> Array:
-    """Estimate the error (n,) of interpolation between neighbouring rows Q, at most six."""
+    """Estimate the error (n,), rad or m, of interpolation between at most six neighbouring rows."""
     if len(Q) == 6:
         return np.asarray(np.abs(np.diff(Q, 4, axis=0)).max(axis=0) * 3 / 128, float)
     return np.asarray(np.abs(np.diff(Q, 2, axis=0)).max(axis=0, initial=0.0) / 8, float)

@@ -255,7 +255,7 @@ class Governor:
 
     @property
     def q(self) -> Array:
-        """Commanded configuration (n,)."""
+        """Commanded configuration (n,), rad or m."""
         self._check_started()
         return self._q.copy()
 
@@ -420,8 +420,8 @@ class Governor:
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
         """Compute the next configuration and its status with a guard of body distances.
 
-        ``given`` tells C which inputs are given. Errors of the guard must not pass through C, so
-        they are raised after the call.
+        ``given`` has a bit for each of target, twist and leaf that is given. Errors of the guard
+        must not pass through C, so they are raised after the call.
         """
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)

@@ -420,7 +420,10 @@ def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
 
 
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
-    """Evaluate the mean extra joint speed over the rectangle of each of S floods: (S,)."""
+    """Evaluate the mean extra joint speed over the rectangle of each of S floods: (S,).
+
+    ``own`` and ``usual`` (S, I, J) are the squared joint speeds of a function and of J⁺.
+    """
     extra = np.zeros(len(own))
     for k, ((i, j), (i_end, j_end)) in enumerate(zip(found.first, found.last + 1, strict=True)):
         inside = k, slice(i, i_end), slice(j, j_end)
@@ -709,10 +712,10 @@ def _without(floods: _Floods, shut: NDArray[np.bool_]) -> _Floods:
 
 
 def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
-    """Test at which nodes (K, 2), with the configurations Q (K, n), bodies are too near.
+    """Test at which nodes ``on`` (K, 2), with the configurations Q (K, n), bodies are too near.
 
-    They must be too near at several angles around the arm. These angles are tested at one node in
-    each block of 3 × 3 nodes.
+    They must be nearer than ``distance``, m, at several angles around the arm. These angles are
+    tested at one node in each block of 3 × 3 nodes.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
@@ -732,7 +735,8 @@ def _sector(
 ) -> Cell:
     """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``.
 
-    Its middle is turned by two angles about the arm's axis and the tool's approach axis, rad.
+    ``line`` (2, 3) is its axis, and ``first`` and ``last`` are the nodes. Its middle is turned by
+    two angles about the arm's axis and the tool's approach axis, rad.
     """
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])

@@ -81,7 +81,11 @@ def require_positions(
 def _places(
     table: DataSet, task: Task, name: str, places: tuple[int, ...], commands: str | None
 ) -> tuple[int, ...] | None:
-    """Find the indices of the joints in a row of actions; None for an array beside ``action``."""
+    """Find the indices of the joints in a row of actions.
+
+    Return None for an array with another name than ``action`` whose numbers are not named as
+    joints.
+    """
     own, labels = task.joint_names, table.labels(name)
     stems = [stem(label, own) for label in labels or ()]
     if len(stems) == table.widths[name] and all(stems.count(joint) == 1 for joint in own):

@@ -116,7 +116,7 @@ class LeRobotData(DataSet):
                 )
 
     def same_format(self, path: Path) -> bool:
-        """Test whether a path is not that of a file of another format: then it is a folder."""
+        """Test whether a path is that of a folder: it ends in none of ``FORMATS``."""
         return path.suffix.lower() not in FORMATS
 
     def labels(self, name: str) -> list[str] | None:
