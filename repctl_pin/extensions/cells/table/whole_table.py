@@ -172,7 +172,7 @@ class WholeTable(NamedTuple):
         return text
 
     def _obstruction(self) -> str:
-        """Write what ends the sides of the sector."""
+        """Write why the sector is not larger."""
         design = self.design
         if self.area > _MUCH * self.affordable:
             return f"joint speed meets its limits in at most {self.affordable:.2g} m²"
@@ -586,7 +586,10 @@ def _grid(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Make the nodes that cover given radii and heights (K,), m, between two limits of height."""
+    """Make the nodes that cover radii rho and heights z (K,), m, within ``heights``.
+
+    ``line`` (2, 3) is the axis of the radii: a point, m, and a direction.
+    """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
     counted[[one.joint for one in symmetries]] = False
@@ -692,7 +695,7 @@ def _unlike(table: Table, floods: _Floods) -> _Floods:
 def _shut(
     table: Table, floods: _Floods, among: NDArray[np.bool_], distance: float
 ) -> NDArray[np.bool_]:
-    """Test among some nodes of each flood (S, I, J) where bodies are nearer than a distance, m."""
+    """Test at which of the nodes ``among`` (S, I, J) bodies are nearer than ``distance``, m."""
     shut = np.zeros_like(among)
     for k, flood in enumerate(floods.Q):
         on = np.argwhere(among[k])

@@ -15,7 +15,7 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the names of the numbers in its array of joints.
+    """Open a data set; return it, and the given names of the numbers in its array of joints.
 
     A single name in ``joints`` is, for HDF5, that of the array.
     """

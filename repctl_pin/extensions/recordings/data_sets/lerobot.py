@@ -120,7 +120,7 @@ class LeRobotData(DataSet):
         return path.suffix.lower() not in FORMATS
 
     def labels(self, name: str) -> list[str] | None:
-        """Return the names of the numbers in a column, of ``meta/info.json``."""
+        """Return the names of the numbers in a column, as :func:`labels_of` does."""
         return labels_of(self._info, name)
 
     @property

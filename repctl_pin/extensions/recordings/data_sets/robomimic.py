@@ -187,7 +187,10 @@ def _sizes(
 
 
 def _widths(sets: Mapping[str, Mapping[str, Any]], sizes: Array) -> dict[str, int]:
-    """Count the numbers per row of each array that every demonstration has; 0 for no such rows."""
+    """Count the numbers per row of each array.
+
+    The count is 0 unless the array has a row of floats per frame in every demonstration.
+    """
     widths: dict[str, int] = {}
     first = next(iter(sets.values()))
     for name, (shape, dtype) in first.items():
