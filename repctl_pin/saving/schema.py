@@ -113,7 +113,7 @@ class BoxFile(Part, tag_field="kind", tag="box"):
 
 
 class TubeFile(Part, tag_field="kind", tag="tube"):
-    """Region Ω of a design, a tube: all q within ``radius``, rad or m, of a sample in each joint."""
+    """Region Ω of a design, a tube: q within ``radius`` (rad or m) of a sample in each joint."""
 
     samples: Rows
     radius: Row
