@@ -568,7 +568,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     path, failed = tour(design.cell), {}
 
     def followed(label: str, control: Any, period: float, **how: Any) -> dict[str, rp.Motion]:
-        """Follow the path; return an empty dict if that fails."""
+        """Follow the path; return the motion by its label, or an empty dict if that fails."""
         try:
             q0 = design.function(path.placement(0.0))
             motion = rp.follow(control, path, q0, steps=_STEPS, period=period, **how)

@@ -177,7 +177,7 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
     -------
     function (q, xdot) → qdot
         q (..., n), ẋ (..., m) as for :meth:`RepeatableInverse.velocity`, q̇ (..., n). Leading axes
-        are broadcast. q̇ is NaN beyond the joint limits, at singularities of J_V and, for a cell,
+        are broadcast. q̇ is NaN beyond the joint limits, where [J; Vᵀ] is singular and, for a cell,
         outside the cell. Another region Ω is not checked.
 
     Raises
@@ -235,7 +235,8 @@ def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
 def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: float) -> Numbers:
     """Repeat Newton's steps q → (q, length) on the rows of a batch that still move.
 
-    They end after a step shorter than ``near``, and before the last steps.
+    A row ends after a step shorter than ``near``. The last two of the 12 steps, which alone are
+    differentiated, are left to the caller.
     """
 
     def again(state: tuple[Numbers, Numbers, int]) -> tuple[Numbers, Numbers, int]:
@@ -307,7 +308,8 @@ def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
         return np.broadcast_shapes(tuple(one), tuple(other))
     except ValueError:
         raise InputError(
-            f"the leading axes of the arguments, {tuple(one)} and {tuple(other)}, do not fit"
+            f"the leading axes of the arguments, {tuple(one)} and {tuple(other)}, do not fit; "
+            "make them equal or 1"
         ) from None
 
 
@@ -681,7 +683,7 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 
 
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
-    """Leave out whole turns (n, K) of the joints that move the frame along removed coordinates."""
+    """Remove full turns from q − q_ref (n, K), at joints that alone move the frame (symmetries)."""
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi
     return away - _like(xp, turning, away) * xp.round(away / (2 * np.pi))

@@ -484,7 +484,10 @@ def _arguments(
         made["joints"] = Q = table.numbers([name], finite=False)[:, places]
         if not np.isfinite(Q).all():
             row = int(np.argmin(np.isfinite(Q).all(axis=1)))
-            raise InputError(f"{table.where(row)}: {name} is not a finite number", at=row)
+            raise InputError(
+                f"{table.where(row)}: {name} is not a finite number; correct or remove that row",
+                at=row,
+            )
     keys = [key for key in ("joints", "poses", "times") if key in columns and key not in made]
     names = [name for key in keys for name in columns[key]]
     values = table.numbers(names) if names else np.empty((0, 0))

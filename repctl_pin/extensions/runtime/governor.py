@@ -54,7 +54,7 @@ class Status(IntEnum):
     OK
         Target and level are reached, or the frame has the requested twist.
     SINGULAR
-        J_V is singular ahead, or the target is out of reach, and the arm stops before that point.
+        A singularity is ahead, or the target is out of reach: the arm stops before that point.
         Or the arm is at rest, and no motion to the target was found.
     BAD_NUMBER
         A number of the input is not finite or too large, or a matrix is not a rotation: the arm
@@ -134,7 +134,7 @@ class Governor:
     Attributes
     ----------
     q : (n,) array
-        Commanded configuration.
+        Commanded configuration, rad or m.
     leaf : (r,) array
         Level c = h(q) of the leaf on which q lies.
 
@@ -255,7 +255,7 @@ class Governor:
 
     @property
     def q(self) -> Array:
-        """Commanded configuration (n,)."""
+        """Commanded configuration (n,), rad or m."""
         self._check_started()
         return self._q.copy()
 
@@ -341,8 +341,9 @@ class Governor:
             way = np.linspace(q, inside, ROOM)
             if (q != inside).any() and not self._guard.keeps(way):
                 raise InputError(
-                    "q is beyond a joint limit, and two bodies would come closer than "
-                    "body_distance on the straight motion back",
+                    f"{self._task.joint_names[int(np.argmax(np.abs(q - inside)))]!r} is beyond its "
+                    "limit or margin, and two bodies would come closer than body_distance on the "
+                    "straight motion back",
                     remedy="move the joints within their limits by hand",
                 )
         self._on = False
@@ -384,7 +385,7 @@ class Governor:
         Returns
         -------
         q : (n,) array
-            Next configuration to command.
+            Next configuration to command, rad or m.
         status : Status
             Outcome of the tick.
 
@@ -419,8 +420,8 @@ class Governor:
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
         """Compute the next configuration and its status with a guard of body distances.
 
-        ``given`` tells C which inputs are given. Errors of the guard must not pass through C, so
-        they are raised after the call.
+        ``given`` has a bit for each of target, twist and leaf that is given. Errors of the guard
+        must not pass through C, so they are raised after the call.
         """
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)

@@ -145,8 +145,8 @@ def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
 
     A page is small only if its poses are stored compactly. Numbers are rounded to the resolution:
     0.1 µm, or more for coordinates beyond 100 m. The third differences along the columns of each
-    (T, W) array are small for smooth motions. Their 32 bits, sign last, are written as four planes,
-    the lowest bytes first. The page's script decodes them.
+    (T, W) array are small for smooth motions. Each has 32 bits, of which the lowest is the sign.
+    The lowest bytes of all numbers are written first, the highest last, for the page's script.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)

@@ -80,7 +80,7 @@ class FirstViolation:
     cycle : int
         The cycle, counted from 1.
     origin : (T, 3) array
-        Origin of the joint, or of one of the links, at the shown samples, m.
+        Origin of the joint, or of one of the links, at the shown samples, m, root frame.
     """
 
     words: str
@@ -105,7 +105,7 @@ class Arm:
     placements : (T, S, 4, 4) array
         Rigid, unscaled transforms of S shapes at T samples.
     tip, elbow : (T, K, 3) arrays
-        Positions, m, of the frame and the elbow of each of K chains; each frame has one chain.
+        Positions, m, root frame, of the frame and the elbow of each of K chains, one per frame.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
     points : tuple of (P, 3) arrays
