@@ -300,7 +300,7 @@ class _MatrixFree(_PenalisedCost):
         few, trace = criterion.sampled(differentials, self.basis, count)
         g, H = super().model(replace(at, data=(gradient, few.matrix(), sides)))
         level = (trace + self.tau * self.r * float(np.trace(self.EE))) / at.x.size
-        return g, (differentials, H, level)
+        return g, ([one.rounded() for one in differentials], H, level)
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` by conjugate gradients; see :meth:`_PenalisedCost.step`.

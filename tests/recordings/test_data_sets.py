@@ -248,8 +248,9 @@ def test_what_is_not_understood_is_refused_by_name(
     lost = [q.copy() for q in Q]
     lost[1][4, 0] += 0.5
     text = said(lerobot(tmp_path / "lost", "v2.1", lost, A, NUMBERS))
-    assert "1 of 28 frames of 'observation.state' have no new joints" in text
-    assert "episode_000001.parquet, row 4: a data set is written whole" in text
+    assert "1 of 28 rows of 'observation.state' have no configuration in the cell" in text
+    assert "nothing was written; the first is " in text
+    assert "episode_000001.parquet, row 4; " in text
     (root := fresh() / "meta" / "relative_stats.json").write_text("{}", encoding="utf-8")
     assert "may have statistics of the old joints" in said(root.parents[1])
     lines = (root := fresh()) / "meta" / "episodes_stats.jsonl"
@@ -345,7 +346,7 @@ def test_the_actions_of_robomimic_are_joints_only_if_said(
     capsys.readouterr()
     assert "exists already, and is not replaced" in refused(capsys, *command, "joints")
     deltas = robomimic(tmp_path / "deltas.hdf5", Q, [a - 1.0 for a in A], controller=None)
-    with pytest.raises(rp.InputError, match=r"'actions' is 1 from theta\d in the median"):
+    with pytest.raises(rp.InputError, match=r"'actions' is 1 rad or m from theta\d in the median"):
         rp.Recording.read(deltas, task, action="joints")
 
 
