@@ -16,7 +16,7 @@ import numpy as np
 import repctl_pin as rp
 
 ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "ur10", "z1", "tiago", "talos")
-TITLES = "arm | reach | rectangle | designed | share | angle | spin | mean | worst | bodies | time | locked"
+TITLES = "arm | reach | rectangle | designed | share | angle | spin | mean | worst | bodies | time"
 
 
 def line(name: str) -> list[str]:
@@ -48,6 +48,6 @@ def line(name: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    print(f"| {TITLES} |")
+    print(f"| {TITLES} | locked |")
     for arm in sys.argv[1:] or ARMS:
         print("| " + " | ".join(line(arm)) + " |", flush=True)
