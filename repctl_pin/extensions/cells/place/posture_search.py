@@ -235,9 +235,9 @@ def _least_distance(bodies: Bodies, hulls: Array, Q: Array) -> float:
     """
     deepest = np.argsort(hulls)[:_TESTED]
     deepest = deepest[hulls[deepest] < 0]
-    apart = float(np.where(hulls < 0, np.inf, hulls).min(initial=np.inf))
+    least = float(np.where(hulls < 0, np.inf, hulls).min(initial=np.inf))
     tested = bodies.distances(Q[deepest]).min() if len(deepest) else np.inf
-    return min(apart, float(tested))
+    return min(least, float(tested))
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
