@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -332,3 +333,36 @@ def test_torch_has_the_same_numbers_and_the_derivative(name: str) -> None:
             ]
             by = [np.sum(slope[k] * each) / 2e-6 for each in turns]
             assert np.abs(by - wanted[3:]).max() < 1e-8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["planar", "sector, axis"])
+def test_torch_maps_f_and_compiles_it_in_one_graph(name: str) -> None:
+    """58: a model that contains F, its derivative, and the way back, with fullgraph=True."""
+    torch = pytest.importorskip("torch")
+    F = function_of(name)
+    X, C = map(torch.asarray, random_targets(F, 32))
+    f, back = rp.arrays.inverse_function(F, torch), rp.arrays.pose_and_leaf(F, torch)
+    law = rp.arrays.velocity(F.inverse, torch)
+    whole = partial(torch.compile, fullgraph=True, backend="aot_eager")
+
+    def same(one: Any, other: Any) -> bool:
+        return bool(torch.allclose(one, other, rtol=0, atol=1e-13, equal_nan=True))
+
+    Q = f(X, C)
+    assert 4 < torch.isnan(Q[:, 0]).sum() < 28 and same(torch.func.vmap(f)(X, C), Q)
+    assert same(whole(lambda x, c: f(x, leaf=c))(X, C), Q) and same(whole(f)(X), f(X))
+    for one, other in zip(whole(back)(Q), back(Q), strict=True):
+        assert same(one, other) and same(torch.func.vmap(back)(Q)[len(one.shape) == 2], one)
+    ones = torch.ones(F.task.m, dtype=torch.float64)
+    assert same(whole(law)(Q, ones), law(Q, ones))
+
+    def loss(x: Any, c: Any) -> Any:
+        return torch.nansum(torch.sin(f(x, c)))
+
+    slopes = []
+    for function in (loss, whole(loss)):
+        given = X.clone().requires_grad_(), C.clone().requires_grad_()
+        function(*given).backward()
+        slopes.append([each.grad for each in given])
+    assert all(map(same, *slopes)) and slopes[0][0].abs().max() > 0.1
