@@ -40,11 +40,13 @@ export class Callouts {
       setText(part.value, this.words(off || 0));
       part.value.className = tint(off || 0);
       part.box.title = `${(off || 0).toPrecision(3)} m`;
+      const short = this.panes.place(k).width < SHORT;
       hands.forEach((hand, f) => {
+        const name = short ? names[f].split(",")[0] : names[f];
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
         const of = this.isFromGrey(arm) ? `from the ${this.other(arm)} one` : "from cycle\u00a01";
-        setText(hand.value, `${names[f]} ${formatLength(away)} ${of}`);
+        setText(hand.value, `${name} ${formatLength(away)} ${of}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     });
