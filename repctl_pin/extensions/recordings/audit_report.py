@@ -93,7 +93,9 @@ def _audit_sentence(audit: Audit) -> list[Span]:
         return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of drift.")]
     back = hands_are(len(audit.task.frames))
     span = _time_span(float(audit.log.t[-1] - audit.log.t[0]))
-    returns = f" In this log of {_unbroken(span)} {back} back at the same pose {audit.returns} times"
+    returns = (
+        f" In this log of {_unbroken(span)} {back} back at the same pose {audit.returns} times"
+    )
     if audit.drifts:  # the rate alone would not say how far
         name, off = _farthest(audit)
         returns += f", where {name} differs by up to {off} in all"
