@@ -186,6 +186,54 @@ def test_the_page_computes_two_hands_as_python_does(mirrored: bool, tmp_path: Pa
         assert np.abs(motion.q[:: motion.steps] - ends).max() < 1e-8
 
 
+WELD = Path(__file__).parents[2] / "examples" / "weld_cell.urdf"
+ON_PIECE = {
+    "torch axis on a positioner": (WELD, "torch", "axis", "workpiece"),
+    "torch pose on a positioner": (WELD, "torch", "pose", "workpiece"),
+    "nozzle xy on a turntable": (WELD.with_name("rail_cell.urdf"), "nozzle", "xy", "table"),
+    "a fixed torch": (WELD, "workpiece", "pose", "torch"),
+    "one arm carries the piece": ("baxter", "left_gripper", "pose", "right_gripper"),
+    "beside the elbow of the same arm": ("panda", "panda_hand_tcp", "xyz", "panda_link3"),
+}
+
+
+@pytest.mark.parametrize("name", some(list(ON_PIECE), "torch axis on a positioner"))
+def test_the_page_computes_on_a_workpiece_as_python_does(name: str, tmp_path: Path) -> None:
+    """57: relative poses, J, errors, ẋ and ten cycles' ends, at random configurations."""
+    if NODE is None:
+        assert os.environ.get("CI") != "true", "node is not installed"
+        pytest.skip("node is not installed")
+    robot, frame, kind, piece = ON_PIECE[name]
+    task = rp.Robot.load(robot).task(frame, kind, on=piece)
+    rng = np.random.default_rng(3)
+    q0 = task.reference + rng.uniform(-0.1, 0.1, task.n)
+    q0 = np.clip(q0, task.lower + 0.2, task.upper - 0.2)
+    basis = rp.Polynomial(q0, 1, 0.7)
+    N = nullspace(task.jacobian(q0))
+    A = np.linalg.lstsq(basis.gradients(q0[None])[0], N, rcond=None)[0]
+    control = rp.RepeatableInverse(task, basis.weighted(A))
+    laws = (rp.Pseudoinverse(task), control)
+    start = task.placement(q0)
+    points = drawn(task, q0)
+    path = rp.waypoints(points, start.rotation)
+    motion = rp.follow(laws[0], path, q0, cycles=1, steps=100, period=3.0)
+    own = own_loop(motion, laws)
+    assert own is not None
+    Q = q0 + rng.uniform(-0.1, 0.1, (10, task.n))
+    X = rng.normal(size=(10, task.m))
+    found = evaluated(tmp_path, own, Q, X, [points.tolist()])
+    for q, x, at in zip(Q, X, found["at"], strict=True):
+        assert np.allclose(at["p"], task.placement(q).translation, atol=1e-12, rtol=0)
+        assert np.allclose(at["J"], task.jacobian(q).ravel(), atol=1e-12, rtol=0)
+        assert np.allclose(at["e"], task.error(q, start), atol=1e-12, rtol=0)
+        for law, v in zip(laws, at["v"], strict=True):
+            expected = law.velocity(q, x)
+            assert np.abs(v - expected).max() < 1e-11 * np.linalg.norm(expected)
+    for law, ends in zip(laws, found["ends"], strict=True):
+        motion = rp.follow(law, path, q0, cycles=10, steps=100, period=3.0)
+        assert np.abs(motion.q[:: motion.steps] - ends).max() < 1e-8
+
+
 def test_what_the_page_cannot_compute_has_no_ring(tmp_path: Path) -> None:
     task, q0 = arm("planar3r xy")
     plain = rp.Pseudoinverse(task)
