@@ -129,11 +129,7 @@ def own_loop(
 
 
 def _carried(frame: CarriedFrame) -> _Numbers:
-    return {
-        "chain": frame.chain.tolist(),
-        "R": frame.R.ravel().tolist(),
-        "p": frame.p.tolist(),
-    }
+    return {"chain": frame.chain.tolist(), "R": frame.R.ravel().tolist(), "p": frame.p.tolist()}
 
 
 def study_loop(study: Study) -> _Numbers | None:

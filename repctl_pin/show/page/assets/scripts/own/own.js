@@ -373,8 +373,7 @@ export class Own {
       const piece = arm.carrier ? arm.paths : arm.traces;
       piece.add(line);
       const normal = plane.normal.clone().transformDirection(this.home);
-      if (chain.proved)
-        piece.add(disc(this.onPiece(chain.homes[this.led]), normal, chain.proved));
+      if (chain.proved) piece.add(disc(this.onPiece(chain.homes[this.led]), normal, chain.proved));
       const trails = chain.frames.map(() => [
         new Trail(piece, color),
         new Trail(arm.traces, color),
