@@ -67,7 +67,7 @@ def level_boxes(
 
     The cells become smaller until each is proved. The start (n,) is in the middle of the first one.
     """
-    n, r = inverse.task.n, inverse.task.r
+    r = inverse.task.r
     why = f"levels within {most:g} of the start's"
     Q = start[None]
     for count in _CELLS:
@@ -76,13 +76,16 @@ def level_boxes(
         try:
             cells, Q = _solved(inverse, start, most, count)
         except (InputError, SingularityError) as error:
-            return Levels(start[None], *np.zeros((2, 1, n)), f"{why} are not reached: {error}")
+            return _refused(start, f"{why} are not reached: {error}")
         found = _proved(inverse, problem, start, cells, Q, most / count)
         if found is not None:
             return Levels(Q, *found, "")
-    return Levels(
-        start[None], *np.zeros((2, 1, n)), f"{why} are not proved to be regular in {len(Q)} cells"
-    )
+    return _refused(start, f"{why} are not proved to be regular in {len(Q)} cells")
+
+
+def _refused(start: Array, why: str) -> Levels:
+    none = np.zeros((1, len(start)))
+    return Levels(start[None], none, none, why)
 
 
 def _solved(
