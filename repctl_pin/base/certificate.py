@@ -120,10 +120,6 @@ class ClosingRadius:
     def __repr__(self) -> str:
         return f"<ClosingRadius: {self.words}>"
 
-    def allows(self, levels: Array) -> bool:
-        """Test whether the radius covers levels (r,) that differ this much from the start's."""
-        return bool(np.abs(levels).max() <= max(self.leaf, SAME_LEAF))
-
     def contains(self, placement: Any) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
@@ -229,7 +225,8 @@ def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
     that the levels h(q) are farther from those of the start than the radius allows, or that the
     pose at q is outside the radius. A governor reports this while the robot moves.
     """
-    if not closes.allows(inverse.leaf(q) - inverse.leaf(closes.start)):
+    off = np.abs(inverse.leaf(q) - inverse.leaf(closes.start)).max()
+    if not off <= max(closes.leaf, SAME_LEAF):
         return True
     return not closes.contains(inverse.task.placements(q))
 

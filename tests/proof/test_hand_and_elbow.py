@@ -10,12 +10,12 @@ import pinocchio as pin
 import pytest
 from arms import planar_task, spatial_task
 from controls import some
-from inside import leaf_margin_bounds, levels
 from proofs import design_of, near_null_space, regular_start
 
 import repctl_pin as rp
 
 FEW = rp.FitOptions(samples=256, held_out=256)
+LIMITS = rp.Limits(velocity=2.0, acceleration=6.0, jerk=400.0)
 
 
 def newton(design: rp.Design, x: pin.SE3, c: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -120,28 +120,6 @@ def test_random_closed_paths_on_arms_close(name: str) -> None:
     assert gap < 1e-9 and ratio < 1
 
 
-@pytest.mark.parametrize("name", some(["planar r = 1", "planar r = 2"], "planar r = 1"))
-def test_boxes_hold_the_joints_of_all_levels(name: str, tmp_path: Path) -> None:
-    """At the start's pose; independent Newton steps find the joints of random levels."""
-    design = small(tmp_path, name)
-    q0, r, most = design.region.center, design.task.r, 0.08
-    problem = leaf_margin_bounds.leaf_margin_of(
-        design.task, design.inverse.potentials, design.region
-    )
-    found = levels.level_boxes(design.inverse, problem, q0, most)
-    assert not found.reason and len(found.Q) > 1 and np.array_equal(found.Q[len(found.Q) // 2], q0)
-    x, c0 = design.task.placement(q0), design.inverse.leaf(q0)
-    rng, used = np.random.default_rng(0), 0.0
-    for _ in range(60):
-        c = c0 + most * rng.uniform(-1, 1, r)
-        q = q0
-        for s in np.linspace(0, 1, 9)[1:]:
-            q = newton(design, x, c0 + s * (c - c0), q)
-        off = (np.abs(q - found.Q) / found.half).max(axis=1).min()
-        used = max(used, off)
-    assert 0.3 < used <= 1
-
-
 def turning_back(design: rp.Design, q0: np.ndarray, side: int) -> float:
     """How far the level of q1 changes along the self-motion until it turns back."""
     task, q, before = design.task, q0, np.array([side, 0.0, 0.0])
@@ -163,12 +141,11 @@ def test_what_passes_a_singularity_is_refused(tmp_path: Path) -> None:
     potentials = rp.Polynomial(q0, 1, 1.0).weighted(np.array([[1.0], [0.0], [0.0]]))
     design = design_of(task, potentials, rp.Box(q0, 2.5))
     end = min(turning_back(design, q0, side) for side in (1, -1))
-    problem = leaf_margin_bounds.leaf_margin_of(task, design.inverse.potentials, design.region)
     reason = {
-        share: levels.level_boxes(design.inverse, problem, q0, share * end).reason
+        share: rp.prove(design, leaf=share * end, seconds=0.1).closes.reason
         for share in (0.9, 1.01)
     }
-    assert not reason[0.9] and reason[1.01]
+    assert not reason[0.9].startswith("levels within") and reason[1.01].startswith("levels within")
     found = rp.prove(design, leaf=1.2 * end, seconds=0.1).closes
     assert not found and found.metres == 0
     narrow = design_of(task, potentials, rp.Box(q0, 0.05))
@@ -185,8 +162,15 @@ def test_files_keep_the_levels_and_refuse_a_change(tmp_path: Path) -> None:
     file = tmp_path / "design.json"
     rp.save(design, file)
     assert rp.load(file).proof.closes.leaf == 0.1
-    text = file.read_text("utf-8")
-    assert text.count('"leaf": 0.1') == 1
+    assert file.read_text("utf-8").count('"leaf": 0.1') == 1
+    # a governor's level may move within the radius, and not beyond
+    closes, inverse, x = design.proof.closes, design.inverse, task.placement(q0)
+    for off, out in ((0.09, False), (0.11, True)):
+        q = newton(design, x, inverse.leaf(q0) + off, q0)
+        for radius, expected in ((closes, out), (replace(closes, leaf=0.0), True)):
+            governor = rp.Governor(inverse, 1e-3, LIMITS, closes=radius)
+            governor.start(q)
+            assert governor.beyond_closing_radius == expected
     with pytest.raises(rp.InputError, match="cannot be changed in part"):
         replace(design.proof, closes=replace(design.proof.closes, leaf=0.2))
 

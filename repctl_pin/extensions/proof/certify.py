@@ -41,8 +41,8 @@ _CERTAIN = 1e-10
 
 def prove(
     what: Design | CellDesign,
-    *,
     margin: float | None = None,
+    *,
     limit_margin: float | None = None,
     region: Region | None = None,
     closes: float | tuple[float, float] | ClosedPath | bool = True,
