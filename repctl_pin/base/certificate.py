@@ -33,6 +33,9 @@ CHECKED_BEFORE = 100
 _LEAST_RADIUS = 1e-3
 """Closing radius, m, below which there is said to be none."""
 
+SAME_LEAF = 1e-6
+"""Distance of two levels up to which they count as one."""
+
 _SAME_ANGLE = 1e-7
 """Angle, rad, by which a commanded pose of constant orientation may be off."""
 
@@ -79,6 +82,9 @@ class ClosingRadius:
     checked : int
         Number of points of the path, if closing of the path itself was checked and not proved. 0 if
         it is proved, or if the radius is around a start.
+    leaf : float
+        Largest distance of each level h(q) from that of :attr:`start`. If it is above 0, closed
+        paths of hand and elbow close: whenever pose and levels return, the joints return.
 
     Examples
     --------
@@ -100,6 +106,7 @@ class ClosingRadius:
     complete: bool
     reason: str
     checked: int = 0
+    leaf: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("start", "positions", "rotations"):
@@ -117,8 +124,8 @@ class ClosingRadius:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
         A pose beyond the radius is no fault: paths through it are only not proved to close. The arm
-        must be on the leaf of :attr:`start`, a set h(q) = c. A pose cannot show this; see
-        :meth:`RepeatableInverse.same_leaf`.
+        must be on the leaf of :attr:`start`, a set h(q) = c, or within :attr:`leaf` of it. A pose
+        cannot show this; see :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
@@ -194,6 +201,9 @@ class ClosingRadius:
             return f"no closing radius above 1 mm is proved: {self.reason}"
         paths = "closed paths of constant orientation" if self.radians == 0 else "closed paths"
         where = "path at each moment" if self.around == "path" else self.around
+        if self.leaf:
+            paths = f"{paths} of hand and elbow"
+            where = f"{where} and {_below(self.leaf)} of its levels"
         said = f"{paths} within {self.size} of the {where} close"
         if self.around == "start" or self.path_proved:
             return said
@@ -212,10 +222,11 @@ def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
     """Test whether a configuration is outside the closing radius of a repeatable inverse.
 
     Closed paths within the radius are proved to end in the configuration they began in. True means
-    that q is not on the leaf of the start, a set h(q) = c, or that the pose at q is outside the
-    radius. A governor reports this while the robot moves.
+    that the levels h(q) are farther from those of the start than the radius allows, or that the
+    pose at q is outside the radius. A governor reports this while the robot moves.
     """
-    if not inverse.same_leaf(q, closes.start):
+    off = np.abs(inverse.leaf(q) - inverse.leaf(closes.start)).max()
+    if not off <= max(closes.leaf, SAME_LEAF):
         return True
     return not closes.contains(inverse.task.placements(q))
 
@@ -324,11 +335,12 @@ class Proof:
         names = [n for n in self.__dataclass_fields__ if n not in ("seal", "closes")]
         own = [getattr(self, name) for name in names]
         if self.closes is not None:
-            inner = [n for n in self.closes.__dataclass_fields__ if n != "checked"]
+            inner = [n for n in self.closes.__dataclass_fields__ if n not in ("checked", "leaf")]
             own.append([getattr(self.closes, name) for name in inner])
             # files of older versions keep their fingerprint
             own += [self.closes.checked] * (self.closes.checked not in (0, CHECKED_BEFORE))
             own += ["the path closes"] * self.closes.path_proved
+            own += ["hand and elbow", self.closes.leaf] * (self.closes.leaf > 0)
         return fingerprint(*own)
 
     def summary(self) -> str:

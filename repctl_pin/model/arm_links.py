@@ -88,6 +88,15 @@ def base_placements(robot: Mechanism, Q: Array) -> Array:
     return frame_placements(robot.model, [robot.base_id], robot.coupling.joints(Q))[:, 0]
 
 
+def base_moves(task: Task) -> bool:
+    """Test whether the joints of a task move the link relative to which it controls its frame."""
+    base = task.robot.base
+    if base is None:
+        return False
+    driven = np.flatnonzero(_driven(task)) + 1
+    return bool(set(driven.tolist()) & set(task.robot.model.supports[_joint(task, base)].tolist()))
+
+
 def on_base(placements: Array, points: Array) -> Array:
     """Transform points (T, ..., 3), m, from the base frame to the root frame.
 

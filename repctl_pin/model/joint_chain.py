@@ -69,6 +69,24 @@ def joint_chain(task: Task) -> JointChain:
 
 @dataclass(frozen=True, eq=False)
 @read_only
+class CarriedFrame:
+    """A frame on the joints that carry it.
+
+    Attributes
+    ----------
+    chain : (P,) array of int
+        Indices of the joints between the root and the frame; none for a frame on the root.
+    R, p : (3, 3) and (3,) arrays
+        Placement of the frame on the last joint of its chain.
+    """
+
+    chain: NDArray[np.intp]
+    R: Array
+    p: Array
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
 class _JointTree:
     """All N joints that a task moves, those beside its chains included, from the base outward.
 
@@ -80,10 +98,10 @@ class _JointTree:
         Index of the joint before each joint; −1 for a joint on the base.
     R, p, axes, revolute, S, offset
         As in :class:`JointChain`, with N joints; R and p are relative to the joint before.
-    chains : tuple of (P,) arrays of int
-        Joints between base and frame, for each of the task's F frames.
-    R_frames, p_frames : (F, 3, 3) and (F, 3) arrays
-        Placement of each frame on the last joint of its chain.
+    frames : tuple of CarriedFrame
+        The task's frames.
+    base : CarriedFrame or None
+        The link relative to which the frames are controlled; None for the root.
     first : (n,) array of int
         Index of the first joint that each entry of q drives; with one frame, of the first on the
         path to it.
@@ -98,9 +116,8 @@ class _JointTree:
     revolute: NDArray[np.bool_]
     S: Array
     offset: Array
-    chains: tuple[NDArray[np.intp], ...]
-    R_frames: Array
-    p_frames: Array
+    frames: tuple[CarriedFrame, ...]
+    base: CarriedFrame | None
     first: NDArray[np.intp]
     riding: dict[str, int]
 
@@ -109,10 +126,10 @@ def joint_tree(task: Task) -> _JointTree:
     """Extract the tree of the joints that a task moves; the robot's base is its root.
 
     Unlike a chain, the tree includes branches beside the frames, whose links also move and are
-    drawn. The placements of frames are relative to the robot's base.
+    drawn. Its root is the robot's, also if frames are controlled relative to another link.
     """
     model, drive = task.bodies_model()
-    frames = [model.frames[frame_id(model, name)] for name in task.frames]
+    base = task.robot.base
     first = np.argmax(drive.S != 0, axis=0)
     if not isinstance(task, SeveralFrames):
         first = np.array([model.getJointId(task.model.names[j]) - 1 for j in task._first])
@@ -125,15 +142,18 @@ def joint_tree(task: Task) -> _JointTree:
         *joint_axes(model, joints),
         drive.S,
         drive.offset,
-        tuple(
-            np.array([j - 1 for j in model.supports[frame.parentJoint] if j > 0])
-            for frame in frames
-        ),
-        np.array([frame.placement.rotation for frame in frames]),
-        np.array([frame.placement.translation for frame in frames]),
+        tuple(_carried(model, name) for name in task.frames),
+        None if base is None else _carried(model, base),
         first,
         {name: one.parentJoint - 1 for name, one in link_frames(model).items()},
     )
+
+
+def _carried(model: pin.Model, name: str) -> CarriedFrame:
+    frame = model.frames[frame_id(model, name)]
+    chain = [j - 1 for j in model.supports[frame.parentJoint] if j > 0]
+    placement = frame.placement
+    return CarriedFrame(np.array(chain, int), placement.rotation, placement.translation)
 
 
 def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:

@@ -301,6 +301,7 @@ class ClosingRadiusFile(Part):
     complete: bool
     reason: str
     checked: int = CHECKED_BEFORE
+    leaf: float = 0.0
 
 
 class ProofFile(Part):

@@ -25,6 +25,7 @@ from ..base.arguments import (
     row,
     vector,
 )
+from ..base.certificate import SAME_LEAF
 from ..base.errors import InputError
 from ..base.threads import PerThread
 from ..model.chain_formulas import Placement
@@ -62,10 +63,6 @@ class Bounded(Protocol):
 
         The factor scales the region's widths: below 1 for a row inside, above 1 outside.
         """
-
-
-_SAME_LEAF = 1e-6
-"""Difference in level c up to which two leaves are one."""
 
 
 class RepeatableInverse:
@@ -322,7 +319,7 @@ class RepeatableInverse:
         q, other : (n,) array
             Configurations, rad (m for prismatic joints).
         """
-        return bool(np.abs(self.leaf(q) - self.leaf(other)).max() <= _SAME_LEAF)
+        return bool(np.abs(self.leaf(q) - self.leaf(other)).max() <= SAME_LEAF)
 
     def elbow(self, q: ArrayLike, *, link: str | None = None) -> Array:
         """Compute the elbow of the arm at q: a point (3,), in the base frame, m.

@@ -195,6 +195,32 @@ def test_teleoperation(run: Run) -> None:
     assert re.findall(r"without a level: (\d+)", told) == ["0", "0"]
 
 
+def test_levels_without_wandering_are_learned_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """57.4: the preferred level is a polynomial, which two demonstrations determine."""
+    module = example("learned_elbow")
+    monkeypatch.setattr(module, "WANDER", 0.0)
+    task, rng = rp.Robot.load("panda").task(), np.random.default_rng(0)
+    q0, few = task.reference, rp.FitOptions(samples=64, held_out=64)
+    desired, basis = rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.5)
+    design = rp.nearest_repeatable(desired, basis, rp.Box(q0, 0.5), options=few)
+    rows = [row for _ in range(2) for row in module.demonstrate(design.inverse, q0, rng)]
+    A, c = np.array([module.features(p) for p, _, _ in rows]), np.array([c for _, c, _ in rows])
+    weights = np.linalg.lstsq(A, c, rcond=None)[0]
+    assert np.abs(A @ weights - c).max() < 1e-12
+    for p, level, q in rows[::20]:
+        own = design.inverse.solve(task.placement(q), q0, leaf=module.features(p) @ weights)
+        assert np.abs(own - q).max() < 1e-9 and np.abs(level - design.inverse.leaf(q)) < 1e-9
+
+
+@pytest.mark.slow
+def test_learned_elbow(run: Run) -> None:
+    """On demonstrations held out, learned levels are nearer than one level; each is a function."""
+    _, told = run("python examples/learned_elbow.py")
+    rest, learned = (float(mm) for mm in re.findall(r"elbow (\S+) mm", told))
+    assert learned < 0.6 * rest
+    assert all(float(off) < 1e-9 for off in re.findall(r"within (\S+) rad", told))
+
+
 @pytest.mark.slow  # its cells print the same by default, in test_notebooks.py
 def test_audit_pink(run: Run) -> None:
     pytest.importorskip("pink")

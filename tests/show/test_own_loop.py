@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from browser import asleep, errors, open_page, schemes, wait_until_drawn
 from controls import some
@@ -186,6 +187,54 @@ def test_the_page_computes_two_hands_as_python_does(mirrored: bool, tmp_path: Pa
         assert np.abs(motion.q[:: motion.steps] - ends).max() < 1e-8
 
 
+WELD = Path(__file__).parents[2] / "examples" / "weld_cell.urdf"
+ON_PIECE = {
+    "torch axis on a positioner": (WELD, "torch", "axis", "workpiece"),
+    "torch pose on a positioner": (WELD, "torch", "pose", "workpiece"),
+    "nozzle xy on a turntable": (WELD.with_name("rail_cell.urdf"), "nozzle", "xy", "table"),
+    "a fixed torch": (WELD, "workpiece", "pose", "torch"),
+    "one arm carries the piece": ("baxter", "left_gripper", "pose", "right_gripper"),
+    "beside the elbow of the same arm": ("panda", "panda_hand_tcp", "position", "panda_link2"),
+}
+
+
+@pytest.mark.parametrize("name", some(list(ON_PIECE), "torch axis on a positioner"))
+def test_the_page_computes_on_a_workpiece_as_python_does(name: str, tmp_path: Path) -> None:
+    """57: relative poses, J, errors, ẋ and ten cycles' ends, at random configurations."""
+    if NODE is None:
+        assert os.environ.get("CI") != "true", "node is not installed"
+        pytest.skip("node is not installed")
+    robot, frame, kind, piece = ON_PIECE[name]
+    task = rp.Robot.load(robot).task(frame, kind, on=piece)
+    rng = np.random.default_rng(3)
+    q0 = task.reference + rng.uniform(-0.1, 0.1, task.n)
+    q0 = np.clip(q0, task.lower + 0.2, task.upper - 0.2)
+    basis = rp.Polynomial(q0, 1, 0.7)
+    N = nullspace(task.jacobian(q0))
+    A = np.linalg.lstsq(basis.gradients(q0[None])[0], N, rcond=None)[0]
+    control = rp.RepeatableInverse(task, basis.weighted(A))
+    laws = (rp.Pseudoinverse(task), control)
+    start = task.placement(q0)
+    points = drawn(task, q0)
+    path = rp.waypoints(points, start.rotation)
+    motion = rp.follow(laws[0], path, q0, cycles=1, steps=100, period=3.0)
+    own = own_loop(motion, laws)
+    assert own is not None
+    Q = q0 + rng.uniform(-0.1, 0.1, (10, task.n))
+    X = rng.normal(size=(10, task.m))
+    found = evaluated(tmp_path, own, Q, X, [points.tolist()])
+    for q, x, at in zip(Q, X, found["at"], strict=True):
+        assert np.allclose(at["p"], task.placement(q).translation, atol=1e-12, rtol=0)
+        assert np.allclose(at["J"], task.jacobian(q).ravel(), atol=1e-12, rtol=0)
+        assert np.allclose(at["e"], task.error(q, start), atol=1e-12, rtol=0)
+        for law, v in zip(laws, at["v"], strict=True):
+            expected = law.velocity(q, x)
+            assert np.abs(v - expected).max() < 1e-11 * np.linalg.norm(expected)
+    for law, ends in zip(laws, found["ends"], strict=True):
+        motion = rp.follow(law, path, q0, cycles=10, steps=100, period=3.0)
+        assert np.abs(motion.q[:: motion.steps] - ends).max() < 1e-8
+
+
 def test_what_the_page_cannot_compute_has_no_ring(tmp_path: Path) -> None:
     task, q0 = arm("planar3r xy")
     plain = rp.Pseudoinverse(task)
@@ -302,8 +351,9 @@ def test_a_loop_is_drawn_by_a_pointer(
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', again)
     (speed,) = re.findall(r'<p id="notes"><span>(.*?\(root mean square\)\.)', again)
     told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
-    driver.execute_script("repctl.own.repeat(); repctl.seek(10)")
-    driver.execute_script("repctl.own.report(10)")
+    again = "repctl.picture(); repctl.own.repeat(); return repctl.time"
+    assert driver.execute_script(again) == 1, "on from the end of cycle 1"
+    driver.execute_script("repctl.seek(10); repctl.own.report(10)")
     assert said(driver).partition(". ")[2] == told != ""
     notes = driver.execute_script("return document.getElementById('notes').textContent")
     assert notes.startswith(speed) and "over all 10 cycles" in speed
@@ -852,4 +902,113 @@ def test_what_was_computed_is_drawn_in_slices(driver: Any, page: Path) -> None:
     )
     assert pauses >= 2 * 2 and shown == 0
     assert state == "study" and read == "After 2 cycles, from its start"
+    assert errors(driver) == []
+
+
+# ---- on a workpiece that moves
+
+
+@pytest.fixture(scope="module")
+def welded() -> rp.Study:
+    """A study of a circle on a plate that a positioner turns and tilts."""
+    task = rp.Robot.load(WELD).task("torch", "axis", on="workpiece")
+    ready = [0.0, 0.0, 0.0, 0.5, -0.9, 0.0, 1.2, 0.0]
+    turned = np.diag([-1.0, 1.0, -1.0])
+    q0 = rp.solve_ik(task, ready, pin.SE3(turned, np.array([0.035, 0.0, 0.002])))
+    path = rp.circle(task, q0, radius=0.065, start_angle=np.pi)
+    return rp.study(rp.Problem(task, start=q0, path=path), cycles=2, steps=60, degree=1)
+
+
+@pytest.fixture(scope="module")
+def weld_page(welded: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return rp.animation(welded).save(tmp_path_factory.mktemp("weld") / "page.html")
+
+
+_ON_PIECE = """
+const { own } = repctl, { arms } = own, found = [];
+const last = own.result.perCycle - 1;
+for (let i = 0; i < 2 * last; i++) {
+  repctl.seek(i / last);
+  arms.forEach((arm, k) => {
+    const back = own.pieceIn(k).invert();
+    const tip = arm.point("tip", 0, arm.now.frame, arm.now.f).applyMatrix4(back);
+    const turned = 2 * Math.acos(Math.min(1, Math.abs(arm.carrier.quaternion.w)));
+    found.push([k, turned, ...tip.toArray()]);
+  });
+}
+return found;
+"""
+
+
+def off_loop(points: np.ndarray, p: np.ndarray) -> float:
+    """The distance of a point from a polygon, m."""
+    a, d = points[:-1], np.diff(points, axis=0)
+    share = np.clip(((p - a) * d).sum(1) / np.maximum((d**2).sum(1), 1e-30), 0, 1)
+    return float(np.linalg.norm(a + share[:, None] * d - p, axis=1).min())
+
+
+@pytest.mark.slow
+def test_a_loop_is_drawn_on_a_workpiece_that_moves(
+    driver: Any, welded: rp.Study, weld_page: Path, tmp_path: Path
+) -> None:
+    """57: the loop is one of the workpiece; cycles' ends are Python's; the tips stay on the loop
+    while the plate turns; ring, CSV and address know the workpiece."""
+    schemes(driver, width=1100, height=760)
+    open_page(driver, weld_page)
+    task, q0 = welded.task, welded.q0
+    home = driver.execute_script("return repctl.own.chain.homes[0]")
+    assert np.allclose(home, task.positions(q0[None])[0], atol=1e-9)
+    drag(driver, ARC, "mouse")
+    wait_until_computed(driver)
+    assert said(driver).startswith("After one cycle of your loop the hand is back. ")
+    points = np.array(driver.execute_script("return repctl.own.points"))
+    assert np.ptp(points, axis=0).max() > 0.02
+    ends = driver.execute_script(ENDS)
+    path = rp.waypoints(points, task.placement(q0).rotation)
+    laws = (rp.Pseudoinverse(task), welded.design.inverse)
+    for law, found, most in zip(laws, ends, (1e-6, 1e-8), strict=True):
+        motion = rp.follow(law, path, q0, cycles=10, steps=60)
+        assert np.abs(motion.q[:: motion.steps] - found).max() < most
+    seen = np.array(driver.execute_script(_ON_PIECE))
+    assert seen[:, 1].max() > 0.05, "the plate turns"
+    assert max(off_loop(points, p) for p in seen[:, 2:]) < 1e-5
+    (tmp_path / "loop.csv").write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
+    problem = rp.Problem(task, path=str(tmp_path / "loop.csv"), start=q0)
+    assert np.allclose(problem.cycle.points()[0], home, atol=1e-4)
+    address = driver.execute_async_script(
+        "const done = arguments[0]; repctl.pause(); setTimeout(() => done(location.href), 600)"
+    )
+    driver.get("about:blank")
+    with asleep(driver):
+        driver.get(address)
+    wait_until_drawn(driver, "a shared loop on a workpiece")
+    assert np.abs(np.array(driver.execute_script(ENDS)) - ends).max() < 1e-3
+    assert errors(driver) == []
+
+
+_RINGS = """
+const { own } = repctl, { arms } = own, out = [];
+for (const goal of arguments[0]) {
+  own.lead.queue.push(goal); own.processQueue(); own.draw();
+  const spots = own.spots();
+  arms.forEach((arm, k) => {
+    const tip = own.panes.seen(k, arm.point("tip", 0, 1)), spot = spots[k][0];
+    const turned = 2 * Math.acos(Math.min(1, Math.abs(arm.carrier.quaternion.w)));
+    out.push([Math.hypot(tip.x - spot.x, tip.y - spot.y), turned, own.lead.refusal ? 1 : 0]);
+  });
+}
+return out;
+"""
+
+
+@pytest.mark.slow
+def test_the_ring_stays_at_the_torch_while_the_plate_turns(driver: Any, weld_page: Path) -> None:
+    schemes(driver, width=1100, height=760)
+    open_page(driver, weld_page)
+    driver.execute_script("repctl.own.grab(0, 7, null)")
+    home = np.array(driver.execute_script("return repctl.own.chain.homes[0]"))
+    goals = [home + [x, y, 0] for x, y in ((0.03, 0.02), (0.08, 0.06), (0.1, 0.0), (0.05, -0.05))]
+    found = np.array(driver.execute_script(_RINGS, [g.tolist() for g in goals]))
+    assert not found[:, 2].any() and found[:, 1].max() > 0.05
+    assert found[:, 0].max() < 0.6  # px
     assert errors(driver) == []

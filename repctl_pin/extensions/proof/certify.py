@@ -41,12 +41,13 @@ _CERTAIN = 1e-10
 
 def prove(
     what: Design | CellDesign,
-    *,
     margin: float | None = None,
+    *,
     limit_margin: float | None = None,
     region: Region | None = None,
     closes: float | tuple[float, float] | ClosedPath | bool = True,
     ratio: float = 3.0,
+    leaf: float = 0.0,
     seconds: float = 60.0,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Proof:
@@ -81,6 +82,10 @@ def prove(
         the design's cycle is the default. A function needs none: it closes all paths in its cell.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
+    leaf
+        Distance of each level h(q) from that of the start, within which closed paths of hand and
+        elbow close: whenever pose and levels return, the joints return. 0 for paths on one leaf;
+        not for radii along a path.
     seconds
         Processor time, s, after which the bounds found so far are returned: once for the margins,
         once for the closing radius.
@@ -124,7 +129,9 @@ def prove(
             raise InputError(
                 ": a function is proved over its own cell", argument="region", remedy="omit region="
             )
-    closing = _asked_closing(closes, ratio)
+    closing = _asked_closing(closes, ratio, positive(leaf, "leaf", zero=True))
+    if closing and closing.leaf and not isinstance(what, Design):
+        raise InputError(": a function has one level per pose", argument="leaf", remedy="omit it")
     if not callable(progress):
         progress = flag(progress, "progress")
     required_library("a proof")
@@ -158,14 +165,17 @@ class _Closing(NamedTuple):
         The radius, m; None for the largest radius.
     path : ClosedPath or None
         Closed path along which to prove the radius; None for the surroundings of the start.
+    leaf : float
+        Distance of the levels from those of the start.
     """
 
     ratio: float
     metres: float | None = None
     path: ClosedPath | None = None
+    leaf: float = 0.0
 
 
-def _asked_closing(closes: Any, ratio: float) -> _Closing | None:
+def _asked_closing(closes: Any, ratio: float, leaf: float) -> _Closing | None:
     """Convert the arguments ``closes`` and ``ratio`` of :func:`prove` to the radius to prove.
 
     ``closes`` is a closed path, True or False, metres, or (metres, radians); other values raise an
@@ -174,15 +184,19 @@ def _asked_closing(closes: Any, ratio: float) -> _Closing | None:
     """
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
     if isinstance(closes, ClosedPath):
+        if leaf:
+            raise InputError("closes=path and leaf are mutually exclusive")
         return _Closing(ratio, path=closes)
     if isinstance(closes, (bool, np.bool_)):
-        return _Closing(ratio) if closes else None
+        if leaf and not closes:
+            raise InputError("leaf requires closes")
+        return _Closing(ratio, leaf=leaf) if closes else None
     if isinstance(closes, (tuple, list, np.ndarray)):
         metres, radians = vector(closes, 2, "closes, metres and radians,")
         metres = positive(metres, "the metres of closes", "m")
         radians = positive(radians, "the radians of closes", zero=True)
-        return _Closing(radians / metres, metres)
-    return _Closing(ratio, positive(closes, "closes", "m"))
+        return _Closing(radians / metres, metres, leaf=leaf)
+    return _Closing(ratio, positive(closes, "closes", "m"), leaf=leaf)
 
 
 def _of_region(
@@ -223,13 +237,13 @@ def _of_region(
         )
     if not closing:
         return proof
-    ratio, radius, path = closing
-    if isinstance(region, Tube) and path is None:
+    ratio, radius, path, leaf = closing
+    if isinstance(region, Tube) and path is None and not leaf:
         if design.cycle is None:
             return proof
         path = design.cycle.path
     report("proving the closing radius", 0.0)
-    closes = closing_radius(design, region, problem, path, ratio, radius, seconds)
+    closes = closing_radius(design, region, problem, path, ratio, radius, seconds, leaf)
     named = proof.reason.startswith("J_V is singular between")
     if named and closes.boxes and not closes:
         closes = replace(closes, reason="J_V is singular in Ω")

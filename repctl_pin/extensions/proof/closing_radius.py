@@ -18,6 +18,7 @@ from .boxes import sections
 from .chain import frames_of
 from .enclosure import Enclosure, enclosed
 from .leaf_margin_bounds import LeafMarginProblem
+from .levels import level_boxes
 from .lifts import Places, Reach, bound_reach
 
 _POSES = 100
@@ -35,6 +36,7 @@ def closing_radius(
     ratio: float,
     goal: float | None,
     seconds: float,
+    leaf: float = 0.0,
 ) -> ClosingRadius:
     """Prove a closing radius of a design, within which each motion on a closed path closes.
 
@@ -51,13 +53,16 @@ def closing_radius(
         Radius, m, at which the search may stop; None for the largest radius.
     seconds
         Processor time, s, after which the bounds found so far are returned.
+    leaf
+        Distance of the levels from those of the start, within which closed paths of pose and levels
+        close; only without a path.
     """
     task = design.task
     turns = any(part.kind.turns for part in frames_of(task))
     ratio = ratio if turns else 0.0
     start = _start(design, region, path)
     if path is None:
-        motion = Enclosure(start[None], np.zeros((1, task.n)), True, "")
+        motion = _at_start(design, problem, start, leaf, region)
     else:
         motion = enclosed(design.inverse, problem, closed_path(path), start)
     Q = motion.Q
@@ -82,13 +87,27 @@ def closing_radius(
         angle,
         around,
         str(task.kind),
-        Q[0],
-        *_shown(task, Q, radius, angle),
+        start if path is None else Q[0],
+        *_shown(task, start[None] if path is None else Q, radius, angle),
         boxes,
         complete,
         why,
         0 if motion.proved else len(Q) - 1,
+        leaf,
     )
+
+
+def _at_start(
+    design: Design, problem: LeafMarginProblem, start: Array, leaf: float, region: Region
+) -> Enclosure:
+    """Enclose the joints at the pose of the start, whose levels change by ``leaf`` at most."""
+    if leaf == 0:
+        return Enclosure(start[None], np.zeros((1, design.task.n)), True, "")
+    found = level_boxes(design.inverse, problem, start, leaf)
+    why = found.reason
+    if not why and not (found.box < _clearance(region, found.Q)).all():
+        why = f"levels within {leaf:g} of the start's may leave Ω"
+    return Enclosure(found.Q, found.half, True, why)
 
 
 def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:

@@ -44,7 +44,7 @@ _CLOSED = 1e-7
 _SAME = 1e-9
 """Task error, rad or m, up to which a configuration is at the beginning of the path."""
 
-_ROUND = 1e-12
+ROUND = 1e-12
 """Rounding of a pose, relative to 1 and the length of the arm."""
 
 _WIDER = 1.25
@@ -189,11 +189,11 @@ class _Samples(NamedTuple):
             float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames_of(task)
         )
         errors = task.errors(Q, [path.placement(float(x)) for x in s[:-1]])
-        off = np.linalg.norm(errors, axis=1) + _ROUND * (1 + reach + np.abs(Q).max(axis=1))
+        off = np.linalg.norm(errors, axis=1) + ROUND * (1 + reach + np.abs(Q).max(axis=1))
         levels = np.array([inverse.leaf(q) for q in Q])
         size = problem.features.size + problem.round[-task.r :]
-        rounding = _ROUND * size * (1 + np.abs(Q).sum(axis=1))[:, None]
-        return cls(Q, arcs * (1 + _ROUND), off, np.abs(levels - levels[0]) + rounding)
+        rounding = ROUND * size * (1 + np.abs(Q).sum(axis=1))[:, None]
+        return cls(Q, arcs * (1 + ROUND), off, np.abs(levels - levels[0]) + rounding)
 
     def part(self, at: NDArray[np.intp]) -> _Samples:
         """Select the samples with the given indices."""
@@ -218,18 +218,11 @@ def _proved_arcs(
     inverse: RepeatableInverse, problem: LeafMarginProblem, here: _Samples, after: _Samples
 ) -> _ProvedArcs | None:
     """Bound the lift on the arcs from samples ``here`` to samples ``after``; None if not proved."""
-    bounds = _Boxes(inverse, problem, here.Q)
-
-    # A box that contains the motion along the arc.
-    arc = bounds.moved(here.arcs + here.off[:, None, None], here.level_off)
-    h = 1.5 * arc
-    for _ in range(3):
-        h = _WIDER * (arc + bounds.bent(h))
-        h = np.maximum(h, _LEAST * h.max(axis=1)[:, None])
-    bent = bounds.bent(h)
-    half = (arc + bent) * (1 + 1e-9)
-    if not (half < h).all():
+    bounds = LiftBoxes(inverse, problem, here.Q)
+    found = bounds.around(bounds.moved(here.arcs + here.off[:, None, None], here.level_off))
+    if found is None:
         return None
+    half, h, bent = found
 
     def shift(off: Array, level_off: Array) -> Array:
         """Bound the distance of the solution from its sample: half-widths (K, n), a multiple of h.
@@ -247,7 +240,7 @@ def _proved_arcs(
     return _ProvedArcs(half, h, shift(here.off, here.level_off), end)
 
 
-class _Boxes:
+class LiftBoxes:
     """Bounds of A and of the change of J_V on boxes around K samples Q (K, n).
 
     J_V is the task Jacobian stacked on the potentials' gradients; A is its inverse at a sample.
@@ -278,6 +271,20 @@ class _Boxes:
             g = min(f, arcs.shape[1] - 1)
             found = found + linear * arcs[:, g, :1] + angular * arcs[:, g, 1:]
         return np.asarray(found, float)
+
+    def around(self, arc: Array) -> tuple[Array, Array, Array] | None:
+        """Find boxes in which lifts stay that Φ moves by ``arc`` = ``|A| ℓ`` (K, n) at most.
+
+        Return the bound of the lifts, the half-widths h of boxes in which Φ is injective, and the
+        nonlinear part of the bound, (K, n) each; None if a lift may leave its box.
+        """
+        h = 1.5 * arc
+        for _ in range(3):
+            h = _WIDER * (arc + self.bent(h))
+            h = np.maximum(h, _LEAST * h.max(axis=1)[:, None])
+        bent = self.bent(h)
+        half = (arc + bent) * (1 + 1e-9)
+        return (half, h, bent) if (half < h).all() else None
 
     def bent(self, h: Array) -> Array:
         """Bound the nonlinear part ``|A| Δ(h) h`` on boxes of half-widths h (K, n)."""

@@ -279,7 +279,8 @@ class Governor:
         """True if the commanded pose is beyond the proved closing radius; None without a radius.
 
         Beyond the radius nothing is wrong, but paths that lead there are not proved to close. The
-        radius holds on one leaf only: on any other leaf, every pose counts as beyond it.
+        radius holds for levels within :attr:`ClosingRadius.leaf` of its start's, by default on one
+        leaf only: on any other leaf, every pose counts as beyond it.
         """
         return beyond(self._closes, self._inverse, self.q) if self._closes else None
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...base.arguments import Array
 from ...base.certificate import ClosingRadius
 from ...model.arm_links import arm_links, link_origins, other_ends
-from ...model.joint_chain import joint_tree
+from ...model.joint_chain import CarriedFrame, joint_tree
 from ...model.length import arm_length
 from ...model.several_frames import of_singles
 from ...model.task import Task
@@ -57,16 +57,17 @@ def own_loop(
     Returns
     -------
     dict or None
-        None if a controller or a potential is user-defined, a frame has a ``base`` of its own, or
-        the potentials have too many terms. The visitor then cannot draw a loop.
+        None if a controller or a potential is user-defined, one of several frames has a ``base`` of
+        its own, or the potentials have too many terms. The visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
     laws = [_law(strategy) for strategy in strategies]
     singles = of_singles(task, q0)
-    based = any(single.robot.base is not None for single, _ in singles)
-    if based or any(law is None for law in laws):
+    bases = {single.robot.base for single, _ in singles}
+    if (len(singles) > 1 and bases != {None}) or any(law is None for law in laws):
         return None
     tree, own = joint_tree(task), arm_links(task)
+    base = tree.base and _carried(tree.base)
     shapes = Visuals.of(task.robot).shapes
     names = {link: part_name(task, q0, link) for link in own}
     joints = [
@@ -87,17 +88,14 @@ def own_loop(
                 "frame": single.frame,
                 "kind": str(single.kind) if single.kind.turns else "position",
                 "rows": single.kind.rows.tolist(),
-                "chain": chain.tolist(),
-                "R": R.ravel().tolist(),
-                "p": p.tolist(),
+                **_carried(frame),
+                "base": base,
                 "elbow": int(
                     tree.first[task.joint_names.index(single.joint_names[elbow(single, q)])]
                 ),
                 "hand": hand,
             }
-            for (single, q), chain, R, p, hand in zip(
-                singles, tree.chains, tree.R_frames, tree.p_frames, hand_names(task), strict=True
-            )
+            for (single, q), frame, hand in zip(singles, tree.frames, hand_names(task), strict=True)
         ],
         "path": _path(motion),
         "joints": joints,
@@ -128,6 +126,10 @@ def own_loop(
             for shape in shapes
         ],
     }
+
+
+def _carried(frame: CarriedFrame) -> _Numbers:
+    return {"chain": frame.chain.tolist(), "R": frame.R.ravel().tolist(), "p": frame.p.tolist()}
 
 
 def study_loop(study: Study) -> _Numbers | None:
@@ -190,12 +192,14 @@ def _finite(values: Array) -> list[float | None]:
 def _first_axis(task: Task) -> _Numbers | None:
     """Describe the axis of the first joint by direction, origin (m) and name; None if prismatic.
 
-    A motion along a loop that winds around this axis need not close, and the page says so.
+    A motion along a loop that winds around this axis need not close, and the page says so. On a
+    workpiece, the first joint is the one next to it.
     """
-    if not task.revolute[0]:
+    first = 0 if len(task.frames) > 1 else int(np.argmin(task._first))
+    if not task.revolute[first]:
         return None
-    axis, origin = (places(task.reference)[0] for places in (task.axes, task.joint_origins))
-    return {"axis": axis.tolist(), "origin": origin.tolist(), "name": task.joint_names[0]}
+    axis, origin = (places(task.reference)[first] for places in (task.axes, task.joint_origins))
+    return {"axis": axis.tolist(), "origin": origin.tolist(), "name": task.joint_names[first]}
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:

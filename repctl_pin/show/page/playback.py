@@ -16,7 +16,7 @@ import numpy as np
 
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
-from ...model.arm_links import arm_links, base_placements, link_origins, on_base
+from ...model.arm_links import arm_links, base_moves, base_placements, link_origins, on_base
 from ...model.kind import Kind
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
@@ -318,6 +318,8 @@ def _arm(
     placements = visuals.placements(rows)
     base = base_placements(chains[0].task.robot, rows)
     carried = base @ np.linalg.inv(start)
+    # a visitor's own motion can move a workpiece that stood still
+    moves = any_way and base_moves(chains[0].task)
     tip, elbow = (
         on_base(base, np.stack(points, axis=1))
         for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
@@ -341,7 +343,7 @@ def _arm(
         color=track.color,
         unit=track.unit,
         broken=_broken(played, track, rows),
-        carried=carried if moving_of(carried[:, None]).any() else None,
+        carried=carried if moves or moving_of(carried[:, None]).any() else None,
     )
 
 

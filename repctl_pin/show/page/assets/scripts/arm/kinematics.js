@@ -14,17 +14,18 @@ export class Chain {
       p: new Float64Array(3),
       z: new Float64Array(3),
     }));
-    // the frames: each has m rows of J from `row` on, and stands at R, p
+    // the frames: each has m rows of J from `row` on, and stands at R, p, relative to its base, the
+    // workpiece, if it has one
     this.m = 0;
     this.frames = data.frames.map((frame) => {
       const row = this.m;
       const m = frame.kind === "axis" ? 5 : frame.rows.length;
       this.m += m;
-      const at = doubles(frame, ["R", "p"]);
-      return { ...frame, at, R: new Float64Array(9), p: new Float64Array(3), row, m };
+      return { ...frame, ...carried(frame), base: frame.base && carried(frame.base), row, m };
     });
-    // the joints between base and frames, from the base outward
-    this.chain = this.all.filter((j) => this.frames.some(({ chain }) => chain.includes(j)));
+    // the joints that carry frames and bases, from the root outward
+    const carriers = this.frames.flatMap(({ chain, base }) => [chain, base ? base.chain : []]);
+    this.chain = this.all.filter((j) => carriers.some((chain) => chain.includes(j)));
     this.turn = new Float64Array(9);
     this.twist = new Float64Array(6);
     this.place(data.start);
@@ -38,7 +39,7 @@ export class Chain {
     for (const j of which) {
       const { parent, R, p, axis, turns, S, offset } = this.joints[j];
       const here = this.places[j];
-      const before = parent < 0 ? BASE : this.places[parent];
+      const before = parent < 0 ? ROOT : this.places[parent];
       let theta = offset;
       for (let i = 0; i < S.length; i++) theta += S[i] * q[i];
       placedIn(before, p, here.p);
@@ -49,21 +50,44 @@ export class Chain {
         product(here.R, this.turn, here.R);
       } else for (let i = 0; i < 3; i++) here.p[i] += theta * here.z[i];
     }
-    for (const { chain, at, R, p } of this.frames) {
-      const last = this.places[chain.at(-1)];
-      placedIn(last, at.p, p);
-      product(last.R, at.R, R);
+    for (const frame of this.frames) {
+      this.stand(frame);
+      if (!frame.base) continue;
+      this.stand(frame.base);
+      relative(frame.base, frame);
     }
+  }
+
+  // Put a frame, or a base, where its joints carry it.
+  stand({ chain, at, R, p }) {
+    const last = chain.length ? this.places[chain.at(-1)] : ROOT;
+    placedIn(last, at.p, p);
+    product(last.R, at.R, R);
+  }
+
+  // Where frame f was placed last, relative to the root.
+  tip(f) {
+    const { base, p } = this.frames[f];
+    const q = new Float64Array(3);
+    placedIn(base || ROOT, p, q);
+    return Array.from(q);
   }
 
   // Write J (m, n) into A, at the q where the chain was placed last.
   jacobian(A) {
     A.fill(0, 0, this.m * this.n);
-    for (const frame of this.frames) for (const j of frame.chain) this.addJoint(A, frame, j);
+    this.frames.forEach((frame, f) => {
+      const { chain, base } = frame;
+      const p = base ? this.tip(f) : frame.p;
+      const behind = base ? base.chain : [];
+      // a joint that carries both the frame and its base moves neither relative to the other
+      for (const j of chain) if (!behind.includes(j)) this.addJoint(A, frame, p, j, 1);
+      for (const j of behind) if (!chain.includes(j)) this.addJoint(A, frame, p, j, -1);
+    });
   }
 
-  // Add what joint j moves of a frame to J.
-  addJoint(A, { rows, kind, R, p, row, m }, j) {
+  // Add what joint j moves of a frame, at p in the root, to J; with sign −1 it moves the base.
+  addJoint(A, { rows, kind, R, row, m, base }, p, j, sign) {
     const { n, twist: t } = this;
     const { z, p: o } = this.places[j];
     const { turns, S } = this.joints[j];
@@ -79,10 +103,11 @@ export class Chain {
       t[1] = z[2] * x - z[0] * w;
       t[2] = z[0] * y - z[1] * x;
     }
+    if (base) for (const i of [0, 3]) turnedBack(base.R, t, i);
     for (let k = 0; k < m; k++) {
       const inFrame = kind === "axis" && k >= 3;
       const rate = inFrame ? R[k - 3] * t[3] + R[k] * t[4] + R[k + 3] * t[5] : t[rows[k]];
-      for (let i = 0; i < n; i++) if (S[i]) A[(row + k) * n + i] += S[i] * rate;
+      for (let i = 0; i < n; i++) if (S[i]) A[(row + k) * n + i] += sign * S[i] * rate;
     }
   }
 
@@ -135,7 +160,36 @@ function frameError({ rows, kind, p, R, held, row, m }, target, e) {
   e[row + 4] = x * ratio;
 }
 
-const BASE = { R: Float64Array.of(1, 0, 0, 0, 1, 0, 0, 0, 1), p: new Float64Array(3) };
+const ROOT = { R: Float64Array.of(1, 0, 0, 0, 1, 0, 0, 0, 1), p: new Float64Array(3) };
+
+// A frame or a base on its chain of joints: `at` on the last one, R and p in the root.
+function carried({ chain, ...numbers }) {
+  return {
+    chain,
+    at: doubles(numbers, ["R", "p"]),
+    R: new Float64Array(9),
+    p: new Float64Array(3),
+  };
+}
+
+// Write the three numbers of t from i on in the axes of R.
+function turnedBack(R, t, i) {
+  const x = t[i];
+  const y = t[i + 1];
+  const z = t[i + 2];
+  for (let c = 0; c < 3; c++) t[i + c] = R[c] * x + R[3 + c] * y + R[6 + c] * z;
+}
+
+// The placement of a frame relative to a base, in its place.
+function relative(base, { R, p }) {
+  for (let i = 0; i < 3; i++) p[i] -= base.p[i];
+  turnedBack(base.R, p, 0);
+  const columns = Float64Array.from(R, (_, i) => R[3 * (i % 3) + Math.floor(i / 3)]);
+  for (let c = 0; c < 3; c++) {
+    turnedBack(base.R, columns, 3 * c);
+    for (let i = 0; i < 3; i++) R[3 * i + c] = columns[3 * c + i];
+  }
+}
 
 // The same numbers, as rows of doubles, with which a browser computes faster.
 export function doubles(data, names) {

@@ -39,8 +39,10 @@ export class Own {
       sine: law.sine(),
     }));
     this.stride = this.chain.size / 250;
-    this.studied =
-      data.path && data.path.map((k) => k !== null && paths[k].map((p) => p.toArray()));
+    this.home = placementOf(this.chain.frames[0].base);
+    const back = this.home.clone().invert();
+    const points = (path) => path.map((p) => p.clone().applyMatrix4(back).toArray());
+    this.studied = data.path && data.path.map((k) => k !== null && points(paths[k]));
     this.texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
     this.rings = panes.frames.map((frame, k) =>
       this.chain.frames.map((_, f) => this.ring(frame, k, f)),
@@ -51,6 +53,30 @@ export class Own {
     this.led = 0;
     this.listen();
     this.slider();
+  }
+
+  // ---- where a point of the task is drawn
+
+  // On the workpiece, which stands as at the start; without one, in the root.
+  onPiece(x) {
+    return new MeshCat.THREE.Vector3(...x).applyMatrix4(this.home);
+  }
+
+  // The placement in pane k of what the task is relative to, as it now stands there.
+  pieceIn(k) {
+    const { carrier } = this.arms[k];
+    if (!carrier) return this.home;
+    carrier.updateMatrix();
+    return carrier.matrix.clone().multiply(this.home);
+  }
+
+  seen(k, x) {
+    return this.panes.seen(k, new MeshCat.THREE.Vector3(...x).applyMatrix4(this.pieceIn(k)));
+  }
+
+  // The line of sight through a place of pane k, as the task has it.
+  sight(k, place) {
+    return this.panes.sight(k, place).applyMatrix4(this.pieceIn(k).invert());
   }
 
   // ---- what a hand can touch
@@ -291,22 +317,27 @@ export class Own {
     );
   }
 
+  // The same paths as they are drawn.
+  lines(paths) {
+    return paths.filter(Boolean).map((path) => path.map((p) => this.onPiece(p).toArray()));
+  }
+
   // Take hand f in pane k, in the plane through it that faces the camera, or in the task's own.
   grab(k, id, at, f = 0) {
     const T = MeshCat.THREE;
-    const { chain, panes } = this;
+    const { chain } = this;
     const home = chain.homes[f];
     const { rows } = chain.frames[f];
     const missing = [0, 1, 2].filter((row) => !rows.includes(row));
     this.led = f;
     chain.led = f;
-    const seen = panes.seen(k, new T.Vector3(...home));
+    this.stand(this.elbowAt);
+    const seen = this.seen(k, home);
     const grip = at ? { x: seen.x - at.x, y: seen.y - at.y } : { x: 0, y: 0 };
     const normal = missing.length
       ? new T.Vector3().setComponent(missing[0], 1)
-      : panes.sight(k, seen).direction;
+      : this.sight(k, seen).direction;
     const plane = new T.Plane().setFromNormalAndCoplanarPoint(normal, new T.Vector3(...home));
-    this.stand(this.elbowAt);
     this.beginGesture({
       k,
       id,
@@ -354,11 +385,13 @@ export class Own {
       const { color } = arm.data;
       const positions = new T.Float32BufferAttribute(3 * DOTS, 3);
       const line = dots(new T.BufferGeometry().setAttribute("position", positions), color);
-      arm.traces.add(line);
-      if (chain.proved)
-        arm.traces.add(disc(new T.Vector3(...chain.homes[this.led]), plane.normal, chain.proved));
+      // a loop stays on a workpiece that moves
+      const piece = arm.carrier ? arm.paths : arm.traces;
+      piece.add(line);
+      const normal = plane.normal.clone().transformDirection(this.home);
+      if (chain.proved) piece.add(disc(this.onPiece(chain.homes[this.led]), normal, chain.proved));
       const trails = chain.frames.map(() => [
-        new Trail(arm.traces, color),
+        new Trail(piece, color),
         new Trail(arm.traces, color),
       ]);
       return { line, trails };
@@ -372,7 +405,7 @@ export class Own {
     const home = new MeshCat.THREE.Vector3(...chain.homes[this.led]);
     for (const one of events.length ? events : [event]) {
       const { x, y } = this.at(lead.k, one);
-      const sight = this.panes.sight(lead.k, { x: x + lead.grip.x, y: y + lead.grip.y });
+      const sight = this.sight(lead.k, { x: x + lead.grip.x, y: y + lead.grip.y });
       const hit = sight.intersectPlane(lead.plane, new MeshCat.THREE.Vector3());
       if (hit && hit.distanceTo(home) < 4 * chain.size) lead.queue.push(hit.toArray());
     }
@@ -416,9 +449,12 @@ export class Own {
   // Right and up on the screen, in the plane in which the hand is led.
   axes() {
     const { elements } = this.panes.viewer.camera.matrixWorld;
-    const { normal } = this.lead.plane;
-    return [0, 4].map((k) =>
-      new MeshCat.THREE.Vector3(elements[k], -elements[k + 2], elements[k + 1])
+    const { k, plane } = this.lead;
+    const { normal } = plane;
+    const back = this.pieceIn(k).invert();
+    return [0, 4].map((i) =>
+      new MeshCat.THREE.Vector3(elements[i], -elements[i + 2], elements[i + 1])
+        .transformDirection(back)
         .projectOnPlane(normal)
         .normalize(),
     );
@@ -466,7 +502,7 @@ export class Own {
       chain.place(lead.qs[k], chain.all);
       chain.frames.forEach(({ elbow }, f) => {
         const [tip, behind] = lead.shown[k].trails[f];
-        tip.add(new T.Vector3(...lead.hands[f]));
+        tip.add(this.onPiece(lead.hands[f]));
         behind.add(new T.Vector3(...chain.places[elbow].p));
       });
     });
@@ -545,7 +581,8 @@ export class Own {
       const count = Math.min(DOTS, Math.floor(gap(lead.hand, home) / (0.018 * this.extent)));
       for (let i = 0; i < count; i++) {
         const share = (i + 0.5) / count;
-        position.setXYZ(i, ...lead.hand.map((v, c) => v + share * (home[c] - v)));
+        const dot = lead.hand.map((v, c) => v + share * (home[c] - v));
+        position.setXYZ(i, ...this.onPiece(dot).toArray());
       }
       geometry.setDrawRange(0, count);
       position.needsUpdate = true;
@@ -619,7 +656,7 @@ export class Own {
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
     yield;
     this.endGesture();
-    yield* this.player.play({ ...result, paths: paths.filter(Boolean) });
+    yield* this.player.play({ ...result, paths: this.lines(paths) });
     yield;
     const lead = paths.find(Boolean);
     const shape = {
@@ -881,10 +918,9 @@ export class Own {
 
   // Where the hands' rings are, in the pixels of each pane.
   spots() {
-    const { chain, lead, panes } = this;
-    const hands = lead ? lead.hands : this.points ? this.hands(this.points[0]) : chain.homes;
-    this.shown = hands.map((hand) => new MeshCat.THREE.Vector3(...hand));
-    return this.rings.map((_, k) => this.shown.map((hand) => panes.seen(k, hand)));
+    const { chain, lead } = this;
+    this.rest = lead ? lead.hands : this.points ? this.hands(this.points[0]) : chain.homes;
+    return this.rings.map((_, k) => this.rest.map((hand) => this.seen(k, hand)));
   }
 
   // Put the rings where the hands are, and their words where `rooms` has room; they are not there
@@ -894,7 +930,7 @@ export class Own {
       row.forEach((ring, f) => {
         const { x, y } = spots[k][f];
         ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
-        ring.classList.toggle("away", this.clock.playing && this.isAway(k, f, this.shown[f]));
+        ring.classList.toggle("away", this.clock.playing && this.isAway(k, f));
         if (rooms[k] && !k && this.inviting) this.invite(ring, f, spots[k][f], rooms[k]);
       }),
     );
@@ -925,11 +961,12 @@ export class Own {
     if (!ring.matches(".mute, .away")) room.box(place);
   }
 
-  isAway(k, f, hand) {
+  isAway(k, f) {
     const { now } = this.arms[k];
     if (this.lead || this.clock.time % 1 === 0) return false;
     const tip = this.arms[k].point("tip", f, now.frame, now.f);
-    return tip.distanceTo(hand) > 0.02 * this.extent;
+    const rest = new MeshCat.THREE.Vector3(...this.rest[f]).applyMatrix4(this.pieceIn(k));
+    return tip.distanceTo(rest) > 0.02 * this.extent;
   }
 }
 
@@ -953,6 +990,14 @@ const LOOP_WORDS = {
     "the usual arm drifts less? Your best: 0.88 mm from its start after 10 cycles.",
 };
 const PROVED_WORDS = " Closing is proved within 1.1 cm of the start; this loop was computed.";
+
+// The placement of a base as a matrix of the scene; of none, the unit matrix.
+function placementOf(base) {
+  const M = new MeshCat.THREE.Matrix4();
+  if (!base) return M;
+  const { R, p } = base;
+  return M.set(...[0, 1, 2].flatMap((i) => [...R.subarray(3 * i, 3 * i + 3), p[i]]), 0, 0, 0, 1);
+}
 
 // The largest joint speed of a control for a hand that moves by 1 m/s along an axis, at q.
 function maxJointSpeed(law, q) {

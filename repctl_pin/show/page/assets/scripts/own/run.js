@@ -175,7 +175,7 @@ function lostAt(chain, q, row, perCycle) {
     at: row / perCycle,
     cycle: Math.floor(row / perCycle) + 1,
     words: "close to a singularity: cannot be computed reliably from here",
-    place: Array.from(chain.frames[chain.led || 0].p),
+    place: chain.tip(chain.led || 0),
   };
 }
 
@@ -194,7 +194,7 @@ export function drawnAt(chain, arm, q, { motion, frames, data }, i) {
     points.forEach((p, k) => motion.set(p, from + 3 * k));
     at += 3 * points.length * frames;
   };
-  write(chain.frames.map(({ p }) => p));
+  write(chain.frames.map((_, f) => chain.tip(f)));
   write(chain.frames.map(({ elbow }) => chain.places[elbow].p));
   const { broken } = data;
   if (broken) write([broken.place || chain.places[chain.first[broken.joint]].p]);
@@ -214,20 +214,19 @@ function drawBody(motion, at, back, ride, chain, turns) {
   turn.toArray(motion, at + 3);
 }
 
-// On which joint each body of an arm rides, and where on it: from the study's first frame. Null for
-// one that stands.
+// On which joint each body of an arm rides, and where on it: from the study's first frame; last, a
+// workpiece with what is drawn on it. Null for one that stands.
 function ridesOf(chain, arm) {
   if (arm.rides) return arm.rides;
   const { run, start } = arm.study;
   const T = MeshCat.THREE;
   chain.place(chain.start, chain.all);
-  const moving = run.data.shapes
-    .map((shape, s) => ({ shape, s }))
-    .filter(({ shape }) => !shape.pose);
-  arm.rides = moving.map(({ s }, k) => {
-    const link = chain.links[s];
-    if (!link || link[0] < 0) return null;
-    const { R, p } = chain.places[link[0]];
+  const moving = run.data.shapes.flatMap((shape, s) => (shape.pose ? [] : [chain.links[s]]));
+  const joints = moving.map((link) => (link ? link[0] : -1));
+  if (run.data.carried) joints.push(chain.frames[0].base.chain.at(-1));
+  arm.rides = joints.map((joint, k) => {
+    if (joint < 0) return null;
+    const { R, p } = chain.places[joint];
     const at = start + 7 * k;
     const [x, y, z] = [0, 1, 2].map((c) => run.motion[at + c] - p[c]);
     const turn = new T.Quaternion()
@@ -235,7 +234,7 @@ function ridesOf(chain, arm) {
       .normalize()
       .premultiply(quaternion(R).conjugate());
     return {
-      joint: link[0],
+      joint,
       point: [0, 1, 2].map((c) => R[c] * x + R[3 + c] * y + R[6 + c] * z),
       turn,
     };

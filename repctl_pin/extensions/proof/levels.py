@@ -1,0 +1,178 @@
+r"""The levels as coordinates: joints that are proved to be a function of the levels at the start.
+
+Let c = h(q) be the levels of the potentials, x₀ and c₀ those of the start q₀, and Φ = (f, h). The
+cube ``|c_a − c_0a| ≤ γ`` is divided into cells. In the middle c_k of a cell of half-width a, let
+Q_k solve ``Φ = (x₀, c_k)``, and A be the inverse of J_V there. While the pose rests and the level
+goes from there to any c of the cell, the lift stays in a box,
+
+.. math:: |q − Q_k| ≤ |A_h|\, a + |A|\, Δ(h)\, h < h,
+
+with A_h the last r columns of A and Δ a bound of the change of J_V on the box. Its end is F_k(c). A
+wider box, in which Φ is injective, contains the ends of the neighbouring cells, so they agree on
+common faces: one continuous function F(x₀, c). The theory, "Hand and elbow", has the theorem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ...base.arguments import Array, read_only
+from ...base.errors import InputError, SingularityError
+from ...model.joint_chain import joint_chain
+from ...strategies import RepeatableInverse
+from .chain import frames_of
+from .enclosure import ROUND, LiftBoxes
+from .leaf_margin_bounds import LeafMarginProblem
+
+_CELLS = (5, 17, 65, 257, 1025)
+"""Numbers of cells per level that are tried, until each is small enough for a proof."""
+
+_MOST_CELLS = 5000
+
+_OVERLAP = 4.0
+"""Half-width, in those of a cell, of the levels in whose box Φ is injective."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Levels:
+    """Configurations at the pose of a start, one per cell of levels, and boxes around them.
+
+    Attributes
+    ----------
+    Q : (K, n) array
+        Configurations in the middles of the cells; neighbouring rows are neighbouring cells.
+    half : (K, n) array
+        Half-widths of boxes that contain F(x₀, c) for all levels c of the cell, rad or m.
+    box : (K, n) array
+        Half-widths of boxes in which Φ was bounded; they must be inside Ω.
+    reason : str
+        Reason why F(x₀, c) is not proved for all levels; empty if it is proved.
+    """
+
+    Q: Array
+    half: Array
+    box: Array
+    reason: str
+
+
+@np.errstate(all="ignore")
+def level_boxes(
+    inverse: RepeatableInverse, problem: LeafMarginProblem, start: Array, most: float
+) -> Levels:
+    """Enclose the joints F(x₀, c) for all levels c within ``most`` of the start's, at its pose x₀.
+
+    The cells become smaller until each is proved. The start (n,) is in the middle of the first one.
+    """
+    r = inverse.task.r
+    why = f"levels within {most:g} of the start's"
+    Q = start[None]
+    for count in _CELLS:
+        if count**r > _MOST_CELLS:
+            break
+        try:
+            cells, Q = _solved(inverse, start, most, count)
+        except (InputError, SingularityError) as error:
+            return _refused(start, f"{why} are not reached: {error}")
+        found = _proved(inverse, problem, start, cells, Q, most / count)
+        if found is not None:
+            return Levels(Q, *found, "")
+    return _refused(start, f"{why} are not proved to be regular in {len(Q)} cells")
+
+
+def _refused(start: Array, why: str) -> Levels:
+    none = np.zeros((1, len(start)))
+    return Levels(start[None], none, none, why)
+
+
+def _solved(
+    inverse: RepeatableInverse, start: Array, most: float, count: int
+) -> tuple[Array, Array]:
+    """Solve for the configuration in the middle of each cell, from cell to neighbouring cell.
+
+    Return the cells' indices (K, r), counted from the cell of the start, in an order in which
+    neighbouring rows are neighbouring cells; and the configurations (K, n).
+    """
+    task, c = inverse.task, inverse.leaf(start)
+    place = task.placements(start)
+    x = place if len(place) > 1 else place[0]
+    width, side = 2 * most / count, count // 2
+    solved = {(0,) * task.r: start}
+    for cell in sorted(product(range(-side, side + 1), repeat=task.r), key=_far):
+        if cell not in solved:
+            level = c + width * np.array(cell)
+            solved[cell] = inverse.solve(x, solved[_inward(cell)], leaf=level)
+    cells = _in_turn(side, task.r)
+    return np.array(cells), np.array([solved[cell] for cell in cells])
+
+
+def _far(cell: tuple[int, ...]) -> int:
+    return sum(map(abs, cell))
+
+
+def _inward(cell: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the neighbouring cell that is one step nearer to that of the start."""
+    k = int(np.argmax(np.abs(cell)))
+    return (*cell[:k], cell[k] - int(np.sign(cell[k])), *cell[k + 1 :])
+
+
+def _in_turn(side: int, r: int) -> list[tuple[int, ...]]:
+    """List all cells, to and fro, so that each is a neighbour of the one before."""
+    if r == 0:
+        return [()]
+    found: list[tuple[int, ...]] = []
+    inner = _in_turn(side, r - 1)
+    for i in range(-side, side + 1):
+        found += [(i, *cell) for cell in inner]
+        inner = inner[::-1]
+    return found
+
+
+def _proved(
+    inverse: RepeatableInverse,
+    problem: LeafMarginProblem,
+    start: Array,
+    cells: Array,
+    Q: Array,
+    width: float,
+) -> tuple[Array, Array] | None:
+    """Bound how far F(x₀, c) is from Q_k in each cell: (K, n); None if a cell is not proved.
+
+    The second result are the boxes in which Φ is injective. ``width`` is half the width of a cell,
+    ``cells`` (K, r) and Q (K, n) are as in :func:`_solved`.
+    """
+    task, bounds = inverse.task, LiftBoxes(inverse, problem, Q)
+    # how far each middle is from its pose and level
+    reach = max(
+        float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames_of(task)
+    )
+    place = task.placements(start)
+    x = place if len(place) > 1 else place[0]
+    off = np.linalg.norm(task.errors(Q, [x] * len(Q)), axis=1)
+    off += ROUND * (1 + reach + np.abs(Q).max(axis=1))
+    levels = np.array([inverse.leaf(q) for q in Q])
+    size = problem.features.size + problem.round[-task.r :]
+    level_off = np.abs(levels - inverse.leaf(start) - 2 * width * cells)
+    level_off += ROUND * size * (1 + np.abs(Q).sum(axis=1))[:, None]
+    poses = np.repeat(off[:, None, None], 2, axis=2)
+
+    # the box of the lifts in a cell, and the wider box in which Φ is injective
+    near = bounds.around(bounds.moved(poses, width * (1 + ROUND) + level_off))
+    wide = bounds.around(bounds.moved(poses, _OVERLAP * width + level_off))
+    if near is None or wide is None:
+        return None
+    half, box = near[0], wide[1]
+    if not (half < box).all():
+        return None
+    at = {tuple(cell): k for k, cell in enumerate(cells.tolist())}
+    for k, cell in enumerate(cells.tolist()):
+        for a in range(task.r):
+            j = at.get((*cell[:a], cell[a] + 1, *cell[a + 1 :]))
+            if j is None:
+                continue
+            if not (np.abs(Q[k] - Q[j]) + half[k] < box[j]).all():
+                return None
+    return half, np.maximum(box, near[1])
