@@ -71,7 +71,7 @@ def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
     command = [sys.executable, "-c", LOOP, str(arm), *LEFT_OUT]
     path = os.environ | {
         "XDG_CACHE_HOME": str(tmp_path),  # no hull of a mesh is cached
-        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
     }
     done = subprocess.run(command, cwd=tmp_path, env=path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
