@@ -136,6 +136,10 @@ def driver(chromium: Any) -> Iterator[Any]:
 @pytest.fixture
 def few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fit and evaluate designs at 1024 nodes, where their number is left to the package."""
+    use_few_nodes(monkeypatch)
+
+
+def use_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_LEAST_NODES", "NODES"):
         monkeypatch.setattr(f"repctl_pin.design.fit.{name}", 1024)
 
@@ -158,10 +162,23 @@ def only_starts(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 @pytest.fixture
-def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def quick_choices(monkeypatch: pytest.MonkeyPatch) -> None:
     """Choose starts, circles and tubes by shorter motions and fewer nodes, and radii by fewer
     boxes, for tests of what is done with them; tests of design, motion, problem and proof judge
     the choices themselves."""
+    choose_quickly(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def quick_module() -> Iterator[None]:
+    """The same for a whole file of tests and the studies that they share."""
+    with pytest.MonkeyPatch.context() as patch:
+        choose_quickly(patch)
+        yield
+
+
+def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_few_nodes(monkeypatch)
 
     def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
         return rp.follow(*given, steps=steps // 4, **options)

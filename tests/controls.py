@@ -32,8 +32,8 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
 
-def some(names: Iterable[str], *default: str) -> list[Any]:
-    """Make the parameters of a test: the default names, and the others as slow ones."""
+def some(names: Iterable[Any], *default: Any) -> list[Any]:
+    """Make the parameters of a test: the default ones, and the others as slow ones."""
     slow = pytest.mark.slow
     return [name if name in default else pytest.param(name, marks=slow) for name in names]
 
