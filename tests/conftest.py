@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 from arms import Q_PANDA
 from browser import browser, require_browser
-from commands import without_pictures
+from commands import without_pictures, without_tours
 from controls import c_compiler, shared_folder
 
 import repctl_pin as rp
@@ -145,9 +145,9 @@ def use_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def two_degrees(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Designs of automatic degree end at degree 2: the same in less time."""
-    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)
+def one_degree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Designs of automatic degree end at degree 1: the same in less time."""
+    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 1)
 
 
 @pytest.fixture
@@ -202,8 +202,7 @@ def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def no_tours(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the motion along a sample path out of the page of a cell."""
-    module = import_module("repctl_pin." + "extensions.cells.cell_command")
-    monkeypatch.setattr(module, "_tour", lambda design: ({}, []))
+    without_tours(monkeypatch)
 
 
 @pytest.fixture

@@ -152,10 +152,10 @@ def test_a_weld_of_few_pieces_and_steps(
 ) -> None:
     """What the slow test holds of ten pieces, of three."""
     module = example("weld")
-    monkeypatch.setattr(rp, "study", partial(rp.study, steps=100))
+    monkeypatch.setattr(rp, "study", partial(rp.study, steps=50))
     study = module.study_seam(3.0, 3)
     differ = {
-        key: np.degrees(np.abs(row.motion.q[::100] - row.motion.q[0]).max())
+        key: np.degrees(np.abs(row.motion.q[::50] - row.motion.q[0]).max())
         for key in ("pseudoinverse", "repeatable")
         for row in [study.row(key)]
     }
@@ -176,9 +176,9 @@ def test_weld(run: Run) -> None:
 
 
 def test_a_short_teleoperation(monkeypatch: pytest.MonkeyPatch, quick_choices: None) -> None:
-    """What the slow test holds of three cycles of both arms, of two short ones."""
+    """What the slow test holds of three cycles of both arms, of a short one."""
     module = example("teleoperation")
-    monkeypatch.setattr(module, "CYCLES", 2)
+    monkeypatch.setattr(module, "CYCLES", 1)
     monkeypatch.setattr(module, "PERIOD", 3.0)
     task, q0, limits = module.arms()["panda"]
     log = module.drive(module.designed(task, q0), q0, limits)

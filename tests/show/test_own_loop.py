@@ -598,7 +598,7 @@ def two_hands(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bones = folder / "bones.urdf"
     bones.write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text), "utf-8")
     robot = rp.Robot.load(bones)
-    wanted = rp.Problem(robot, frame=["left_gripper", "right_gripper"])
+    wanted = rp.Problem(robot, frame=["left_gripper", "right_gripper"], region=0.1)
     return rp.animation(rp.study(wanted, cycles=2, steps=60, degree=1)).save(folder / "page.html")
 
 
@@ -634,11 +634,7 @@ return [...new Set(found.map(String))];
 
 @pytest.mark.parametrize(
     "size",
-    some(
-        [(900, 700), (720, 620), (1280, 800), (390, 844), (320, 640)],
-        (900, 700),
-        (320, 640),
-    ),
+    some([(900, 700), (720, 620), (1280, 800), (390, 844), (320, 640)], (900, 700), (320, 640)),
 )
 def test_rings_lines_and_labels_do_not_overlap(
     driver: Any, two_hands: Path, size: tuple[int, int]

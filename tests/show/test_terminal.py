@@ -54,7 +54,7 @@ def test_a_study_fits_in_one_piece(narrow: None, tmp_path: Path) -> None:
     kinova = rp.Robot.load("kinova").description.path.read_text(encoding="utf-8")
     bare = re.sub(r"(?s)<visual>.*?</visual>", "", kinova)  # pages of meshes take long
     (tmp_path / "kinova.urdf").write_text(bare, encoding="utf-8")
-    study = rp.study(tmp_path / "kinova.urdf", cycles=2, steps=24, degree=1)
+    study = rp.study(rp.Problem(tmp_path / "kinova.urdf", region=0.2), cycles=2, steps=24, degree=1)
     text = full(study, tmp_path)
     fits(text)
     assert text.startswith("After 2 cycles the hand is back")
@@ -70,7 +70,7 @@ def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
         f"a control with a long name, {k}": rp.WeightedInverse(task, [1.0, 2.0, k])
         for k in (1, 2, 3)
     }
-    study = rp.study("ppr", controls=own, cycles=2, steps=40, degree=1)
+    study = rp.study(rp.Problem("ppr", region=0.2), controls=own, cycles=2, steps=40, degree=1)
     text = full(study, tmp_path)
     fits(text)
     assert text.count("─\n") == 2 and text.count("drift after 2 cycles, rad and m") == 2
