@@ -15,7 +15,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -26,7 +25,7 @@ import pytest
 from arms import Q_PANDA
 from browser import browser, require_browser
 from commands import without_pictures, without_tours
-from controls import c_compiler, shared_folder
+from controls import c_compiler, evaluate_cells_quickly, shared_folder
 
 import repctl_pin as rp
 
@@ -163,9 +162,9 @@ def only_starts(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 @pytest.fixture
 def quick_choices(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Choose starts, circles and tubes by shorter motions and fewer nodes, and radii by fewer
-    boxes, for tests of what is done with them; tests of design, motion, problem and proof judge
-    the choices themselves."""
+    """Choose starts, circles and tubes by shorter motions and fewer nodes, radii by fewer boxes,
+    and the worst poses of cells by shorter searches, for tests of what is done with them; tests of
+    design, motion, problem, cells and proof judge the choices themselves."""
     choose_quickly(monkeypatch)
 
 
@@ -179,6 +178,7 @@ def quick_module() -> Iterator[None]:
 
 def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_nodes(monkeypatch)
+    evaluate_cells_quickly(monkeypatch)
 
     def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
         return rp.follow(*given, steps=steps // 4, **options)
@@ -220,10 +220,7 @@ def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
         ("_HELD_OUT", 256),
     ):
         monkeypatch.setattr(place, name, value)
-    evaluate = "repctl_pin." + "extensions.cells.evaluate."
-    monkeypatch.setattr(import_module(evaluate + "cell_evaluation"), "_SPEED_STARTS", 2)
-    margins = import_module(evaluate + "margins")
-    monkeypatch.setattr(margins, "_LENGTHS", replace(margins._LENGTHS, steps=5))
+    evaluate_cells_quickly(monkeypatch)
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,8 @@ import os
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,14 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of this run of the tests, which its workers share."""
     folder = tmp_path_factory.getbasetemp()
     return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+def evaluate_cells_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search for the worst poses of a cell from fewer starts, by fewer steps."""
+    evaluate = "repctl_pin." + "extensions.cells.evaluate."
+    monkeypatch.setattr(import_module(evaluate + "cell_evaluation"), "_SPEED_STARTS", 2)
+    margins = import_module(evaluate + "margins")
+    monkeypatch.setattr(margins, "_LENGTHS", replace(margins._LENGTHS, steps=5))
 
 
 def some(names: Iterable[Any], *default: Any) -> list[Any]:
