@@ -90,7 +90,6 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert scene["paths"][0] == 16  # the edges of the cell
 
 
-@pytest.mark.slow
 def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
     """One load, at two sizes; what the tour's frame draws is looked at elsewhere."""
     schemes(driver, width=390, height=480)
