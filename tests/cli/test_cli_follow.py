@@ -126,7 +126,7 @@ def test_a_fast_cycle_is_slowed_down_to_the_speed_limits(saved, panda_design, ca
 
 
 def test_best_leaf_and_start(saved, capsys) -> None:
-    options = ["follow", "design.json", "--plane", "yz", "--steps", "40", "--json"]
+    options = ["follow", "design.json", "--plane", "yz", "--steps", "100", "--json"]
     assert main(options) == 0
     given = json.loads(capsys.readouterr().out)
     assert main(["follow", "--best-leaf", *options[1:]]) == 0  # a design is no value of it
