@@ -40,7 +40,7 @@ _SAME_ANGLE = 1e-7
 @dataclass(frozen=True, eq=False)
 @read_only
 class ClosingRadius:
-    """Distance from a start pose, or from a closed path, within which every closed path closes.
+    """Distance from a start pose, or from a path, within which motions on closed paths close.
 
     A path closes if its motion ends in the configuration it began in. If all poses of a closed path
     are within :attr:`metres` **and** :attr:`radians` of the start pose, the path closes, however
@@ -257,8 +257,8 @@ class Proof:
         Joints left out of the limit margin, because they reach their limits. Such a limit ends the
         range of an angle of the cell that was given as ``"all"``.
     closes : ClosingRadius, optional
-        Distance from the start, or from the path, within which every closed path closes. None if it
-        was not requested, or for a tube without a path.
+        Distance from the start, or the path, within which closed paths end in the configuration
+        they began in. None if it was not requested, or for a tube without a path.
     subject : str
         Fingerprint of all that is proved: ``design.subject`` of the design.
     seal : str

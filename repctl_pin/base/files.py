@@ -101,7 +101,9 @@ def _staged(folder: Path) -> Iterator[Path]:
         moves = [(file, folder / file.name) for file in sorted(staged.iterdir())]
         for file, target in moves:
             if file.is_dir() and os.path.lexists(target):
-                raise InputError(f"{target} exists already, and is not replaced; choose another")
+                raise InputError(
+                    f"{target} exists already, and is not replaced; choose another name"
+                )
             if target.is_dir() and not target.is_symlink():
                 raise InputError(f"cannot write {target}: the path is a folder; give a file name")
         with _one_at_a_time(folder):

@@ -75,7 +75,7 @@ class FitOptions:
         defaults = vars(FitOptions())
         for name, value in vars(self).items():
             if name not in names and value != defaults[name]:
-                raise InputError(f"{by} has no option {name}; leave it out of FitOptions")
+                raise InputError(f"{by} has no option {name}; omit it from FitOptions")
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:

@@ -137,5 +137,8 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
             "correct or uninstall this package"
         ) from error
     if not callable(made):
-        raise InputError(f"{name!r} of {package} must be a function or a class, not {made!r}")
+        raise InputError(
+            f"{name!r} of {package} must be a function or a class, not {made!r}; "
+            "correct or uninstall this package"
+        )
     return made

@@ -104,11 +104,13 @@ class Table(ABC):
             row = int(np.argmax(wrong))
             sizes = np.repeat(names, [self.widths[name] for name in names])
             name = sizes[np.argmin(np.isfinite(values[row]))]
-            raise InputError(f"{self.where(row)}: {name} is not a finite number", at=row)
+            raise InputError(
+                f"{self.where(row)}: {name} is not a finite number; correct it", at=row
+            )
         return values
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0, for a message: its line in a CSV file, else its frame."""
+        """Name a row, counted from 0, for a message: by its line in a CSV file, else its number."""
         return f"{self.file}, frame {row}"
 
 
@@ -202,7 +204,7 @@ def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
 def _format(file: Path) -> str:
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
-        raise InputError(f"{file} is not a .csv, .npz or .parquet file")
+        raise InputError(f"{file} must end in .csv, .npz or .parquet")
     return suffix
 
 
@@ -305,7 +307,8 @@ class CsvTable(Table):
             if len(row) != size:
                 like = "the first line" if self._header is None else "the header"
                 raise InputError(
-                    f"{self.file}, line {line}: {len(row)} fields, but {like} has {size}"
+                    f"{self.file}, line {line}: {len(row)} fields, but {like} has {size}; "
+                    "write one field per column"
                 )
             yield line, row
 

@@ -91,8 +91,8 @@ def _drawn(
 
     All sources of motions, such as a CSV file or a design, use this function. ``tracks`` are the
     motions of one robot, ``say`` receives the name of each step, and ``more`` are further arguments
-    of :func:`playback_page`. Return the page, the task, the number of cycles, and the drift by
-    controller.
+    of :func:`playback_page`. Return the page, the task, the number of cycles, and for each
+    controller the drift after each cycle (cycles,), rad or m.
     """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS

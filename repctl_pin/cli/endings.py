@@ -65,7 +65,7 @@ def _stopped_cleanly() -> Iterator[None]:
     def swallowed(what: Any) -> None:
         """Send the signal again if its exception was raised in a finaliser, where Python drops it.
 
-        ``what`` is Python's report of the dropped exception. Otherwise, the stop would be lost.
+        ``what`` is Python's report of the dropped exception. Otherwise, the signal would be lost.
         """
         nonlocal coming
         if isinstance(what.exc_value, _Stopped):

@@ -183,7 +183,11 @@ def _followed(options: Options, case: _Case, q0: Any) -> _Followed:
 
 
 def _closing_radius(case: _Case, q0: Any) -> tuple[ClosingRadius | None, list[str]]:
-    """Return the proved closing radius on the leaf of q0 (n,), or None and a note on that leaf."""
+    """Return the proved closing radius, and a list of notes.
+
+    The radius is None if nothing is proved, or if q0 (n,) is on another leaf than the proof; the
+    list then has a note on that leaf, else it is empty.
+    """
     strategy = case.strategy
     if case.closes is None or not isinstance(strategy, rp.RepeatableInverse):
         return case.closes, []
@@ -217,7 +221,7 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the figures of the motion timed from rest to rest, which replace the untimed ones."""
+    """Collect the figures of the timed motion, by key; they replace those of :func:`_result`."""
     return {
         "duration": rest.duration,
         "slowed_by": None,
@@ -295,7 +299,8 @@ def _check_control(options: Options) -> None:
     files = [file for file in (options.csv, options.yaml, options.profile) if file is not None]
     if len(set(files)) < len(files):
         raise InputError(
-            "--csv, --yaml and --profile name the same file", remedy="give each another name"
+            f"two of --csv, --yaml and --profile name the same file, {max(files, key=files.count)}",
+            remedy="give each another name",
         )
     if options.profile is not None:
         needed("matplotlib", by="--profile")
@@ -409,7 +414,9 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
     strategy = plugin("strategies", name, known=_OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(
-            f"{name} makes an object without a task or a velocity(q, ẋ)", argument="--strategy"
+            f"{name} makes an object without a task or a velocity(q, ẋ); "
+            "return a strategy, such as rp.Pseudoinverse(task), in the plugin",
+            argument="--strategy",
         )
     return strategy
 

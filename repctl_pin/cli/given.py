@@ -176,7 +176,7 @@ class Options(argparse.Namespace):
         if self.robot is None and not made_for.catalogue:
             raise InputError(
                 f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue",
-                remedy=f"say where it is: --robot {made_for.file}",
+                remedy=f"give its URDF: --robot {made_for.file}",
             )
         robot = rp.Robot.load(self.robot or made_for.robot, **self.beside())
         if robot.name != made_for.robot:

@@ -80,7 +80,7 @@ class Batches:
 
     @property
     def stored(self) -> bool:
-        """Whether all batches are in memory."""
+        """True if all batches are in memory."""
         return len(self._kept) * self._size >= len(self._Q)
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
@@ -141,7 +141,7 @@ class BarrierCost:
 
     @property
     def stored(self) -> bool:
-        """Whether all nodes are in memory."""
+        """True if all nodes are in memory."""
         return self.batches.stored
 
     def total(self, function: Sum, *arguments: Any) -> Sums:

@@ -207,15 +207,14 @@ class Continuation:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
         The nodes are too few if the V of the linear problem is regular, but every descent ends in a
-        V that is singular between the nodes. The remedy in the message is more nodes or fewer
-        potentials.
+        V that is singular between the nodes. The message calls nodes samples, as the option does.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
         at = self.coarse.guards[-1][0] if self.coarse.guards else self.problem.region.center
         return SingularRegionError(
-            f"{len(Q)} nodes do not determine {len(kept)} potentials: each fit has an "
-            f"algorithmic singularity between the nodes, such as near {named(task, at)}",
+            f"{len(Q)} samples do not determine {len(kept)} potentials: each fit has an "
+            f"algorithmic singularity between the samples, such as near {named(task, at)}",
             at,
             None,
             "give more samples, a lower degree or fewer potentials",

@@ -137,7 +137,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
         k = int(np.argmax(np.where(np.isfinite(residual), residual, np.inf)))
         raise InputError(
             f"the desired strategy is not an inverse: J G differs from I by {residual[k]:.2g} "
-            f"at {named(task, Q[k])}"
+            f"at {named(task, Q[k])}; correct G"
         )
     D = np.asarray(potentials.gradients(Q), float)
     if D.shape != (len(Q), task.n, potentials.size):

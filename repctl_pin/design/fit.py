@@ -104,7 +104,7 @@ def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
     count = max(few, NODES) if samples is None else samples
     if undetermined(problem.potentials, task, count):
         raise InputError(
-            f"{count} nodes are too few for {size} potentials; give at least {-(-size // task.m)}"
+            f"{count} samples are too few for {size} potentials; give at least {-(-size // task.m)}"
         )
     return count, few
 

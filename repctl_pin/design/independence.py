@@ -98,7 +98,7 @@ def independent(
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
             f"{len(kept)} independent potentials are too few for r = {r}{why}; "
-            "raise the degree or add others"
+            "raise the degree or add other potentials"
         )
     return Independent(
         left[kept],

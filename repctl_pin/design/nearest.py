@@ -224,7 +224,7 @@ def _check(
     if (potentials is None) == (degree is None):
         raise InputError("potentials and degree= are mutually exclusive; give one of them")
     if isinstance(degree, str) and degree != "auto":
-        raise InputError(f"degree is a whole number from 1 up, or 'auto', not {shown(degree)}")
+        raise InputError(f"degree must be a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:
         raise InputError(
             f"the region has {len(region.center)} joints, but the task has {task.n}",

@@ -2,7 +2,7 @@
 
 The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motion left after a small
 loop of the frame along a, b, −a, −b. Its part in the null space of J, the defect, is drift: the
-frame is back at its start, and the joints are not.
+frame is back at its start, but the configuration is not.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ def is_repeatable(
             )
         raise InputError(
             f"G is too noisy: only defects above {tolerance.max():.2g} are detectable; "
-            "evaluate it more accurately"
+            "compute G more accurately"
         )
     exact = all(part.exact for part in found)
     return Repeatability(

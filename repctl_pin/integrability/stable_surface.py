@@ -339,7 +339,7 @@ def _walked(
 ) -> tuple[Array, Array]:
     """Move from Q (K, n) along G in one task direction (m,), by Runge–Kutta steps h (K, 1).
 
-    Return where the walks end (K, n), and the fraction of the length that each completed (K,).
+    Return the final configurations (K, n), and the completed fraction of the length (K,).
     """
 
     def velocity(P: Array) -> Array:

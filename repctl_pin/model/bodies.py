@@ -225,7 +225,7 @@ class Bodies:
         Q
             Samples (K, n) of the motion; between two samples, the joints move on a straight line.
         rows
-            Indices of the samples that are compared first, including 0 and K − 1.
+            Indices of the samples that are evaluated first, including 0 and K − 1.
         """
         if not (self.pairs or self.only_contact):
             free = np.full(len(rows), np.inf)

@@ -88,10 +88,10 @@ _FAST = 1e9
 """Rate of a joint with unbounded rates, m per rad or m."""
 
 _NEARBY = 0.05
-"""Way of a pair since its last test up to which its distance is measured, m."""
+"""Relative motion of a pair's bodies since its last test, m, below which it may be measured."""
 
 _KEPT, _CREDIT = 64, 8
-"""Distances kept per pair, and how many more are measured than tests are spared."""
+"""Numbers of distances stored per pair, and of measurements allowed beyond the tests they saved."""
 
 
 class BodyBounds:
@@ -271,8 +271,8 @@ class KnownApart:
     def pays(self, pair: int, q: Array) -> bool:
         """Record a test of a pair at q (N,), and return whether to measure its distance, too.
 
-        Measuring pays if the last test was close to this one, so that more nearby tests are likely.
-        It does not pay if many earlier measurements of the pair have saved no test.
+        Measuring saves time if the last test was near q, so that more tests near q are likely. It
+        does not if many earlier measurements of the pair have saved no test.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError, needed
+from .mesh_cache import Arrays, cached
 from .packages import find_mesh
 from .shapes import Shape
 from .surfaces import HEAD, unit, without_tracebacks
@@ -141,8 +142,6 @@ def body_shape(
             "give the folder of its package (--package-dir, package_dirs=), "
             "or replace the mesh by a box"
         )
-    collada = ["collada"] if path.suffix.lower() == ".dae" else []
-    needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
     try:
         return _from_mesh(path, tuple(solid.scale), path.stat().st_mtime_ns, standing)
     except UnusableShape as error:
@@ -218,9 +217,24 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
     """Create the body of a mesh file, with its convex hull; cached for all robots.
 
     ``changed`` is the modification time of the file, so that a changed file is read again.
-    ``scale`` has a factor per axis, and ``standing`` marks the surroundings. UnusableShape is
-    raised if the mesh has size 0 or is larger than 100 km.
+    ``scale`` has a factor per axis, and ``standing`` marks the surroundings.
     """
+    solid = cached(path, f"{scale} {standing}", partial(_solid, path, scale, standing=standing))
+    hull, coarse = _hull(solid["corners"])
+    hull.computeLocalAABB()
+    if not coarse and solid["convex"]:
+        return BodyShape(hull, standing=standing)
+    return BodyShape(hull, solid["vertices"], solid["faces"], standing)
+
+
+def _solid(path: Path, scale: tuple[float, ...], *, standing: bool) -> Arrays:
+    """Read a mesh file: its vertices, faces, corners of its convex hull, and whether it is convex.
+
+    Vertices (V, 3) and corners (C, 3) are in m, and faces (F, 3) are vertex indices. UnusableShape
+    is raised if the mesh has size 0 or is larger than 100 km.
+    """
+    collada = ["collada"] if path.suffix.lower() == ".dae" else []
+    needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
     vertices, faces = _read_mesh(path, scale)
     size = float(np.ptp(vertices, axis=0).max())
     if not size <= _LARGEST:
@@ -234,11 +248,9 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
     if not standing and _volume(vertices, faces) < 0:
         faces = faces[:, ::-1]  # a link of a robot is solid: outward normals
     wrapped = _convex_hull(vertices)
-    hull, coarse = _hull(wrapped.vertices)
-    hull.computeLocalAABB()
-    if not coarse and _is_convex(vertices, faces, wrapped):
-        return BodyShape(hull, standing=standing)
-    return BodyShape(hull, vertices, faces, standing)
+    convex = np.array(_is_convex(vertices, faces, wrapped))
+    corners = np.asarray(wrapped.vertices)
+    return {"vertices": vertices, "faces": faces, "corners": corners, "convex": convex}
 
 
 def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.intp]]:

@@ -31,7 +31,7 @@ _SMALL = 5e-3
 """The same in m, for distances below 5 cm; the minimum stays above 0."""
 
 _FLOOR = 2e-6
-"""Way of the bodies of a pair, m, from which a piece is not halved again."""
+"""Relative motion of a pair's bodies on a piece, m, below which the piece is not halved again."""
 
 _FLOOR_OF_TOUCH = 1e-3
 """The same where a collision was found, and only an earlier one is sought."""
@@ -59,7 +59,7 @@ class Clearance:
     overlap : float
         Distance at the first collision, m; 0 without a collision.
     distances : (R,) array
-        Minimum distances at the samples that were compared first, m.
+        Minimum distances at the samples that were evaluated first, m.
     points : int
         Number of configurations at which distances were measured.
     between : bool
@@ -92,7 +92,7 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
         Samples (K, N) of the motion, a value per joint of the model. Between two samples, the
         joints move on a straight line.
     rows
-        Indices of the samples at which all pairs are compared first, including 0 and K − 1.
+        Indices of the samples at which all pairs are evaluated first, including 0 and K − 1.
     """
     search = _Search(model, Q)
     undecided = search.look_at(rows)
@@ -269,7 +269,7 @@ class _Search:
 
 
 class _Pieces(NamedTuple):
-    """Pieces of a motion that are not settled for a pair, with bounds on its distance, m.
+    """Pieces of a motion on which a pair is undecided, with bounds on the pair's distance, m.
 
     Attributes
     ----------

@@ -85,7 +85,8 @@ class _JointTree:
     R_frames, p_frames : (F, 3, 3) and (F, 3) arrays
         Placement of each frame on the last joint of its chain.
     first : (n,) array of int
-        First joint that each entry of q drives; with a single frame, the first on the path to it.
+        Index of the first joint that each entry of q drives; with one frame, of the first on the
+        path to it.
     riding : dict of str to int
         Index of the joint that carries each link; −1 for a link fixed to the base.
     """

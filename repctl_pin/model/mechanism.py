@@ -265,19 +265,21 @@ def _narrowed(
     if by:
         said.append(
             f"{joint.name} narrowed from {_interval(joint.lower, joint.upper)} "
-            f"to {_interval(*left)} by {', '.join(by)}"
+            f"to {_interval(*left)} {'m' if joint.kind == 'prismatic' else 'rad'}, "
+            f"because it drives {', '.join(by)}"
         )
         most = _loss(joint.upper - joint.lower, left[1] - left[0])
     if slowed_by:
         was = f"{joint.velocity:.4g}" if np.isfinite(joint.velocity) else "no limit"
         said.append(
             f"speed limit of {joint.name} lowered from {was} to {velocity:.4g} "
-            f"by {', '.join(slowed_by)}"
+            f"{'m' if joint.kind == 'prismatic' else 'rad'}/s, "
+            f"because it drives {', '.join(slowed_by)}"
         )
         most = max(most, _loss(joint.velocity, velocity))
     if not said:
         return ""
-    return f"{'! ' if most > _LARGE_LOSS else ''}{'; '.join(said)}, which must keep its own limits"
+    return f"{'! ' if most > _LARGE_LOSS else ''}{'; '.join(said)}, whose limits hold, too"
 
 
 def _interval(lower: float, upper: float) -> str:

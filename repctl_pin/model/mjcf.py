@@ -72,7 +72,7 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         said = " ".join(str(error).split())
-        raise UrdfError(f"MuJoCo cannot compile the file: {said}") from error
+        raise UrdfError(f"MuJoCo cannot compile the file: {said}; correct it") from error
     folder = path.absolute().parent / _mesh_folder(data)
     return urdf_of_model(model, notes, folder)
 

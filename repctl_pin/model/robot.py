@@ -569,7 +569,7 @@ def _built(description: Description) -> pin.Model:
         return pin.buildModelFromXML(description.xml)
     except (ValueError, RuntimeError, MemoryError) as error:
         raise UrdfError(
-            f"{description.path}: Pinocchio cannot build a model of this file ({error})"
+            f"{description.path}: Pinocchio cannot build a model ({error}); correct the file"
         ) from error
 
 

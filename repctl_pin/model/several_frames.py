@@ -176,11 +176,15 @@ class SeveralFrames(Task):
         return np.concatenate([part.twists(Q, Qdot) for part in self.parts], axis=1)
 
     def positions(self, Q: ArrayLike) -> Array:
-        """Compute the frames' origins at every row of Q (K, n): an array (K, 3 F), m."""
+        """Compute the frames' origins at every row of Q (K, n): (K, 3 F), m, each in its base."""
         return np.concatenate([part.positions(Q) for part in self.parts], axis=1)
 
     def joint_origins(self, q: ArrayLike) -> Array:
-        """Compute the origins of the joints, from the base outward: an array (n, 3), m."""
+        """Compute the origins of the joints, from the base outward: (n, 3), m.
+
+        Origins are relative to the robot's base if a frame placed there is moved, else to that of
+        the frame.
+        """
         return self._of_joints(q, "joint_origins")
 
     def axes(self, q: ArrayLike) -> Array:
@@ -206,7 +210,7 @@ class SeveralFrames(Task):
         raise NotImplementedError("the parts place the frames")
 
     def __str__(self) -> str:
-        note = "; the task falls apart: frames share no joint"
+        note = "; this is several independent tasks, whose frames share no joint"
         return f"{super().__str__()}{note * (len(self.groups) > 1)}"
 
 

@@ -126,7 +126,7 @@ def _read(path: Path, most: int) -> Surface:
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                 faces += len(mesh.faces)
                 if faces > most:
-                    raise InputError(f"the mesh has over {most} triangles; make it coarser")
+                    raise InputError(f"it has over {most:,} triangles; simplify it")
                 pieces.append(_piece(mesh, np.asarray(transform)))
         scale = unit(data) if kind == ".dae" else 1.0
     except InputError as error:
@@ -154,8 +154,8 @@ def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
         try:
             if budget <= 0:
                 raise InputError(
-                    f"mesh {path} is left out: the page has {_MOST_IN_ALL} triangles already; "
-                    "make the meshes coarser"
+                    f"mesh {path} is left out: the page has {_MOST_IN_ALL:,} triangles already; "
+                    "simplify the meshes"
                 )
             found[path] = surface = read_surface(path, min(budget, _MOST_FACES))
         except InputError as error:
@@ -221,7 +221,7 @@ def _read_bytes(path: Path) -> bytes:
     with path.open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
-        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB; make it coarser")
+        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB; simplify it")
     return data
 
 

@@ -191,7 +191,7 @@ class Task:
     # ---- kinematics at one q -------------------------------------------------------------------
 
     def placement(self, q: ArrayLike) -> pin.SE3:
-        """Evaluate the forward kinematics f(q) of (1), as a rigid transform (R, p) with p in m."""
+        """Evaluate the forward kinematics f(q) of (1): the transform (R, p), base frame, p in m."""
         data = self._data
         pin.framesForwardKinematics(self.model, data, self._vector(q))
         return pin.SE3(data.oMf[self._frame_id])
@@ -244,7 +244,10 @@ class Task:
         return self.drive.derivatives(Js)
 
     def twists(self, Q: ArrayLike, Qdot: ArrayLike) -> Array:
-        """Evaluate the frame's twist (v, ω) at every row of Q and q̇ (K, n): (K, 6), base axes."""
+        """Evaluate the frame's twist (v, ω) at every row of Q and q̇ (K, n): (K, 6), base axes.
+
+        The units are m/s and rad/s.
+        """
         J, _ = self._twists(Q)
         Qdot = as_configurations(Qdot, self.n, repr(self))
         return np.einsum("Kij,Kj->Ki", J, self.drive.rates(Qdot))
@@ -260,7 +263,7 @@ class Task:
         return np.swapaxes(self.drive.derivatives(along), -1, -2)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
-        """Evaluate the task error at every row of Q (K, n) to the target of that row: (K, m)."""
+        """Evaluate the task error at each row of Q (K, n) to its target: (K, m), m and rad."""
         targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): target for target in targets}  # many are the same object
         if self.kind.turns:
@@ -278,13 +281,14 @@ class Task:
         return self.kind.errors(p, R, to[which, :3, 3], to[which, :3, :3])
 
     def positions(self, Q: ArrayLike) -> Array:
-        """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""
+        """Compute the frame's origin at every row of Q (K, n): (K, 3), m in the base frame."""
         return self._placements(self._matrix(Q))[0]
 
     def joint_origins(self, q: ArrayLike) -> Array:
-        """Compute the origins of the joints, from the base outward: an array (n, 3), m.
+        """Compute the origins of the joints, from the base outward: (n, 3), m in the base frame.
 
-        For a joint that others mimic, the row is the origin of the first joint that it drives.
+        A joint that others mimic drives several joints of the chain; its row is the origin of the
+        one nearest to the base.
         """
         pin.forwardKinematics(self.model, self._data, self._vector(q))
         return np.array([self._data.oMi[j].translation for j in self._first])
@@ -292,7 +296,8 @@ class Task:
     def axes(self, q: ArrayLike) -> Array:
         """Compute the joints' rotation axes: unit vectors (n, 3), base axes; 0 if prismatic.
 
-        For a joint that others mimic, the row is the axis of the first joint that it drives.
+        A joint that others mimic drives several joints of the chain; its row is the axis of the
+        one nearest to the base.
         """
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 

@@ -106,7 +106,8 @@ def check(robot: etree._Element) -> str:
     if max(len(joints), len(links) - 1) > _MAX_JOINTS:
         raise bad(
             robot,
-            f"{len(joints)} joints and {len(links)} links exceed the maximum of {_MAX_JOINTS}",
+            f"{len(joints)} joints and {len(links)} links exceed the maximum of {_MAX_JOINTS}; "
+            "remove some",
         )
     for elements in (links, joints, robot.findall("material")):
         _check_names(elements)
@@ -417,7 +418,9 @@ def _connected(root: etree._Element, below: Mapping[str, list[etree._Element]]) 
     reached = [(root.get("name"), 1, 0)]
     for name, depth, moving in reached:  # extended in the loop, so that there is no recursion
         if depth > _MAX_DEPTH:
-            raise bad(root, f"a chain of links exceeds the maximum length of {_MAX_DEPTH}")
+            raise bad(
+                root, f"a chain of links exceeds the maximum length of {_MAX_DEPTH}; shorten it"
+            )
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
             if count > _MAX_MOVING:

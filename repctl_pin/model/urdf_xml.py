@@ -185,7 +185,9 @@ def _check_root(root: etree._Element) -> None:
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
     if tag != "robot":
-        raise UrdfError(f"{line(root)}: the root is <{tag[:40]}>; the root of a URDF is <robot>")
+        raise UrdfError(
+            f"{line(root)}: the root is <{tag[:40]}>; give a URDF, whose root is <robot>"
+        )
     depth = 0
     for event, element in etree.iterwalk(root, events=("start", "end")):
         depth += 1 if event == "start" else -1
@@ -197,7 +199,7 @@ def _check_root(root: etree._Element) -> None:
         if len(element.attrib) > _MAX_ATTRIBUTES:
             raise UrdfError(
                 f"{line(element)}: {len(element.attrib)} attributes in one element exceed "
-                f"the maximum of {_MAX_ATTRIBUTES}"
+                f"the maximum of {_MAX_ATTRIBUTES}; correct the file"
             )
     tags = {child.tag for child in root}
     xacro = next((e for e in root.iter() if isinstance(e.tag, str) and _prefix(e) == "xacro"), None)

@@ -325,7 +325,7 @@ class _Search:
     def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Yield the starts with a full cycle inside the region and a sufficient leaf margin.
 
-        A None in ``starts`` is a start that the walk did not reach; it counts as tried. A leaf
+        A None in ``starts`` is a start that cannot be reached; it counts as tried. A leaf
         margin is sufficient if it is at least 0.1, or at least that of the given start.
         """
         for q in starts:
@@ -359,8 +359,8 @@ class _Search:
     def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
         """Improve the best start by a pattern search along the null vectors, with shrinking steps.
 
-        Whenever no neighbour is better, the step is halved, from half of ``_STRIDE`` down to
-        ``_FINEST``.
+        Whenever no neighbour is better, the step is halved, from 0.05 down to at least 0.01 (rad;
+        for prismatic joints, arm lengths).
         """
         target = self.path.placement(0.0)
         size = _STRIDE / 2

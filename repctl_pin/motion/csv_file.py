@@ -163,8 +163,8 @@ def read_motions(
         steps, rest = divmod(len(rows) - 1, count)
         if rest or not steps:
             raise InputError(
-                f"{file}: {len(rows)} rows of {key!r} are not a start "
-                f"and {count} cycles of equal numbers of steps; correct the number of cycles"
+                f"{file}: {len(rows)} rows of {key!r} do not split into one start row "
+                f"and {count} cycles of equal length; correct the number of cycles"
             )
         times = values[rows, n] if clocks else None
         if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:

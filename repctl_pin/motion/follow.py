@@ -184,8 +184,8 @@ def followed(
     gap = float(np.linalg.norm(task.error(q0, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
         raise InputError(
-            f"the path starts {gap:.3g} m (or rad) away from the frame; "
-            "use rp.solve_ik() first, or feedback"
+            f"the path starts {gap:.3g} (m and rad) away from the frame; start at "
+            "rp.solve_ik(task, q0, path.placement(0.0)), or give a gain feedback= above 0"
         )
     grid = path_grid(path, steps)
     if isinstance(integrator, LeafLock):
@@ -216,7 +216,8 @@ def _locked(
     if feedback:
         raise InputError(
             "feedback= and a leaf lock are mutually exclusive: "
-            "the leaf lock corrects the task error itself"
+            "the leaf lock corrects the task error itself; "
+            "omit feedback="
         )
     if not isinstance(strategy, RepeatableInverse):
         raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")

@@ -57,7 +57,7 @@ class JointMotion:
 
     @property
     def cycle_drift(self) -> Array:
-        """Joint displacement per cycle, (cycles,).
+        """Joint displacement per cycle, (cycles,), rad or m.
 
         ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, … This displacement shows whether
         the drift of a controller grows or fades. It is 0 for a repeatable controller.
@@ -89,14 +89,14 @@ class JointMotion:
 
     @property
     def speed(self) -> Array:
-        """Joint speed ``‖q̇‖`` along the motion: (T + 1,)."""
+        """Joint speed ``‖q̇‖`` along the motion: (T + 1,), rad/s or m/s."""
         return np.linalg.norm(self.qdot, axis=1)
 
     @property
     def rms_speed(self) -> float:
         """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``.
 
-        This definition makes motions with different time steps comparable.
+        The unit is rad/s or m/s. Motions with different time steps are thus comparable.
         """
         times = np.diff(self.t)
         return float(
@@ -105,7 +105,7 @@ class JointMotion:
 
     @property
     def first_rms_speed(self) -> float:
-        """Rms of ‖q̇‖ over the first cycle.
+        """Joint speed ‖q̇‖, rms over the first cycle, rad/s or m/s.
 
         Controllers are compared over the first cycle because J⁺ drifts to other configurations
         later.
@@ -114,7 +114,7 @@ class JointMotion:
 
     @property
     def peak_speed(self) -> float:
-        """Maximum joint speed ‖q̇‖."""
+        """Maximum joint speed ‖q̇‖, rad/s or m/s."""
         return float(self.speed.max())
 
     @property
@@ -142,7 +142,7 @@ class JointMotion:
 
     @property
     def limit_margin(self) -> Array:
-        """Distance of each of the robot's joints to its nearer limit: (T + 1, n).
+        """Distance of each of the robot's joints to its nearer limit: (T + 1, n), rad or m.
 
         Negative outside; inf without limits."""
         return self.task.limit_margin(self.q)
@@ -165,14 +165,14 @@ class JointMotion:
         """Minimum body distance and first collision, at the samples and between them.
 
         Between two samples, the joints move on a straight line. First, at most 100 samples per
-        cycle are compared; more are measured only if these do not decide.
+        cycle are evaluated; more are evaluated only where these do not decide.
         """
         return self._clearance_from(_COARSE)
 
     def _clearance_from(self, most: int) -> Clearance:
         """Compute :attr:`clearance` from at most ``most`` samples per cycle.
 
-        More samples are measured only where these do not decide.
+        More samples are evaluated only where these do not decide.
         """
         return bodies_of(self.task)._along(self.q, rows_of(self, most))
 

@@ -181,13 +181,19 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
     cycle = guess.cycle(0)
     t = guess.t[: guess.steps + 1]
     if cycle.shape[1] != cost.task.n:
-        raise InputError(f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess")
+        raise InputError(
+            f"has {cycle.shape[1]} joints, not {cost.task.n}",
+            argument="guess",
+            remedy="give a motion of the task's joints",
+        )
     s = (t - t[0]) / (t[-1] - t[0])
     Q = np.stack([np.interp(grid[:-1], s, joint) for joint in cycle.T], axis=1)
     Q[: cost.first] = start
     moved = cost.moved(Q)
     if moved is None:
-        raise InputError(": it is too far from the path", argument="guess", remedy="omit it")
+        raise InputError(
+            ": the motion is too far from the path", argument="guess", remedy="omit guess="
+        )
     return moved
 
 
@@ -216,10 +222,11 @@ class _Cost:
     def of(
         cls, task: Task, path: TaskPath, grid: Array, *, free_start: bool, margin: float = 0.0
     ) -> _Cost:
-        """Create the cost at the points s = ``grid`` of a path, with multipliers 0.
+        """Create the cost at the points s = ``grid`` (K + 1,) of a path, with all multipliers 0.
 
-        The multipliers are the forces of the joint limits, which :func:`_within_limits` finds.
-        ``margin`` is the joint-limit margin to keep, rad or m.
+        There is one Lagrange multiplier per joint and configuration, for the joint limits;
+        :func:`_within_limits` computes the multipliers. ``free_start`` is True if the start may
+        move, and ``margin`` is the joint-limit margin to keep, rad or m.
         """
         targets = [path.placement(float(s)) for s in grid[:-1]]
         lengths = np.diff(grid)
@@ -235,7 +242,7 @@ class _Cost:
         )
 
     def excess(self, Q: Array, *, shifted: bool = True) -> Array:
-        """Excess of joint positions over the joint limits less the margin: (K, n), 0 inside.
+        """Compute by how much joints exceed their limits less the margin: (K, n), rad or m.
 
         If ``shifted``, the positions are those in the augmented Lagrangian: joint values plus the
         multiplier divided by the point's stiffness, λ_k / ρ_k.
@@ -259,7 +266,7 @@ class _Cost:
     def moved(self, Q: Array) -> Array | None:
         """Move free configurations of Q (K, n) along J⁺ onto the path; None if one of them fails.
 
-        A step along the null space leaves the path in second order.
+        A step along the null space moves the frame off the path in second order.
         """
         moved = _on_path(self.task, self.targets[self.first :], Q[self.first :])
         return None if moved is None else np.vstack([Q[: self.first], moved])

@@ -236,7 +236,8 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     efforts = np.array([model.effortLimit[model.getJointId(name) - 1] for name in names])
     if (efforts >= NO_EFFORT).any() or not sum(inertia.mass for inertia in model.inertias) > 0:
         raise InputError(
-            "torque limits need efforts and masses, and this URDF lacks some; leave torque out"
+            "torque limits require the effort of every joint and masses of the links, but the URDF "
+            f"lacks {'an effort' if (efforts >= NO_EFFORT).any() else 'all masses'}; omit torque="
         )
     return replace(found, torque=efforts, dynamics=task.dynamics())
 

@@ -58,7 +58,7 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
             raise InputError(
                 f": the points of {words} have their own positions",
                 argument="plane",
-                remedy="omit it",
+                remedy="omit the plane",
             )
         return waypoint_path(words, blend)
     kind, *parts = words.split(":")
@@ -119,7 +119,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
     """Make a regular polygon whose corners lie on a circle of a given radius, m."""
     if corners > MOST_POINTS:
-        raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; draw a circle")
+        raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; give a circle")
     count = int(corners)
     angles = 2 * np.pi * np.arange(1, count) / count
     ring = [(radius * (np.cos(a) - 1), radius * np.sin(a)) for a in angles]

@@ -82,8 +82,8 @@ def self_moved(
     """Take a step of a self-motion: the configuration (n,) with the frame at the target.
 
     None if there is no such configuration near q + step, or if ``limits`` is True and the
-    configuration is outside the joint limits. A step along the null space leaves the pose in second
-    order, which Newton's method corrects.
+    configuration is outside the joint limits. A step along the null space changes the pose in
+    second order, which Newton's method corrects.
     """
     try:
         return solve_near(task, q + step, target, tolerance=1e-11, limits=limits)

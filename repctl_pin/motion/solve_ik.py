@@ -150,8 +150,8 @@ def solve_near(
     if not attempt.size < max(tolerance, _THERE):
         _require_reach(task, target, limits=limits)
         raise InputError(
-            f"{task.frame!r} does not get to {_where(target)} m from the configuration before it: "
-            f"it stays {_amount(task, attempt.error)} away; "
+            f"{task.frame!r} does not reach {_where(target)} m from the previous configuration: "
+            f"it stops {_amount(task, attempt.error)} away; "
             "move the path nearer or choose another start"
         )
     return task.check(attempt.q, "a solution") if limits else attempt.q

@@ -175,7 +175,7 @@ def build(library: Path = LIBRARY) -> bool:
 
 
 def mark() -> bytes:
-    """Compute the mark in a library that was built from the sources in this folder.
+    """Compute the mark, a digest of the sources, of a library that was built from this folder.
 
     The structs of a library of other sources may differ from those that Python fills.
     """

@@ -144,10 +144,10 @@ def smooth_turning(
 
 
 def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
-    """Evaluate the rates (P, 3) of a periodic spline through R (P, 3, 3), in the rotating frame.
+    """Evaluate the angular velocities (P, 3) of a periodic spline through R (P, 3, 3) at s (P,).
 
-    The rates are 0 at both ends of the intervals that ``held`` (P - 1,) marks, over which R does
-    not change.
+    They are in rad per unit of s, in axes of the rotating frame. They are 0 at both ends of the
+    intervals that ``held`` (P - 1,) marks, over which R does not change.
     """
     count = len(s) - 1
     k = np.arange(-_WRAP, count + _WRAP + 1)

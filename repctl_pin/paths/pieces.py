@@ -107,7 +107,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
-    """Make the function that bounds arcs of a piecewise polynomial path; see ``TaskPath.arc``."""
+    """Make the function (a, b) → upper bounds of length, m, and rotation, rad, from s = a to b."""
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
         [

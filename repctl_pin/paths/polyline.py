@@ -308,10 +308,10 @@ def _times(times: ArrayLike, count: int) -> Array:
 
 
 def _arc(pieces: list[_Curve], s: Array, turns: tuple[Array, Array] | None) -> ArcBound:
-    """Make the function that bounds arcs of a path of lines and bends; see ``TaskPath.arc``.
+    """Make the function (a, b) → upper bounds of length, m, and rotation, rad, from s = a to b.
 
-    The speed is constant between the knots ``s``. ``turns`` has knots and the total rotation up to
-    each knot, rad; it is None for a fixed orientation.
+    The path consists of lines and bends; its speed is constant between the knots ``s``. ``turns``
+    is a pair, None for a fixed orientation: knots, and bounds of the rotation up to each, rad.
     """
     lengths = [float(np.linalg.norm(piece(0.5)[1])) for piece in pieces]
     passed = np.concatenate([[0.0], np.cumsum(lengths)])

@@ -221,7 +221,7 @@ def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
 def renamed(path: TaskPath, **names: Any) -> TaskPath:
     """Return the same curve with another name, spec, plane or names of corners.
 
-    ``dataclasses.replace`` would drop the bounds on arcs, because it may change the curve.
+    ``dataclasses.replace`` would drop the bounds ``arc``, because it may change the curve.
     """
     return with_arc(replace(path, **names), path.arc)
 
@@ -234,7 +234,7 @@ def _check(path: TaskPath) -> None:
     """
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
-        raise InputError(f"{path.name}: breaks must increase between 0 and 1")
+        raise InputError(f"{path.name}: breaks must increase between 0 and 1; got {path.breaks}")
     samples = _inner_points(knots)
     for s in (0.0, *(s + x for s, e in samples for x in (-e, 0.0, e)), 1.0):
         _require_values(path, s)
@@ -258,9 +258,10 @@ def _check(path: TaskPath) -> None:
         worst = int(np.argmax(off))
         if not off[worst] <= 1e-3 * np.abs(differences).max() + 1e-6 * size:
             raise InputError(
-                f"{path.name}: at s = {samples[worst][0]:.3g} the given slope is "
-                f"{row(twists[worst, part])} {unit} per cycle, but the derivative of the curve "
-                f"is {row(differences[worst, part])}; correct the slope"
+                f"{path.name}: at s = {samples[worst][0]:.3g} the given "
+                f"{'slope' if curve == 'p' else 'spin'} is {row(twists[worst, part])} {unit} per "
+                f"cycle, but differences of {curve}(s) give {row(differences[worst, part])}; "
+                "correct that function"
             )
 
 
@@ -282,8 +283,9 @@ def _require_values(path: TaskPath, s: float) -> None:
         value = as_numbers(f(s))
         if value is None or value.shape != (3,) or not np.isfinite(value).all():
             raise InputError(
-                f"{path.name}: point(s), slope(s) and spin(s) must return three finite numbers, "
-                f"also at s = {s:.3g}"
+                f"{path.name}: "
+                f"{'point' if f is path.point else 'slope' if f is path.slope else 'spin'}"
+                f"({s:.3g}) must be three finite numbers"
             )
 
 

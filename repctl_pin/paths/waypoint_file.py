@@ -85,7 +85,7 @@ def _waypoints(table: CsvTable, columns: Mapping[str, str]) -> Waypoints:
     times = values.get("time")
     if times is not None and (late := np.diff(times) <= 0).any():
         where = table.where(int(np.argmax(late)) + 1)
-        raise InputError(f"{where}: the time must increase from line to line")
+        raise InputError(f"{where}: the time must increase from line to line; correct it")
     return Waypoints(points, rotations, times, tuple(line for line, _ in table.rows()))
 
 

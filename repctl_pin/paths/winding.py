@@ -19,9 +19,10 @@ _POINTS = 2000
 def winding(task: Task, path: TaskPath) -> int:
     """Count the turns of a path around the axis of the chain's first joint; 0 if it is prismatic.
 
-    The joints of an arm that follows such a path can end a full turn from their start, so that not
-    even a repeatable controller closes the motion. Repeatability is a property of loops that can be
-    shrunk to a point inside Ω, the region of joint space of the design.
+    Turns in the negative direction of the joint count as negative. The joints of an arm that
+    follows such a path can end a full turn from their start, so that not even a repeatable
+    controller closes the motion. Repeatability is a property of loops that can be shrunk to a point
+    inside Ω, the region of joint space of the design.
 
     Parameters
     ----------

@@ -148,7 +148,7 @@ class ArmAngle(PotentialBasis):
         length = float(np.linalg.norm(w))
         if length < _SINGULAR:
             raise SingularityError(
-                "the wrist lies on the shoulder: the arm angle is not defined there"
+                "the wrist lies on the shoulder, where the arm angle is not defined"
             )
         w_hat = w / length
         dw_hat = (J_w - np.outer(w_hat, w_hat @ J_w)) / length

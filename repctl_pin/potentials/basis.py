@@ -76,7 +76,9 @@ def check_joints(potentials: object, n: int) -> None:
     """
     of = getattr(potentials, "n", None)
     if of not in (None, n):
-        raise InputError(f"the potentials are of {of} joints, but the task has {n}")
+        raise InputError(
+            f"the potentials are of {of} joints, but the task has {n}; use potentials of {n} joints"
+        )
 
 
 def _common_joints(parts: Sequence[object]) -> int | None:

@@ -14,7 +14,7 @@ from ..base.arguments import Array, as_matrices
 from ..base.errors import InputError, SingularityError
 from .inverses import RANK_TOLERANCE
 
-SINGULAR = "J_V is singular: the arm is at a singularity, or the control's V is in J's row space"
+SINGULAR = "J_V is singular: J loses rank, or a gradient V of the potentials is in J's row space"
 
 
 def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:

@@ -67,7 +67,7 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
     try:
         L = np.linalg.cholesky(M)  # M = L Lᵀ
     except np.linalg.LinAlgError:
-        raise SingularityError("the weight M is not positive definite") from None
+        raise SingularityError("the weight M is not positive definite; give one that is") from None
     # In y = Lᵀ q̇ the weighted norm is the Euclidean one: J⁺_M = L⁻ᵀ (J L⁻ᵀ)⁺.
     L_inv_T = np.swapaxes(np.linalg.inv(L), -1, -2)
     return L_inv_T @ pseudoinverse(J @ L_inv_T)
@@ -149,7 +149,8 @@ def row_factor(
     m, n = J.shape[-2:]
     if m > n:
         raise InputError(
-            f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse"
+            f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse; "
+            "give m ≤ n"
         )
     Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")  # half the time of "reduced"
     R = R[..., :m, :]

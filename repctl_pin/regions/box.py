@@ -83,12 +83,12 @@ class Box(Region):
 
     @property
     def lower(self) -> Array:
-        """Lower corner (n,)."""
+        """Lower corner (n,), rad or m."""
         return self.center - self.half_width
 
     @property
     def upper(self) -> Array:
-        """Upper corner (n,)."""
+        """Upper corner (n,), rad or m."""
         return self.center + self.half_width
 
     @property

@@ -100,7 +100,9 @@ class WorkspaceBox(Region):
         )
         check_density(density)
         if within.n != task.n:
-            raise InputError(f"within= has {within.n} joints, but the task has {task.n}")
+            raise InputError(
+                f"within= has {within.n} joints; give a box in the {task.n} joints of the task"
+            )
         freeze(self, task=task, position=middle, half_width=half, within=within, density=density)
         reached = self.random(16, 0)
         freeze(self, center=reached[int(np.argmin(within.ratio(reached)))])

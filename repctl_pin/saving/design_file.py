@@ -85,7 +85,8 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
         head = msgspec.json.decode(text, type=_Head)
         if head.format not in kinds:
             raise InputError(
-                f'{where} is not a design file: it lacks "format": "{next(iter(kinds))}"'
+                f'{where} is not a design file: it lacks "format": "{next(iter(kinds))}"; '
+                "give a file of repctl design, repctl cell or rp.save"
             )
         if head.schema > VERSION:
             raise InputError(
@@ -93,7 +94,9 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
                 f"and this is {__version__}, which reads {VERSION}; upgrade repctl-pin"
             )
         if head.schema < 1:
-            raise InputError(f"{where} is not a design file: there is no schema {head.schema}")
+            raise InputError(
+                f"{where} is not a design file: there is no schema {head.schema}; design again"
+            )
         if head.schema < VERSION:
             raise InputError(
                 f"{where} has schema {head.schema}, and this version reads {VERSION}; "
@@ -101,7 +104,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
             )
         content = msgspec.json.decode(text, type=kinds[head.format]().content)
     except msgspec.ValidationError as error:
-        raise InputError(f"{where} is not a valid design file: {error}") from None
+        raise InputError(f"{where} is not a valid design file: {error}; design again") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
         raise InputError(
             f"{where} is not a design file: not valid JSON ({error}); give a file of "
@@ -111,7 +114,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
     if _printable(plain) != plain:
         raise InputError(
             f"{where} is not a valid design file: a text contains a control character "
-            "or a line break"
+            "or a line break; design again"
         )
     if content.checksum != _checksum_of(plain):
         raise InputError(
@@ -145,7 +148,7 @@ def _design_file(design: Design) -> DesignFile:
     figures = described(Figures, design)
     for name, value in msgspec.structs.asdict(figures).items():
         if isinstance(value, float) and not np.isfinite(value):
-            raise InputError(f"design.{name} = {value!r} cannot be saved")
+            raise InputError(f"design.{name} = {value!r} is not finite; design again to save it")
     cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
     desired = schema.desired_file(design.desired)
     potentials = schema.basis_file(design.potentials)
@@ -176,11 +179,11 @@ def _design_of(content: DesignFile, task: Task) -> Design:
     if A.shape != (potentials.size, task.r):
         raise InputError(
             f"the coefficients must be {potentials.size} × {task.r} numbers; "
-            f"they have shape {A.shape}"
+            f"they have shape {A.shape}; design again"
         )
     region = schema.region_of(content.region, task)
     if len(region.center) != task.n or potentials.gradients(region.center[None]).shape[1] != task.n:
-        raise InputError(f"potentials and region must be for {task.n} joints")
+        raise InputError(f"potentials and region must be for {task.n} joints; design again")
     inverse = RepeatableInverse(task, potentials.weighted(A), region=region)
     desired = schema.desired_of(content.desired, task)
     cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)

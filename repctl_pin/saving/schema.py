@@ -113,7 +113,7 @@ class BoxFile(Part, tag_field="kind", tag="box"):
 
 
 class TubeFile(Part, tag_field="kind", tag="tube"):
-    """Region Ω of a design, a tube in joint space: all q within ``radius`` of a sample."""
+    """Region Ω of a design, a tube: q within ``radius`` (rad or m) of a sample in each joint."""
 
     samples: Rows
     radius: Row
@@ -284,7 +284,7 @@ class Figures(Part):
 
 
 class ClosingRadiusFile(Part):
-    """Closing radius: distance from a start or a path within which every closed path closes.
+    """Closing radius: closed paths within it of a start or a path end in the initial configuration.
 
     The radius has a distance, m, and an angle, rad; the angle is null if the task commands no
     orientation. The keys are the attributes of :class:`repctl_pin.base.certificate.ClosingRadius`.
@@ -446,8 +446,8 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
     if isinstance(potentials, Joined):
         return JoinedFile([basis_file(part) for part in potentials.parts])
     raise InputError(
-        f"{potentials!r} cannot be saved: a file holds polynomials, Fourier series and arm "
-        "angles, no user-defined functions"
+        f"{potentials!r} cannot be saved: a file holds no user-defined functions; "
+        "design with polynomials, Fourier series or arm angles"
     )
 
 
@@ -575,9 +575,12 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
     parts: list[CycleFile | PathFile] = [data, *others]
     paths = [_path_of(part) for part in parts]
     if len(paths) != len(task.frames):
-        raise InputError(f"the file must have one path per frame, not {len(paths)} paths")
+        raise InputError(
+            f"the file must have one path per frame, {len(task.frames)}, not {len(paths)}; "
+            "design again"
+        )
     if not (0 < data.period < np.inf):
-        raise InputError("the period must be above 0 s")
+        raise InputError(f"the period must be above 0 s, not {data.period:g} s; design again")
     path = paths[0] if len(paths) == 1 else joined(task, paths)
     return Cycle(task.check(data.start, "the start"), path, data.period)
 
@@ -596,7 +599,7 @@ def _path_of(data: CycleFile | PathFile) -> TaskPath:
         or not (np.diff(ends) > 0).all()
         or sizes not in ({(3,)}, {(7,)})
     ):
-        raise InputError("the pieces of the path do not lead from s = 0 to 1")
+        raise InputError("the pieces of the path do not lead from s = 0 to 1; design again")
     pieces = [made(Piece, piece) for piece in data.pieces]
     what = {"name": data.path, "spec": data.spec, "plane": data.plane, "breaks": tuple(ends[1:-1])}
     return path_of(pieces, np.array(data.rotation), **what)

@@ -157,7 +157,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     if made_for.joints != mine.joints:
         raise InputError(
             f"{where} is for the joints {', '.join(made_for.joints)}, in this order, "
-            f"not {', '.join(mine.joints)}"
+            f"not {', '.join(mine.joints)}; give a task with these joints"
         )
     if not made_for.fingerprint:
         raise InputError(f"{where} has no fingerprint of the kinematics; design again")
@@ -193,7 +193,7 @@ def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]
     if isinstance(ranges, msgspec.UnsetType):
         return ["the joint limits"]
     if len(ranges) != task.n:
-        raise InputError(f"the file has limits of {len(ranges)} joints, not {task.n}")
+        raise InputError(f"the file has limits of {len(ranges)} joints, not {task.n}; design again")
     now = _ranges_of(task)
     # nan where there is no limit
     before, after = (

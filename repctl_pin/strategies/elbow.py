@@ -26,7 +26,7 @@ from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 
 _INSIDE = 1e-4
-"""Distance of the result from a joint limit, rad or m; curved ways between iterations need it."""
+"""Distance of the result from a joint limit, rad or m: paths between iterations are curved."""
 
 _LEAST = 0.05
 """Minimum leaf margin of the result, or that of the start if it is lower."""
@@ -35,13 +35,13 @@ _REGULAR = 0.01
 """Minimum inverse condition number of J at the result, or that of the start if it is lower."""
 
 _FLAT = 0.01
-"""Curvature, as a share of that toward a point on the elbow's way, below which nothing is moved."""
+"""Norm of curvature and slope, relative to ‖∂p_elbow/∂z‖², below which a direction is flat."""
 
 _LONGEST, _SHORTEST = 0.3, 1e-11
 """Longest motion of a joint per iteration, and that of the last one, rad or m."""
 
 _APART = 1e-3
-"""Distance of the self-motions by which second derivatives are evaluated."""
+"""Step in z, rad or m, of the differences from which second derivatives are evaluated."""
 
 _ITERATIONS, _HALVES = 60, 20
 
@@ -101,9 +101,9 @@ class ElbowLevel:
 
 @dataclass(frozen=True)
 class _Regular:
-    """How far the search stays from singularities and from the edge of Ω.
+    """Bounds on how near a search may come to singularities and to the edge of Ω.
 
-    From a start that is nearer to them than the usual bounds, it comes no nearer.
+    If the start exceeds the usual bounds, the search comes no nearer than the start.
     """
 
     condition: float
@@ -151,7 +151,9 @@ class Elbow:
         else:
             self._frame = frame_id(self._model, link)
             if self._model.frames[self._frame].parentJoint == 0:
-                raise InputError(f"link {link!r} is moved by no joint of the task; choose another")
+                raise InputError(
+                    f"link {link!r} is moved by no joint of the task; choose another link"
+                )
         base = task.robot.base
         self._base = None if base is None else frame_id(self._model, base)
         self._data = self._model.createData()
@@ -297,11 +299,11 @@ def _accepted(
     limits: tuple[Array, Array],
     regular: _Regular,
 ) -> Array | None:
-    """Find a configuration along ``way`` (n,) with the elbow nearer to the point; None if none.
+    """Find a configuration along the step ``way`` (n,) with the elbow nearer to the point.
 
-    The result is within the limits, less :data:`_INSIDE`, and ``regular``: the way is halved until
-    it is so. From beyond the limits, the joints move back, and the elbow may go away from the
-    point.
+    The step is halved until its end is within the joint limits, less :data:`_INSIDE`, and within
+    the bounds ``regular``; None if that fails. From beyond the limits, the joints move back, and
+    the distance of the elbow may increase.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
@@ -344,16 +346,17 @@ def _limit_distance(q: Array, lower: Array, upper: Array) -> float:
 
 
 def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:
-    """Bring the frame back to ``place`` by Newton's method, at the level of q: return (n,).
+    """Bring the frame back to ``place`` by Newton's method, at the level of q (n,).
 
-    SingularityError is raised if the method does not converge.
+    Return the configuration (n,). SingularityError is raised if the method does not converge.
     """
     for _ in range(_NEWTON):
         before, q = q, inverse.step(q, place, 1.0)
         if np.abs(q - before).max() < _EXACT:
             return q
     raise SingularityError(
-        "the search for an elbow position left the pose; begin at another configuration"
+        "the search for an elbow position cannot keep the frame at its pose; "
+        "begin at another configuration"
     )
 
 

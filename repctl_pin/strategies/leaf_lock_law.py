@@ -37,7 +37,11 @@ class NumPyLaw:
         """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q."""
         c = self.potentials.value(q)
         if not np.isfinite(c).all():
-            raise InputError("is so large that h(q) is not finite", argument="q")
+            raise InputError(
+                "is so large that h(q) is not finite",
+                argument="q",
+                remedy="give a configuration within the joint limits",
+            )
         return c
 
     def inverse(self, q: Array) -> Array:

@@ -116,7 +116,11 @@ class NativeLaw:
         """
         self._q[...] = q
         if self._run_leaf(self._call):
-            raise InputError("is so large that h(q) is not finite", argument="q")
+            raise InputError(
+                "is so large that h(q) is not finite",
+                argument="q",
+                remedy="give a configuration within the joint limits",
+            )
         return self._result[: self._task.r].copy()
 
     def step(

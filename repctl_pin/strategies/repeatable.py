@@ -338,7 +338,7 @@ class RepeatableInverse:
         return self._elbow(link).point(vector(q, self.task.n, "q"))
 
     def _elbow(self, link: str | None) -> Elbow:
-        """Return this thread's elbow of a link; None stands for the elbow joint."""
+        """Return this thread's :class:`Elbow` of a link; None stands for the elbow joint."""
         from .elbow import Elbow
 
         if link is not None:

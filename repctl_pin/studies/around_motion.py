@@ -110,7 +110,7 @@ def design_for(
         return chosen, design
     assert failure is not None
     if isinstance(failure, SingularRegionError):
-        other = f"none of {_MOST_STARTS} starts does better; give one"
+        other = "the design fails at every start tried; give another start"
         if "start" in problem.given:
             other = "choose another start"
         failure.remedy = f"{other}, or a smaller path"

@@ -112,7 +112,7 @@ def starts(
     if draw is None:
         yield from _with_a_circle(task, offers)
     else:
-        remedy = "no default start is regular; give one"
+        remedy = "every default start is singular; give a start"
         found = _reachable(task, offers, draw, remedy)
         yield from _best_first(task, found, _FAINT if any_path else 0.0)
 
@@ -218,7 +218,7 @@ def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[
 def _reachable(
     task: Task, offers: Iterable[tuple[Array, str]], draw: PathOf, remedy: str
 ) -> Iterator[PathStart]:
-    """Generate the starts that are regular and from which the whole path can be reached.
+    """Generate the starts at which J is not singular, and from which the whole path is reached.
 
     ``offers`` are configurations with their descriptions, and ``draw`` makes the path from each. If
     the path does not begin at the start, the start is moved to the path's first point. Searched

@@ -200,7 +200,7 @@ def _designed(
 
 
 def _evaluated(row: Row) -> Row:
-    """Evaluate the motion of a row, and add the figures of extensions; return the new row."""
+    """Evaluate the motion of a row, and add figures of extensions, such as ``cycle_time``."""
     row = evaluated(row)
     for addition in parts("study_row"):
         row = addition(row)

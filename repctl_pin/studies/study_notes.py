@@ -186,7 +186,7 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
     rest = f"the rest of {100 * extra:+.1f} % is due to J⁺'s drift of {drift}"
     return [
         f"joint speed: {100 * same:+.1f} % relative to J⁺ at the same configurations; "
-        f"{rest}, to configurations in which the path takes less"
+        f"{rest}, to configurations in which the path needs less joint speed"
     ]
 
 
@@ -211,16 +211,19 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     notes = [f"joint speed: {size} above a local minimum of closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:
-        notes.append(f"another elbow position needs {100 * saved:.0f} % less: --best-leaf speed")
+        notes.append(
+            f"another elbow position needs {100 * saved:.0f} % less joint speed; "
+            "use --best-leaf speed"
+        )
     return notes
 
 
 def _from_anywhere(least: Motion) -> float:
     """Find the minimum joint speed (rms) of closed motions with a free start near a given motion.
 
-    The result shows whether another elbow position needs less speed. The motions have at least half
-    of the given motion's joint-limit margin. The result is infinite if no such motion is found, or
-    bodies collide in it.
+    The result, rad/s or m/s, shows whether another elbow position needs less joint speed. The
+    motions have at least half of the given motion's joint-limit margin. The result is infinite if
+    no such motion is found, or bodies collide in it.
     """
     margin = float(least.limit_margin.min()) / 2
     try:

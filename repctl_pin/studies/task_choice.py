@@ -102,7 +102,7 @@ def _redundant(robot: Robot, task: Task) -> Task:
         return task
     others = redundant_kinds(robot, task.frame)
     names = ", ".join(f"{kind} (r = {r})" for kind, r in others.items() if r >= 1)
-    remedy = f"redundant here: {names}" if names else "no kind of task is redundant here"
+    remedy = f"use a kind that is redundant here: {names}" if names else "use another frame"
     sizes = f"n = {task.n} joints move it and the task has m = {task.m} coordinates"
     why = f"{sizes}, so r = {task.r}"
     if task.r >= 1:

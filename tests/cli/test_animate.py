@@ -161,8 +161,8 @@ BAD = {
     "short line": (b"d1,d2\n0,0\n0\n", r"line 3: 1 fields, but the header has 2"),
     "twice": (b"d1,d2,d1\n0,0,0\n", "two columns are named 'd1'"),
     "half a cycle": (b"cycle,d1\n0,0\n0.5,1\n", "ends within a cycle, at 0.5"),
-    "uneven": (b"cycle,d1\n0,0\n1,0\n1.5,1\n2,0\n", "not a start and 2 cycles"),
-    "one row": (b"d1\n0\n", "not a start and 1 cycles"),
+    "uneven": (b"cycle,d1\n0,0\n1,0\n1.5,1\n2,0\n", "one start row and 2 cycles"),
+    "one row": (b"d1\n0\n", "one start row and 1 cycles"),
     "back in time": (b"time,d1\n0,0\n0.1,0\n0.1,1\n", "line 4: time must increase"),
     "no time": (b"t,d1\n0,0\nsoon,1\n", "line 3: t = 'soon'"),
 }

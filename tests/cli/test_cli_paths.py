@@ -210,7 +210,7 @@ def test_a_way_out_of_reach_between_two_points_is_named_by_both(
     error = refused(
         capsys, "follow", "planar3.urdf", "--strategy", "pseudoinverse", "--path", "loop.csv"
     )
-    assert "loop.csv, between line 2 and line 3: 'tool' does not get to [" in error
+    assert "loop.csv, between line 2 and line 3: 'tool' does not reach [" in error
 
 
 MISWRITTEN = {
@@ -247,7 +247,7 @@ def test_a_file_has_no_plane(tmp_path, monkeypatch, capsys) -> None:
         [*loop(GOOD), "--plane", "xy"],
         ["study", MY_ARM, "--path", "loop.csv", "--plane", "xz"],
     ):
-        assert "loop.csv have their own positions; omit it" in refused(capsys, *command)
+        assert "loop.csv have their own positions; omit the plane" in refused(capsys, *command)
     assert "--plane requires --path" in refused(capsys, "design", "panda", "--plane", "xz")
     assert [p.name for p in tmp_path.iterdir()] == ["loop.csv"]
 

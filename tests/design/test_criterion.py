@@ -862,7 +862,7 @@ def test_nodes_that_do_not_determine_the_potentials_are_said(fit_of_planar3r) ->
     Q = way.problem.region.random(32, 0)
     for at in (way.problem.region.center, Q[3]):
         error = way.refusal(Q, None)
-        assert "32 nodes do not determine 19 potentials" in str(error)
+        assert "32 samples do not determine 19 potentials" in str(error)
         assert "give more samples" in str(error) and error.free is None
         assert np.array_equal(error.at, at)
         way.coarse.guard(Q[3:5])

@@ -1042,7 +1042,7 @@ def test_the_fewest_nodes_that_the_refusal_names_are_enough(robot: str, degree: 
 
     least = int(np.ceil(potentials.size / task.m))
     for count in (1, least - 1):
-        says = f"{count} nodes are too few for {potentials.size} .*at least {least}$"
+        says = f"{count} samples are too few for {potentials.size} .*at least {least}$"
         with pytest.raises(rp.InputError, match=says):
             fitted(count)
     assert fitted(least).samples >= least
@@ -1191,7 +1191,7 @@ def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
             fitted(*names)
         assert str(error.value) == (
             f"{count} independent potentials are too few for r = 2{why}; "
-            "raise the degree or add others"
+            "raise the degree or add other potentials"
         )
 
 

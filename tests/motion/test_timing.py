@@ -528,7 +528,7 @@ def test_what_a_run_cannot_use_is_refused(ring) -> None:
 def test_torque_limits_want_masses(tmp_path) -> None:
     task = planar_task([1, 1, 1], tmp_path)
     motion = rp.follow(closing(task), rp.circle(task, Q3, 0.1), Q3, cycles=1, steps=60)
-    with pytest.raises(rp.InputError, match="torque limits need efforts and masses"):
+    with pytest.raises(rp.InputError, match="torque limits require the effort of every joint"):
         rp.timed(motion, rp.Limits(acceleration=1.0, torque=True))
 
 

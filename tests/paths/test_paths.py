@@ -269,7 +269,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "a point that ends": (
         lambda: rp.TaskPath("mine", lambda s: _round(s) if s < 0.5 else None, _rate, np.eye(3)),
-        r"three finite numbers, also at s = 0.\d+",
+        r"mine: point\(0.\d+\) must be three finite numbers",
     ),
     "mirror": (lambda: rp.TaskPath("mine", _round, _rate, np.diag([1, 1, -1])), "det R = 1"),
     "not three": (

@@ -183,7 +183,7 @@ def test_other_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("a.npz", "cannot read"),
         ("b.npz", "the arrays have different lengths"),
         ("c.npz", "cannot read"),
-        ("d.txt", r"is not a \.csv, \.npz or \.parquet file"),
+        ("d.txt", r"must end in \.csv, \.npz or \.parquet"),
         ("e.csv", "No such file"),
     ):
         with pytest.raises(rp.InputError, match=says):

@@ -248,8 +248,9 @@ def test_what_is_not_understood_is_refused_by_name(
     lost = [q.copy() for q in Q]
     lost[1][4, 0] += 0.5
     text = said(lerobot(tmp_path / "lost", "v2.1", lost, A, NUMBERS))
-    assert "1 of 28 frames of 'observation.state' have no new joints" in text
-    assert "episode_000001.parquet, row 4: a data set is written whole" in text
+    assert "1 of 28 rows of 'observation.state' have no configuration in the cell" in text
+    assert "nothing was written; the first is " in text
+    assert "episode_000001.parquet, row 4; " in text
     (root := fresh() / "meta" / "relative_stats.json").write_text("{}", encoding="utf-8")
     assert "may have statistics of the old joints" in said(root.parents[1])
     lines = (root := fresh()) / "meta" / "episodes_stats.jsonl"

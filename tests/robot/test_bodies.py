@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -407,6 +408,38 @@ def test_a_flat_mesh_is_a_thin_body(chain: rp.Task, tmp_path: Path) -> None:
     )
     assert bodies.nearest(np.zeros(3)).links == ("tip", "wall")
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.5, abs=2e-4)
+
+
+def test_hulls_are_read_from_the_cache_and_never_from_a_broken_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def distance(name: str, *, radius: float = 0.2) -> float:
+        folder = tmp_path / name
+        folder.mkdir()
+        trimesh.creation.cone(radius, 0.3).export(folder / "lost.stl")
+        task = rp.Robot.load(chain_with_bodies(folder)).task("tip", "position")
+        return rp.Bodies(task).nearest(np.array([0.3, 0.5, 2.9])).distance
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    first = distance("first")
+    (kept,) = (tmp_path / "cache" / "repctl_pin" / "meshes").iterdir()
+    script = (
+        "import sys; import numpy as np; import repctl_pin as rp\n"
+        "task = rp.Robot.load('first/chain.urdf').task('tip', 'position')\n"
+        "d = rp.Bodies(task).nearest(np.array([0.3, 0.5, 2.9])).distance\n"
+        "print(repr(float(d)), 'trimesh' in sys.modules)"
+    )
+    run = [sys.executable, "-c", script]
+    said = subprocess.run(run, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    assert said.split() == [repr(first), "False"]
+    whole = kept.read_bytes()
+    for k, damaged in enumerate((b"", whole[: len(whole) // 2], whole[:300] + bytes(1200))):
+        kept.write_bytes(damaged)
+        assert distance(f"damaged {k}") == first and kept.read_bytes() == whole
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    assert distance("no cache") == first
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert distance("another mesh", radius=0.25) == pytest.approx(first - 0.05, abs=0.01)
 
 
 def test_a_hull_with_a_corner_of_many_neighbours_is_made_coarser(

@@ -30,7 +30,7 @@ def test_the_share_above_the_least_and_another_start(study: rp.Study) -> None:
     assert float(said[1]) == pytest.approx(
         100 * (own.rms_speed / least.rms_speed - 1), rel=0.05, abs=1e-3
     )
-    assert elsewhere == "another elbow position needs 31 % less: --best-leaf speed"
+    assert elsewhere == "another elbow position needs 31 % less joint speed; use --best-leaf speed"
 
 
 def test_the_start_of_least_speed_saves_what_was_said(

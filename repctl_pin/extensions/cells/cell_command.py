@@ -267,9 +267,9 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
 
 
 class _Asked(NamedTuple):
-    """The cell that the options describe, and how its start was found.
+    """The cell that the options describe, and the configuration in its middle.
 
-    The start is the configuration at whose pose the middle of the cell lies by default.
+    Unless options place the cell, its middle is the pose of a start configuration.
 
     Attributes
     ----------
@@ -280,12 +280,12 @@ class _Asked(NamedTuple):
     start_is : str
         How the start was found, such as ``as given`` or ``the reference pose``.
     crowded : bool
-        True if the cell fits with none of the default starts.
+        True if the cell fits at none of the default starts.
     placed : tuple of str
-        Notes on ``--size``: place of the cell, obstruction to a larger cell, approach axis of the
-        tool.
+        Notes on a cell whose place was searched for: the place, the cause that prevents a larger
+        cell, and the approach axis of the tool.
     place : BestCell or None
-        Place that was found for ``--size``; None without that option.
+        Place that was searched for, with ``--size`` or an orientation; None without such options.
     """
 
     cell: rp.Cell
@@ -568,7 +568,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     path, failed = tour(design.cell), {}
 
     def followed(label: str, control: Any, period: float, **how: Any) -> dict[str, rp.Motion]:
-        """Follow the path; return an empty dict if that fails."""
+        """Follow the path; return the motion by its label, or an empty dict if that fails."""
         try:
             q0 = design.function(path.placement(0.0))
             motion = rp.follow(control, path, q0, steps=_STEPS, period=period, **how)

@@ -337,10 +337,13 @@ def _cell(content: _CellFile, task: Task) -> Cell:
     widths, at, positions = (np.array(content.widths), np.array(content.placement), min(3, task.m))
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(
-            f"the cell of the file must have {task.m} widths and a placement of 4 × 4 numbers"
+            f"the cell of the file must have {task.m} widths and a placement of 4 × 4 numbers; "
+            "design the cell again"
         )
     if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
+        raise InputError(
+            "the last row of the cell's placement must be 0, 0, 0, 1; design the cell again"
+        )
     data = content.sector
     if isinstance(data, msgspec.UnsetType):
         turns = widths[positions:] if task.m > positions else 0.0
@@ -365,7 +368,7 @@ def _cell(content: _CellFile, task: Task) -> Cell:
     if not moved or abs(middle) > 2 * np.pi:
         raise InputError(
             "the middle of the spin must be from −2π to 2π rad; only a sector with tilts and the "
-            "spin range 'all' has one"
+            "spin range 'all' has one; design the cell again"
         )
     return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
 
@@ -379,18 +382,22 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
         If the content does not describe a valid design for this task.
     """
     if not content.degrees:
-        raise InputError("a cell's file must name at least one degree that was tried")
+        raise InputError(
+            "a cell's file must name at least one degree that was tried; design the cell again"
+        )
     degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
     cell = _cell(content, task)
     C, due = (np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r))
     if C.shape != due:
         raise InputError(
             f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; "
-            f"they have shape {C.shape}"
+            f"they have shape {C.shape}; design the cell again"
         )
     figures = content.figures
     if any(len(reason.u) != cell.whole.k for reason in figures.failures):
-        raise InputError(f"each failure must have {cell.whole.k} coordinates of its pose")
+        raise InputError(
+            f"the pose u of each failure must be {cell.whole.k} numbers; design the cell again"
+        )
     if figures.limit_margin_worst is None:  # infinite, or not in older files
         figures.limit_margin_worst = figures.limit_margin
     if figures.attainable_margin_worst is None:

@@ -104,7 +104,7 @@ class InverseFunction:
         target : pinocchio.SE3 or (4, 4) array
             Pose x of the frame.
         leaf : (r,) array, optional
-            Leaf c, by default 0. Other values move the arm along its self-motion, see
+            Level c, by default 0. Other values move the arm along its self-motion, see
             :meth:`leaves`.
 
         Raises
@@ -142,7 +142,7 @@ class InverseFunction:
             Placements; homogeneous matrices; positions, m, with quaternions,
             ``x, y, z, qx, qy, qz, qw``; or coordinates U of the cell.
         leaf : (r,) or (K, r) array, optional
-            Leaf c, by default 0: one for all targets, or one for each target.
+            Level c, by default 0: one for all targets, or one for each target.
         missing : "raise" or "nan"
             Result for a target outside the cell or without a configuration: an error, or a row of
             NaN.
@@ -197,7 +197,7 @@ class InverseFunction:
         return Q
 
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Compute the pose x of each configuration, and its leaf c, so that ``F(x; c) = q``.
+        """Compute the pose x of each configuration, and its level c, so that ``F(x; c) = q``.
 
         The leaf ``c = n_ref(x)ᵀ (q − q_ref(x))`` is the position along the self-motion; on the
         function itself, c = 0. Far from the function, several configurations can have the same pose
@@ -213,7 +213,7 @@ class InverseFunction:
         X : (K, 4, 4) array
             Homogeneous matrices of the frame.
         C : (K, r) array
-            Leaves c; NaN where the pose lies outside the cell.
+            Levels c; NaN where the pose lies outside the cell.
 
         Raises
         ------
@@ -227,9 +227,9 @@ class InverseFunction:
         return homogeneous(p, R), C
 
     def _law(self, U: Array, C: Array) -> tuple[Array, tuple[int, InputError] | None]:
-        """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, on the leaves C (K, r).
+        """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, with the levels C (K, r).
 
-        A leaf c is a position along the self-motion. Rows without a configuration are NaN. Return
+        A level c is a position along the self-motion. Rows without a configuration are NaN. Return
         also the number of the first such row with an InputError that gives the reason; None if
         there is no such row.
         """
@@ -350,9 +350,9 @@ class InverseFunction:
         return self.cell.coordinates(*as_poses(self.task, targets))
 
     def _leaves(self, leaf: ArrayLike | None, count: int) -> Array:
-        """Convert the argument ``leaf``, (r,), (K, r) or None, to one leaf per target (K, r).
+        """Convert the argument ``leaf``, (r,), (K, r) or None, to one level per target (K, r).
 
-        A leaf c is the position along the self-motion; None is 0. Other shapes raise an InputError.
+        A level c is the position along the self-motion; None is 0. Other shapes raise InputError.
         """
         array = None if leaf is None else as_numbers(leaf)
         if array is not None and array.ndim == 2:
@@ -363,7 +363,7 @@ class InverseFunction:
         return np.tile(c, (count, 1))
 
     def _leaf(self, leaf: ArrayLike) -> Array:
-        """Check one leaf c, the position along the self-motion, and return it as an array (r,)."""
+        """Check one level c, the position along the self-motion, and return it as an array (r,)."""
         array = as_numbers(leaf)
         return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
 
@@ -436,7 +436,7 @@ class _NativeFunction:
     def of_many(
         self, targets: Array, C: Array, matrices: Callable[[Array], Array], threads: int
     ) -> Array:
-        """Evaluate F (K, n) at targets (K, …) on the leaves C (K, r), chunk by chunk.
+        """Evaluate F (K, n) at targets (K, …) with the levels C (K, r), chunk by chunk.
 
         The arrays of a chunk fit in the processor's cache, and several threads share the chunks.
         ``matrices`` converts targets to homogeneous matrices (K, 4, 4). Rows without a

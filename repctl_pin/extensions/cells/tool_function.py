@@ -97,7 +97,7 @@ class ToolFunction:
         return Q
 
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Compute the tool's pose X (K, 4, 4) at each configuration, and its leaf c (K, r).
+        """Compute the tool's pose X (K, 4, 4) at each configuration, and its level c (K, r).
 
         See :meth:`InverseFunction.pose_and_leaf`.
         """

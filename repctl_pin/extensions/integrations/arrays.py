@@ -177,7 +177,7 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
     -------
     function (q, xdot) → qdot
         q (..., n), ẋ (..., m) as for :meth:`RepeatableInverse.velocity`, q̇ (..., n). Leading axes
-        are broadcast. q̇ is NaN beyond the joint limits, at singularities of J_V and, for a cell,
+        are broadcast. q̇ is NaN beyond the joint limits, where [J; Vᵀ] is singular and, for a cell,
         outside the cell. Another region Ω is not checked.
 
     Raises
@@ -235,7 +235,8 @@ def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
 def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: float) -> Numbers:
     """Repeat Newton's steps q → (q, length) on the rows of a batch that still move.
 
-    They end after a step shorter than ``near``, and before the last steps.
+    A row ends after a step shorter than ``near``. The last two of the 12 steps, which alone are
+    differentiated, are left to the caller.
     """
 
     def again(state: tuple[Numbers, Numbers, int]) -> tuple[Numbers, Numbers, int]:
@@ -307,7 +308,8 @@ def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
         return np.broadcast_shapes(tuple(one), tuple(other))
     except ValueError:
         raise InputError(
-            f"the leading axes of the arguments, {tuple(one)} and {tuple(other)}, do not fit"
+            f"the leading axes of the arguments, {tuple(one)} and {tuple(other)}, do not fit; "
+            "make them equal or 1"
         ) from None
 
 
@@ -484,8 +486,8 @@ def _polynomials(xp: Namespace, coefficients: Array, T: Numbers) -> Numbers:
 def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Numbers, Any]]:
     """Create the function (q, placement, ẋ) → (V (n, r, K), rates (r, K), inside (K,)).
 
-    ``Vᵀ q̇ = rates`` says that the potentials stay constant; for a cell, V is n_ref, and the rates
-    are those of its polynomials. A placement outside the cell is not inside.
+    If ``Vᵀ q̇ = rates``, the potentials stay constant. Rates are 0, and V are the gradients, except
+    for a cell, see :func:`_held_by_cell`. ``inside`` is False for placements outside the cell.
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)
@@ -523,7 +525,11 @@ def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Nu
 
 
 def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers, Any]]:
-    """Create :func:`_held` of a cell, ``n_refᵀ q̇ = n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``."""
+    """Create the function that :func:`_held` returns for the potentials of a cell.
+
+    V is n_ref, and the rates are ``n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``. q_ref (n, K) and n_ref
+    (n, r, K) are the polynomials of :func:`_reference`, dq_ref and dn_ref their time derivatives.
+    """
     reference, cell = _reference(xp, chart), chart.cell
     _, slopes = chart._differentiated
 
@@ -677,7 +683,7 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 
 
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
-    """Leave out whole turns (n, K) of the joints that move the frame along removed coordinates."""
+    """Remove full turns from q − q_ref (n, K), at joints that alone move the frame (symmetries)."""
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi
     return away - _like(xp, turning, away) * xp.round(away / (2 * np.pi))

@@ -72,7 +72,7 @@ class ElbowSearch:
         return None if ended is None else self._found(ended)
 
     def _found(self, ended: Future[ElbowLevel]) -> Array:
-        """Return the level (r,) of a search that has ended, and describe it."""
+        """Return the level (r,) of a search that has ended, and describe it in :attr:`said`."""
         try:
             found = ended.result()
         except RepctlError as error:

@@ -111,7 +111,10 @@ class RepeatableTask(PinkTask):
         """
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:
-            raise InputError(f"pink's model has no joint {missing[0]!r}, which the design requires")
+            raise InputError(
+                f"pink's model has no joint {missing[0]!r}, which the design requires; "
+                "load the model from the design's URDF"
+            )
         joints = [model.joints[model.getJointId(name)] for name in self._names]
         self._at = np.array([joint.idx_q for joint in joints])
         self._columns = np.array([joint.idx_v for joint in joints])

@@ -73,11 +73,10 @@ class _ArmNode(Node):
     """Node ``repctl``: connects the topics, services and parameters of ROS 2 to a :class:`Servo`.
 
     Subscribes to ``target_pose``, ``target_twist``, ``hand_pose``, ``hand_elbow``, ``~/elbow``,
-    ``~/leaf`` and ``joint_states``; publishes
-    ``joint_trajectory`` or, with the parameter ``output:=positions``, ``commands``, and
-    ``/diagnostics``. Services: ``~/hold``, ``~/resume`` and, for a cell where moveit_msgs is
-    installed, ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters
-    are read once.
+    ``~/leaf`` and ``joint_states``; publishes ``joint_trajectory`` or, with the parameter
+    ``output:=positions``, ``commands``, and ``/diagnostics``. Services: ``~/hold``, ``~/resume``,
+    ``~/clutch`` and, for a cell where moveit_msgs is installed, ``compute_ik``. The parameter
+    ``leaf`` can be set at any time; all other parameters are read once.
 
     Commands and time-outs follow a steady clock, which is never set, or with ``use_sim_time`` the
     clock of the simulation. Stamps are compared with the node's ROS clock.

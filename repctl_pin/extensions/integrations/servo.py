@@ -38,7 +38,7 @@ _REST = 4
 
 
 _AHEAD = {
-    Status.SINGULAR: "J_V is singular ahead, or no motion to the target was found",
+    Status.SINGULAR: "a singularity is ahead, or no motion to the target was found",
     Status.BAD_NUMBER: "one of its numbers is too large, or its matrix is not a rotation",
     Status.OUTSIDE: "the region Ω, or the cell, ends ahead",
     Status.LIMIT: "a joint limit is ahead",
@@ -158,7 +158,7 @@ class Servo:
     # ---- messages ------------------------------------------------------------------------------
 
     def joints(self, positions: Mapping[str, float], now: float, *, age: float = 0.0) -> None:
-        """Store measured positions of some or all joints, by name; other names are ignored.
+        """Store measured positions, rad or m, of joints by name; other names are ignored.
 
         ``age`` is the message's age by its stamp, s.
         """
@@ -219,7 +219,8 @@ class Servo:
     ) -> None:
         """Set the pose of the operator's hand, in its tracker's frame, valid for ``timeout``.
 
-        It moves the target while the arm is coupled. An invalid pose ends the coupling.
+        The pose is a position (x, y, z), m, and a quaternion (x, y, z, w). It moves the target
+        while the arm is coupled. An invalid pose ends the coupling.
         """
         if not self._coupled or not self._usable("hand pose", "", age):
             return
@@ -319,7 +320,7 @@ class Servo:
     # ---- ticks ---------------------------------------------------------------------------------
 
     def tick(self, now: float) -> Array | None:
-        """Compute the next command (n,); None if no command may be sent.
+        """Compute the configuration (n,) to command next, rad or m; None if none may be sent.
 
         No command is sent until recent measurements show the joints at rest, nor after a stop
         because the arm did not follow its commands. :attr:`reason` says why.
@@ -363,7 +364,7 @@ class Servo:
             self._asked = self._asked if found is None else found
 
     def brake(self) -> Array | None:
-        """Compute the next command (n,) of a stop; None if the arm is at rest, or waits.
+        """Compute the next configuration (n,) of a stop; None if the arm is at rest, or waits.
 
         Call this repeatedly when the program ends; measured joints are not needed.
         """
@@ -425,16 +426,16 @@ class Servo:
 
     @property
     def command(self) -> Array | None:
-        """Last command (n,); None before the first."""
+        """Last commanded configuration (n,), rad or m; None before the first command."""
         return self._commands[-1] if self._commands else None
 
     @property
     def current_leaf(self) -> Array | None:
-        """Level c (r,) of the design's potentials at the last command; None before the first."""
+        """Level c (r,) of the potentials at the last command; None before the first command."""
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next command (n,), toward the target or by the twist, and to the level."""
+        """Compute the next configuration (n,), toward target and level, or by the twist."""
         twist = self._twist
         if twist is not None and self.tool is not None:
             arm = self._placement().rotation @ self.tool.translation

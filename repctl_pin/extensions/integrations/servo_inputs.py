@@ -197,5 +197,5 @@ def _placed(position: ArrayLike, quaternion: ArrayLike) -> pin.SE3:
         raise InputError("its position and quaternion must be finite numbers")
     norm = float(np.linalg.norm(x))
     if not abs(norm - 1) <= _UNIT:
-        raise InputError(f"its quaternion has norm {norm:.4g}, not 1")
+        raise InputError(f"its quaternion has norm {norm:.4g}, not 1; normalise it")
     return pin.SE3(pin.Quaternion(x / norm).matrix(), p)

@@ -174,7 +174,7 @@ class Blend:
 
 
 def _angle(into: Line, out: Line) -> float | None:
-    """Compute the angle by which the direction turns between two lines; None without a bend."""
+    """Compute the angle, rad, between the directions of two lines; None if they are equal."""
     v_in, v_out = into.velocity(1.0), out.velocity(0.0)
     if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:
         return None
@@ -183,7 +183,7 @@ def _angle(into: Line, out: Line) -> float | None:
 
 
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
-    """Blend two lines that meet; None where the arm must rest.
+    """Blend two lines that meet at a pose; return None if the arm must rest there.
 
     The blend begins and ends where an arc of the given radius, m, would begin and end. It replaces
     at most half of each line. If the second line continues the first without a bend, the length of

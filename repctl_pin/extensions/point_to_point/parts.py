@@ -165,10 +165,10 @@ def _line_between(
 
 
 def _blend(F: Function, into: Line, out: Line, radius: float) -> tuple[Blend, PPoly | None] | None:
-    """Blend two lines, and fit the joints along the blend; None where the arm must rest.
+    """Blend two lines at their corner, and fit the curve of configurations q(a) along the blend.
 
-    If the second line continues the first without a bend, the blend has length 0, and its curve of
-    the joints is None.
+    Return the blend and the curve, or None if the arm must rest at the corner. If the second line
+    continues the first without a bend, the blend has length 0, and the curve is None.
     """
     blend = blend_of(F, into, out, radius)
     if blend is None or not blend.length:

@@ -113,7 +113,10 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        """Test on which boxes the bounds of leaf and limit margin exceed their goals: (K,)."""
+        """Test on which boxes the bounds of both margins exceed their goals: (K,) array of bool.
+
+        The margins are the leaf margin and the limit margin.
+        """
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:
@@ -160,7 +163,7 @@ class _CellSearch:
             ),
             (leaf_margins(chart, points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
-            (-away.max(axis=1), "F is farther from q_ref there than d*, by {away:.2g} rad or m"),
+            (-away.max(axis=1), "F is {away:.2g} rad or m too far from q_ref to be proved unique"),
             ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
         ):
             where = int(np.argmin(short))

@@ -122,7 +122,7 @@ def prove(
         require_type(region, Region, "region", A_REGION)
         if not isinstance(what, Design):
             raise InputError(
-                ": a function is proved over its own cell", argument="region", remedy="omit it"
+                ": a function is proved over its own cell", argument="region", remedy="omit region="
             )
     closing = _asked_closing(closes, ratio)
     if not callable(progress):
@@ -148,7 +148,7 @@ def _share(margin: float) -> float:
 
 
 class _Closing(NamedTuple):
-    """Closing radius to prove: distance within which every closed path also closes in the joints.
+    """Closing radius to prove: within it, closed paths end in the configuration they began in.
 
     Attributes
     ----------

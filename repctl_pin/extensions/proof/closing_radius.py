@@ -1,6 +1,6 @@
 """The closing radius of a design: around its start, or along a closed path.
 
-Within this distance, every closed path of the end effector also closes in the joints.
+Within this distance, each closed path of the frame ends in the configuration it began in.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def closing_radius(
     goal: float | None,
     seconds: float,
 ) -> ClosingRadius:
-    """Prove a closing radius of a design: every closed path within it closes in the joints.
+    """Prove a closing radius of a design, within which each motion on a closed path closes.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
 def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
     """Write whether a radius is the largest that can be proved, and why no larger one is."""
     if goal is not None and found.radius >= goal:
-        return True, "no larger one was asked for"
+        return True, "no larger radius was requested"
     where = _edge(task, places, found)
     if found.complete:
         return True, where

@@ -107,7 +107,7 @@ def enclosed(
             continue
         gap = float(np.abs(motion.q[-1] - motion.q[0]).max())
         if gap > _CLOSED:
-            why = f"the path itself does not close, by {gap:.2g}"
+            why = f"the path itself does not close, by {gap:.2g} rad or m"
             return Enclosure(q[None], np.zeros((1, task.n)), False, why)
         Q = np.concatenate([motion.q[:-1], motion.q[:1]])
         if bounded:

@@ -1,4 +1,4 @@
-r"""Closing radius: every closed path within this distance closes in the joints, at any length.
+r"""Closing radius: within it, closed paths of any length end in the configuration they began in.
 
 A lift is the joint path that the repeatable inverse G_r gives to a line of the end effector. Lifts
 of straight lines are followed in boxes of joints ``S_1 ⊂ S_2 ⊂ … ⊂ S_M ⊂ Ω`` around their start,
@@ -67,7 +67,7 @@ class Places:
     center, extent : (K, n) arrays
         Centres and half-widths of the boxes.
     clearance : (K, n) array
-        Distance by which each joint may move away from its start.
+        Distance by which each joint may move away from its start, rad or m.
     """
 
     center: Array
@@ -365,7 +365,7 @@ def _sampled(
         if part <= 1:
             break
     if not boxes:
-        raise SingularityError("there is no clearance around the start")
+        raise SingularityError("the start has no clearance within Ω")
     widths, allowed = zip(*boxes, strict=True)
     return np.stack(widths, axis=1), np.stack(allowed, axis=1), length
 

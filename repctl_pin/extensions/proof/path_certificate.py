@@ -145,7 +145,7 @@ def path_certificate(
     where = (
         f"the straight line to {at:.0%} of the path ends {mismatch:.2g} {inverse.task.unit} away"
     )
-    why = f"{where} from the motion, so something singular is inside the path, such as the base"
+    why = f"{where} from the motion, so the path encloses a singularity, or the base"
     return PathCertificate(False, gap, mismatch, why, count)
 
 

@@ -27,7 +27,7 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
     If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
-    the distance from the path within which every closed path also closes in the joints. The proof
+    the distance from the path within which closed paths end in their start configuration. The proof
     also fails if it takes too long compared with ``spent``, the processor time of the study, s.
     ``say`` reports the step.
     """

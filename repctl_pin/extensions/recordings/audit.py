@@ -51,7 +51,7 @@ class Audit:
     visits : Visits
         Visits of the hand pose that was visited most often.
     points : (N, L, 3) array
-        Position, m, at each visit, of the point of each link's body that is displaced most.
+        Position, m, root frame, at each visit, of the most displaced point of each link's body.
     links : tuple of str
         Names of the L links.
     found : Verdict or None

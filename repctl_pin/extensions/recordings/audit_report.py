@@ -330,7 +330,7 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
 
 
 def _audit_page(audit: Audit) -> str:
-    """Write the HTML page of the recorded motion, with the arm of the first visit as a ghost.
+    """Write the HTML page of the recorded motion, with the arm of the first visit as an outline.
 
     Each cycle is the part of the log between two consecutive visits of the pose. If there are too
     many cycles, evenly spaced ones are shown.

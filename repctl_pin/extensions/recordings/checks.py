@@ -198,7 +198,11 @@ class _Explanation(NamedTuple):
 def _other_frame(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> _Explanation:
-    """Fit another frame of the tool: ``p = p_own + R_own d``, ``R = R_own D``."""
+    """Fit another frame of the tool: ``p = p_own + R_own d``, ``R = R_own D``.
+
+    p and R are the recorded poses, p_own and R_own those by forward kinematics. ``rows`` are the
+    components of the position that the task commands.
+    """
     d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
     D = mean_rotation(np.swapaxes(R_own, 1, 2) @ R) if task.kind.turns else np.eye(3)
     at = row(np.round(d, 3) + 0.0)
@@ -209,7 +213,10 @@ def _other_frame(
 def _other_base(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int], B: Array
 ) -> _Explanation:
-    """Fit another base with the rotation B: ``p = B p_own + t``, ``R = B R_own``."""
+    """Fit another base with the rotation B: ``p = B p_own + t``, ``R = B R_own``.
+
+    The arguments are those of :func:`_other_frame`.
+    """
     t = np.zeros(3)
     t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]
     at = row(np.round(t, 3) + 0.0)

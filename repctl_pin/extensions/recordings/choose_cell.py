@@ -63,7 +63,7 @@ def design_for(
     thin = thinned(recording, _FRAMES)
     few = thinned(recording, _TRIED)
     best: tuple[float, CellDesign | None] = (0.0, None)
-    failure = InputError("no box or sector contains the frames")
+    failure = InputError("no box or sector contains them")
     for share in _SHARES:
         for cell in _cells(thin, share):
             report(f"a function over {cell.size()}", 0.1)
@@ -78,8 +78,8 @@ def design_for(
             best = max(best, (held, found), key=lambda pair: pair[0])
     if best[1] is None:
         raise InputError(
-            f"no function covers a cell around the frames: {failure.args[0]}",
-            remedy="split the recording, or use the function of a smaller cell",
+            f"no function covers a cell around the recorded poses: {failure.args[0]}",
+            remedy="split the recording, or give the design of a smaller cell",
         )
     return best[1]
 

@@ -165,7 +165,9 @@ def _clock_of(table: Table) -> str:
             remedy="name the column of times 'time', in s",
         )
     if table.widths[clock] != 1:
-        raise InputError(f"{table.file}: the times in {clock!r} are not numbers, one per row")
+        raise InputError(
+            f"{table.file}: the times in {clock!r} are not numbers, one per row; write them in s"
+        )
     return clock
 
 

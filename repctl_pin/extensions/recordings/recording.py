@@ -450,7 +450,7 @@ def _joint_columns(
         return array, places_of(name, width, task, given)
     if given is not None:
         raise InputError(
-            f"requires a column that holds an array of joints: {', '.join(JOINTS)}",
+            f"requires a column that holds an array of joints, one of {', '.join(JOINTS)}",
             argument="joints",
             remedy="add that column, or omit joints=",
         )
@@ -484,7 +484,10 @@ def _arguments(
         made["joints"] = Q = table.numbers([name], finite=False)[:, places]
         if not np.isfinite(Q).all():
             row = int(np.argmin(np.isfinite(Q).all(axis=1)))
-            raise InputError(f"{table.where(row)}: {name} is not a finite number", at=row)
+            raise InputError(
+                f"{table.where(row)}: {name} is not a finite number; correct or remove that row",
+                at=row,
+            )
     keys = [key for key in ("joints", "poses", "times") if key in columns and key not in made]
     names = [name for key in keys for name in columns[key]]
     values = table.numbers(names) if names else np.empty((0, 0))

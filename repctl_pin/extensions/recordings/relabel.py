@@ -138,7 +138,7 @@ class Relabeled:
 
     @property
     def residual_after(self) -> float:
-        """Ambiguity of the new configurations: rms misfit of a smooth function of the pose."""
+        """Ambiguity of the new configurations, rad or m, as in :attr:`residual_before`."""
         return self.ambiguity.residuals[-1]
 
     @property
@@ -215,9 +215,9 @@ class Relabeled:
             missing = np.isnan(Q).any(axis=1)
             if missing.any():
                 raise InputError(
-                    f"{int(missing.sum()):,} of {len(Q):,} frames of {name!r} have no new joints, "
-                    f"the first is {source.where(int(np.argmax(missing)))}: a data set is written "
-                    "whole",
+                    f"{int(missing.sum()):,} of {len(Q):,} rows of {name!r} have no configuration "
+                    "in the cell within the limits, so nothing was written; the first is "
+                    f"{source.where(int(np.argmax(missing)))}",
                     remedy="use the function of a larger cell, or another leaf",
                 )
 
@@ -388,7 +388,7 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 def _with_further(recording: Recording) -> Recording:
     """Append the further joints of a data set to the frames of a recording, without times.
 
-    So the cell contains their poses, too, and the level loses none of them.
+    So the cell contains their poses, too, and the level is chosen such that F reaches them.
     """
     if not recording.further:
         return recording
@@ -398,7 +398,7 @@ def _with_further(recording: Recording) -> Recording:
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
-    """Compute the level c (K, r) of each recorded configuration; None if there are none.
+    """Compute the level c (K, r), rad or m, of each recorded configuration; None without these.
 
     The level is the position of the elbow along the self-motion; in consistent demonstrations, it
     is constant.

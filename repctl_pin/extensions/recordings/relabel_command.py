@@ -115,7 +115,7 @@ def run(options: Options) -> int:
 
 
 def _places(options: Options) -> tuple[Path, Path]:
-    """Return the recording, and the folder of the new one, in which it must replace nothing."""
+    """Return the recording's file, and the output folder, in which nothing may be replaced."""
     from .data_sets.data_set import is_data_set, require_new
 
     file = Path(options.file)

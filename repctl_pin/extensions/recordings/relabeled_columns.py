@@ -73,8 +73,8 @@ def relabeled_columns(
     """Find the columns of a recording's file that change with new configurations Q (K, n).
 
     ``further`` are the new configurations of further columns of joints, by name. Other columns are
-    kept, unless they depend on the recorded joints. Where the cell's function has
-    no value and Q is NaN, the recorded pose is kept.
+    kept, unless they depend on the recorded joints. Where the cell's function has no value and Q is
+    NaN, the recorded pose is kept.
     """
     task, old, source = recording.task, recording.joints, recording.source
     assert source is not None
@@ -143,9 +143,9 @@ def _copy(
 ) -> tuple[Array, Sequence[int]] | None:
     """Find recorded joints in the rows of a file's array; return the new ones, and their indices.
 
-    ``known`` are the indices, if there are, the recorded and the new joints of each column of
-    joints. The array may have further numbers, such as a gripper's, which are then kept. In a data
-    set, it may also have the cosines or sines of the joints. None if it has none of these.
+    ``known`` has, for each column of joints, their indices in a row or None, and the recorded and
+    the new joints. The array may have further numbers, such as a gripper's, which are then kept. In
+    a data set, it may have the cosines or sines of the joints. Return None if it has none of these.
     """
     width = source.widths[name]
     known = [one for one in known if 1 < one[1].shape[1] <= width]

@@ -147,9 +147,10 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
 
 
 class _Visits(NamedTuple):
-    """Configurations q (N, n) of the visits at times t (N,), s, with the half-widths r (N, n).
+    """Visits to one pose: configurations q (N, n), rad or m, at times t (N,), s.
 
-    ``least`` (n,) is the smallest noise that a trend is compared with.
+    r (N, n) is the half-width of the noise interval q ± r of each value. ``least`` (n,) is a lower
+    bound of the standard deviations, rad or m, from which the error of a trend is computed.
     """
 
     t: Array

@@ -151,9 +151,10 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
 
 
 def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, float]:
-    """Score a pose by its number of certain visits, doubled for rests, then by the time there, s.
+    """Score a pose by its visits within a quarter of the tolerance, then by the time there, s.
 
-    ``each`` is the time between two rows of the log, s.
+    The number of visits is doubled if they are rests. ``each`` is the time between two rows of the
+    log, s.
     """
     stays = each * np.array([len(one.rows) for one in there])
     rests = len(there) > 2 and np.mean(stays >= _REST) > 0.8
@@ -176,7 +177,7 @@ class _Pass(NamedTuple):
 
 
 def _noise_of(Q: Array) -> Array:
-    """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
+    """Estimate the noise of every column of Q (T, n): standard deviations (n,), rad or m.
 
     A log does not state the precision of its readings, so differences of readings are used.
     Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; the differences
@@ -441,7 +442,7 @@ def _near(t: Array, low: int) -> NDArray[np.intp]:
 
 
 def _bend(Q: Array) -> Array:
-    """Estimate the error (n,) of interpolation between neighbouring rows Q, at most six."""
+    """Estimate the error (n,), rad or m, of interpolation between at most six neighbouring rows."""
     if len(Q) == 6:
         return np.asarray(np.abs(np.diff(Q, 4, axis=0)).max(axis=0) * 3 / 128, float)
     return np.asarray(np.abs(np.diff(Q, 2, axis=0)).max(axis=0, initial=0.0) / 8, float)

@@ -194,7 +194,7 @@ class BodyGuard:
             own.next, own.nodes = after, _NODES
 
     def _keeps_part(self, Q: Array, S: Array) -> bool:
-        """Test whether all distances are kept along at most ROOM samples, by halving if needed.
+        """Test whether all distances are kept along at most 32 samples, by halving if needed.
 
         Q and S are as for :meth:`allows`.
         """
@@ -257,9 +257,7 @@ class BodyGuard:
     def _measured(self, sample: int, count: int) -> int:
         """Measure the distances of ``count`` pairs that C chose at a sample.
 
-        Return 1, or 0 on error.
-
-        Errors must not pass through C, so :meth:`allows` raises them later.
+        Return 1, or 0 on error. Errors must not pass through C; :meth:`allows` raises them later.
         """
         try:
             held = self._own.held

@@ -151,7 +151,10 @@ class Clutch:
         return np.asarray(at + self._scale * (self._axes @ (point - begin)))
 
     def _jumps(self, hand: pin.SE3, turn: Array) -> bool:
-        """Test whether the target turned far more than the hand since the last pose; store both."""
+        """Test whether the target turned far more than the hand since the last pose.
+
+        Pose ``hand`` and target rotation ``turn`` are stored for the next call.
+        """
         last_hand, last_turn = self._last
         self._last = hand, turn
         if self._turned == round(self._turned):

@@ -54,7 +54,7 @@ class Status(IntEnum):
     OK
         Target and level are reached, or the frame has the requested twist.
     SINGULAR
-        J_V is singular ahead, or the target is out of reach, and the arm stops before that point.
+        A singularity is ahead, or the target is out of reach: the arm stops before that point.
         Or the arm is at rest, and no motion to the target was found.
     BAD_NUMBER
         A number of the input is not finite or too large, or a matrix is not a rotation: the arm
@@ -134,7 +134,7 @@ class Governor:
     Attributes
     ----------
     q : (n,) array
-        Commanded configuration.
+        Commanded configuration, rad or m.
     leaf : (r,) array
         Level c = h(q) of the leaf on which q lies.
 
@@ -201,7 +201,7 @@ class Governor:
         self._connect()
 
     def _connect(self) -> None:
-        """Pass the addresses of the arm, the state, the limits and a tick's memory to C.
+        """Pass C the addresses of the arm, its state and limits, and the arrays of each tick.
 
         This is done at creation, and again in each copy, whose memory has other addresses.
         """
@@ -255,7 +255,7 @@ class Governor:
 
     @property
     def q(self) -> Array:
-        """Commanded configuration (n,)."""
+        """Commanded configuration (n,), rad or m."""
         self._check_started()
         return self._q.copy()
 
@@ -309,10 +309,10 @@ class Governor:
 
         The leaf is the set h(q) = c of the inverse's potentials h through this configuration. A
         joint may be within ``margin`` of its limit, or beyond the limit by at most 0.1 rad or m.
-        Then the first target or twist moves it straight inside, never farther out, at no more than
-        a tenth of the speed limits, with the status ``RECOVERING``. Once begun, this motion
-        continues until the joint is inside; the arm is then on the leaf of the motion's last
-        configuration.
+        In both cases, the first target or twist moves the joint straight inside, never farther out.
+        The speed is at most a tenth of the limits, and the status ``RECOVERING``. Once begun, this
+        motion continues until the joint is inside; the arm is then on the leaf of the motion's
+        last configuration.
 
         Parameters
         ----------
@@ -325,7 +325,7 @@ class Governor:
             If q is farther beyond a joint limit or outside the region Ω, if two bodies are closer
             than ``body_distance``, or if the frame is at least 10⁶ m from the base.
         SingularityError
-            If J_V is singular there.
+            If J_V = [J; Vᵀ], with the gradients V of h, is singular at q.
         """
         q = self._task.check(q, "the start", beyond=RECOVERABLE)
         inside = np.clip(q, self._lower, self._upper)
@@ -341,8 +341,9 @@ class Governor:
             way = np.linspace(q, inside, ROOM)
             if (q != inside).any() and not self._guard.keeps(way):
                 raise InputError(
-                    "q is beyond a joint limit, and two bodies would come closer than "
-                    "body_distance on the straight motion back",
+                    f"{self._task.joint_names[int(np.argmax(np.abs(q - inside)))]!r} is beyond its "
+                    "limit or margin, and two bodies would come closer than body_distance on the "
+                    "straight motion back",
                     remedy="move the joints within their limits by hand",
                 )
         self._on = False
@@ -384,7 +385,7 @@ class Governor:
         Returns
         -------
         q : (n,) array
-            Next configuration to command.
+            Next configuration to command, rad or m.
         status : Status
             Outcome of the tick.
 
@@ -419,8 +420,8 @@ class Governor:
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
         """Compute the next configuration and its status with a guard of body distances.
 
-        ``given`` tells C which inputs are given. Errors of the guard must not pass through C, so
-        they are raised after the call.
+        ``given`` has a bit for each of target, twist and leaf that is given. Errors of the guard
+        must not pass through C, so they are raised after the call.
         """
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)

@@ -43,9 +43,9 @@ class LeafImpedance:
     There is no home posture: the null-space spring is relaxed everywhere on the leaf, and only
     pulls the joints back to it. This controller is not part of the paper.
 
-    The torque is computed as ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``. This form also
-    compensates ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D is such that the end
-    effector, with its inertia Λ, has the same damping ratio in every direction.
+    With ``J_V = [J; Vᵀ]``, the torque is computed as ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``.
+    This form also compensates ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D is such
+    that the end effector, with its inertia Λ, has the same damping ratio in every direction.
 
     Friction and errors of M and b move the joints off the leaf. An :meth:`observer` estimates this
     disturbance from ḧ* and ḣ, and cancels it.

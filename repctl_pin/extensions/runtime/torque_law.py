@@ -257,7 +257,8 @@ class NativeTorques:
 def _not_finite() -> InputError:
     """Create the error for numbers that overflow in the torque law."""
     return InputError(
-        "the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large"
+        "the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large; "
+        "check their units: rad, m and s"
     )
 
 

@@ -544,7 +544,10 @@ def _no_speed(limits: JointLimits) -> InputError:
     why = "the path is too rough"
     if limits.torque is not None:
         why = "the torque limits do not hold the arm somewhere"
-    return InputError(f"no speed along this joint path is within the limits: {why}")
+    return InputError(
+        f"no speed along this joint path is within the limits: {why}; use another path, "
+        "or higher limits"
+    )
 
 
 def _sides_that_bound(

@@ -133,7 +133,7 @@ class _Laps:
     Attributes
     ----------
     Q : (P, n) array
-        The points.
+        The points, rad or m.
     clock, stays : (P,) arrays
         The motion's own time at each point, and the duration of its pause there, s.
     ends : tuple of int

@@ -113,7 +113,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     named = "motions by name, as in {'mine': motion}, or a study"
     require_type(motions, Mapping, "motions", named)
     if not motions:
-        raise InputError("an animation requires motions, but there are none")
+        raise InputError("an animation requires motions, but there are none; give at least one")
     for name, motion in motions.items():
         require_type(
             motion, Motion, f"motions[{name!r}]", "a motion, such as rp.follow(control, path, q0)"
@@ -125,7 +125,8 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     )
     if other is not None:
         raise InputError(
-            f"an animation shows one robot, but the motions are of {robot.name} and {other.name}"
+            f"an animation shows one robot, but the motions are of {robot.name} and {other.name}; "
+            "make an animation of each"
         )
     colours = _colours({name: motion.drift[-1] for name, motion in motions.items()})
     tracks = [

@@ -5,14 +5,18 @@ browser unpacks with its ``DecompressionStream``.
 
 For the browser's console and for tests, the page has an object ``repctl`` with these members:
 
-- ``ready``, ``errors``
+- ``ready``: true once the scene is drawn; ``errors``: list of messages
 - ``seek(cycles)``, ``play()``, ``pause()``
-- ``set(what, bool)``, with ``what`` one of ``"traces"``, ``"ghost"``, ``"fan"`` and ``"drift"``
-- ``drift(arm, shape)``: displacement, m, and colour
+- ``set(what, bool)``: show or hide ``"traces"``, ``"ghost"``, ``"fan"`` or ``"drift"``
+- ``drift(arm, name)``: displacement of a body, by its name, from its ghost, m, and its colour
 - ``picture()``, ``seen()``: data URL of a PNG of the scene, and of the page
-- ``record(seconds)``: film
+- ``record(seconds)``: start a film; return the function ``stop`` and the promise ``done`` of a Blob
 - ``still()``: canvas, for print
 - ``pane(arm)``: position and size of an arm's pane, as fractions of the picture
+
+Traces are the paths of frames and elbows. The ghost is the repeatable arm at the same time or,
+without one, the same arm in cycle 1. The fan is the arm at the end of each shown cycle, and drift
+is the colour of displaced bodies.
 
 Times are in shown cycles: 1.25 is a quarter into the second cycle. A page whose address ends in
 ``#paused`` does not start by itself.
@@ -141,8 +145,8 @@ def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
 
     A page is small only if its poses are stored compactly. Numbers are rounded to the resolution:
     0.1 µm, or more for coordinates beyond 100 m. The third differences along the columns of each
-    (T, W) array are small for smooth motions. Their 32 bits, sign last, are written as four planes,
-    the lowest bytes first. The page's script decodes them.
+    (T, W) array are small for smooth motions. Each has 32 bits, of which the lowest is the sign.
+    The lowest bytes of all numbers are written first, the highest last, for the page's script.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)

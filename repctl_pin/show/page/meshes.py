@@ -216,9 +216,10 @@ def _array(
 
 
 def _capsule(radius: float, length: float) -> _Element:
-    """Make the three.js geometry of a capsule along y, with the length of its cylinder, m.
+    """Make the three.js geometry of a capsule along y.
 
-    The geometry is an outline, listed from below, that is rotated about y.
+    ``radius`` is the radius of the capsule, ``length`` the length of its cylinder, both in m. The
+    geometry is an outline, listed from below, that is rotated about y.
     """
     angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS)
     x = radius * np.cos(angles)

@@ -255,7 +255,7 @@ def _joint_origins(
 ) -> list[Array]:
     """Compute the joint origins of every chain at the start of each motion: (n, 3) arrays, m.
 
-    ``base`` (1, 4, 4) places the base.
+    They are in the root frame, in which ``base`` (1, 4, 4) is the placement of the base.
     """
     return [
         on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]
@@ -265,9 +265,10 @@ def _joint_origins(
 
 
 def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
-    """Describe the tasks of the chains, one line per kind, and all chains ``together`` in another.
+    """Describe the tasks of the chains, one line per kind of task.
 
-    Without a common task, each chain has a line of its own.
+    ``together`` is the task of all chains, whose redundancy is the last line; None if they have
+    no common task. Each chain then has a line of its own.
     """
     if together is None:
         tasks = [chain.task for chain in chains]
@@ -280,7 +281,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 
 
 def _hand(name: str, kind: Kind) -> str:
-    """Name a hand before the distance of its point, and say which rotation its task leaves free."""
+    """Write the name of a hand, and which rotation its task leaves free, before a distance."""
     if kind.turns and not kind.tool_axes:
         return name
     return f"{name}, free to {'spin' if kind.turns else 'turn'}:"

@@ -80,7 +80,7 @@ class FirstViolation:
     cycle : int
         The cycle, counted from 1.
     origin : (T, 3) array
-        Origin of the joint, or of one of the links, at the shown samples, m.
+        Origin of the joint, or of one of the links, at the shown samples, m, root frame.
     """
 
     words: str
@@ -105,7 +105,7 @@ class Arm:
     placements : (T, S, 4, 4) array
         Rigid, unscaled transforms of S shapes at T samples.
     tip, elbow : (T, K, 3) arrays
-        Positions, m, of the frame and the elbow of each of K chains; each frame has one chain.
+        Positions, m, root frame, of the frame and the elbow of each of K chains, one per frame.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
     points : tuple of (P, 3) arrays
@@ -212,11 +212,10 @@ class JointRows:
 
 
 def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
-    """Choose the samples to show of motions of one robot, with more per cycle if necessary.
+    """Choose the samples that the page shows of several motions of one robot.
 
     The page draws a cubic through neighbouring samples. The number of samples per cycle is
-    increased until the cubic is within ``_CLOSE``, rad or m, of every motion, or all samples are
-    shown.
+    increased until the cubic is within 0.0002 rad or m of every motion, or all samples are shown.
 
     Parameters
     ----------
@@ -224,6 +223,11 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
         Configurations of the whole robot, rad or m.
     cycles
         Number of cycles of each motion.
+
+    Returns
+    -------
+    Frames
+        Indices of the shown samples, the same for all motions.
     """
     samples = len(motions[0])
     steps = (samples - 1) // cycles

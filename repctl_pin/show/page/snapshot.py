@@ -28,7 +28,7 @@ _START = "#9aa4ae"
 def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the arm at q (n,) as a polyline, for a drawing as a stick figure: (n + 1, 3), m.
 
-    Its points are the origins of the joints and of the task's frame.
+    Its points are the origins of the joints and of the task's frame, in the base frame.
     """
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 

@@ -147,8 +147,8 @@ class Viewer:
         configurations
             Current configuration of each controller.
         before
-            Configurations to compare with, one for each name, shown as ghosts; by default the first
-            ones sent.
+            Configurations to compare with, one for each name, shown as grey outlines; by default
+            the first ones sent.
         out_of_reach
             True to show on the page that the target is out of reach.
         target : (3,) array, optional

@@ -359,8 +359,6 @@ def _exact(one: MotionSummary) -> str:
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format the displacement of the farthest part, m, under each controller: a text per summary.
 
-
-
     ``unit`` is the text after each value (" from its start"), except a 0 that is not the first. If
     the most displaced part depends on the controller, the smaller values name their part.
     """

@@ -22,8 +22,8 @@ _COLOURS = {"bad": "31", "good": "32"}
 class Span(NamedTuple):
     """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value.
 
-    A terminal and a page show a tone as colour. The exact value belongs to a rounded text, such as
-    ``elbow_link: 0.0321 m``; it can be empty.
+    A terminal and a page show a tone as colour; ``near`` marks small distances and gaps in checks.
+    The exact value belongs to a rounded text, such as ``elbow_link: 0.0321 m``; it can be empty.
     """
 
     text: str

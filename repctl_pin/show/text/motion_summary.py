@@ -42,7 +42,7 @@ class MotionSummary:
     off : float
         Displacement of the most displaced part at the end, m, see :mod:`.body_displacement`.
     speed : float
-        Joint speed ‖q̇‖ over the first cycle, rms.
+        Joint speed ‖q̇‖ over the first cycle, rms, rad/s or m/s.
     limit_violation : (int, str) or None
         The cycle in which a joint first exceeds its limits, and that joint.
     body_distance : float or None

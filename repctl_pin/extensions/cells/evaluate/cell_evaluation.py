@@ -455,9 +455,10 @@ def _bodies(
     """Compute the minimum body distance over covered poses of the cell.
 
     Return the distance, m, the two links, and the failure by collision, which is None if there is
-    no collision. Body distances are slow to compute, so only the corners and the first of the
-    ``count`` held-out poses are evaluated. If nothing collides there, a search starts from the
-    poses with the smallest distances; a quick evaluation omits it.
+    no collision. Body distances are slow to compute, so they are evaluated only at the corners and
+    at the first 1024 of the ``count`` held-out poses; the first 64 if ``quick``. If nothing
+    collides there, a search starts from the poses with the smallest distances; a quick evaluation
+    omits the search.
     """
     cell = candidate.chart.cell.whole
     bodies = bodies_of(cell.task)

@@ -249,7 +249,7 @@ def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, 
     """Evaluate how well configurations Q (K, n) reach poses p (K, 3), m, and R (K, 3, 3).
 
     Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and a mask (K,) that is True where
-    J is regular and all joints are within their limits.
+    J has full rank and all joints are within their limits.
     """
     p_now, R_now, J = placed(box.task, Q)
     G, s = inverses(J)

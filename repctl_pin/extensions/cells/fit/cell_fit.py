@@ -261,7 +261,7 @@ class CellFit:
         if not turn.reach < 2 * sector.widths[ANGLE] + _SPARE:
             return found
         free = sector.without(sector.removed, (*sector.free, ANGLE))
-        self.report("the price of the angle", 0.9)
+        self.report("extra joint speed for the angle", 0.9)
         work = replace(self, held_out=min(_PRICED, self.held_out), report=reporting.silent)
         other = work.design(free, q)
         if not isinstance(other, CellDesign) or other.coverage == 0:

@@ -235,7 +235,7 @@ class Cost:
     def _penalty_terms(self, at: _Value, part: Penalty, where: slice) -> tuple[Array, Array]:
         """Evaluate DᵀD (L, r, r) and Dᵀ hinge (L, r) of one penalty, weighted as in the cost.
 
-        D are the derivatives of the hinges with respect to s.
+        A hinge is ``max(0, asked − margin)``; D are the derivatives of the hinges by s.
         """
         there = rows_of(at.points, where)
         hinge = _hinge(part, there.Q)

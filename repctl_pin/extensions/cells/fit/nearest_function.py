@@ -336,7 +336,7 @@ def _refusal(
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))
-    why = ", and ".join(stop.what for stop in failures) or "its configurations do not fit together"
+    why = ", and ".join(stop.what for stop in failures) or "its configurations form no function"
     ring = round_the_base(cell)
     remedy = (
         "use incomplete='shrink' to move its sides inward "

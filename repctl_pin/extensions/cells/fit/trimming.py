@@ -260,8 +260,8 @@ def _cut_until_good(
 def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
     """Weigh the loss of a coordinate's range against that of radius and height: (K,).
 
-    A sector around a share s of the axis is worth (1 + s) / 2 of a whole one, so a loss of angle or
-    spin weighs s / (1 + s).
+    A sector over a share s of a full turn counts as (1 + s) / 2 of a whole one, so a loss of angle
+    or spin weighs s / (1 + s).
     """
     s = cell.widths[list(coordinates)] / np.pi
     turns = np.isin(coordinates, [one.coordinate for one in cell.removed])

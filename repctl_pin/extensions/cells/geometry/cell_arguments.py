@@ -69,7 +69,7 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
     """Convert half-widths, given as one number or one per coordinate, to an array (size,).
 
     An InputError is raised unless each is 0, which holds the coordinate constant, or from 1e-6 to
-    1000. ``name``, ``unit`` and ``each`` (such as "one per axis") serve the error messages.
+    1000. ``name``, ``unit`` and ``each`` (such as "one per axis") are for error messages.
     """
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
@@ -131,7 +131,7 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
 def as_half_width(value: Any, name: str, unit: str) -> float:
     """Check one half-width, 0 or more, and return it as float.
 
-    ``name`` and ``unit``, "m" or "rad", serve error messages.
+    ``name`` and ``unit``, "m" or "rad", are for error messages.
     """
     return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
 

@@ -113,7 +113,7 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
 
 
 def _configurations(cell: Cell, seed: int) -> Array:
-    """Find configurations (K, n) in the middle of a cell: regular, and within the joint limits.
+    """Find configurations (K, n) in a cell's middle: not singular, and within the joint limits.
 
     Inverse kinematics starts from the task's reference and from random configurations.
 

@@ -88,7 +88,7 @@ def with_approach(task: Task, approach: Approach) -> Task:
 
 
 def _named(direction: Array) -> str:
-    """Return the name of the frame's axis that is nearest to a direction (3,)."""
+    """Return the name of the axis, such as ``-z``, nearest to a direction (3,) in frame axes."""
     i = int(np.argmax(np.abs(direction)))
     return f"{'-' if direction[i] < 0 else ''}{'xyz'[i]}"
 

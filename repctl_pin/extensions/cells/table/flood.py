@@ -92,7 +92,7 @@ class Table(NamedTuple):
         """Solve for the poses of nodes (K, 2) from Q (K, n), with joints ``held`` (K, n) locked.
 
         Return the configurations, and a mask (K,) of those that are exact, inside the limits and
-        regular.
+        not singular.
         """
         task, Q = self.task, Q.copy()
         p_goal, R_goal = self.goals(nodes)

@@ -172,14 +172,14 @@ class WholeTable(NamedTuple):
         return text
 
     def _obstruction(self) -> str:
-        """Write what ends the sides of the sector."""
+        """Write why the sector is not larger."""
         design = self.design
         if self.area > _MUCH * self.affordable:
             return f"joint speed meets its limits in at most {self.affordable:.2g} m²"
         if design.body_distance < 2 * design.requested_body_distance:
             links = " and ".join(design.evaluation.nearest_bodies)
             return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
-        return "the function exceeds the limits of joint speed or of a joint elsewhere"
+        return "the function exceeds the limits of joint speed or of a joint outside it"
 
 
 def area_of(cell: Cell) -> float:
@@ -355,7 +355,7 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 
 
 class _Place(NamedTuple):
-    """Sector, configuration in its middle (n,), upper bound of its worth, and a quick design."""
+    """Sector, configuration in its middle (n,), upper bound of :func:`_worth`, quick design."""
 
     cell: Cell
     posture: Array
@@ -420,7 +420,10 @@ def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
 
 
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
-    """Evaluate the mean extra joint speed over the rectangle of each of S floods: (S,)."""
+    """Evaluate the mean extra joint speed over the rectangle of each of S floods: (S,).
+
+    ``own`` and ``usual`` (S, I, J) are the squared joint speeds of a function and of J⁺.
+    """
     extra = np.zeros(len(own))
     for k, ((i, j), (i_end, j_end)) in enumerate(zip(found.first, found.last + 1, strict=True)):
         inside = k, slice(i, i_end), slice(j, j_end)
@@ -484,9 +487,9 @@ def _failed(ranked: list[_Place], limits: Required) -> str:
 def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
     """Rate a quick design by area, range around the arm, body distance and joint speed.
 
-    Cuts at bodies later cost some 10 % of the worth where bodies are near, and 15 % where they
-    collide at some angle. A table of half a turn is worth three quarters of a whole one. A place
-    without a quick design has half the worth of its area, and so is still tried.
+    Later cuts at bodies lower the rating by 10 % where bodies are near, and by 15 % where they
+    collide at some angle. A sector of half a turn gets three quarters of the rating of a full one.
+    Without a quick design, the rating is half of the area, m², so that the place is still tried.
     """
     if design is None:
         return 0.5 * area_of(cell)
@@ -583,7 +586,10 @@ def _grid(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Make the nodes that cover given radii and heights (K,), m, between two limits of height."""
+    """Make the nodes that cover radii rho and heights z (K,), m, within ``heights``.
+
+    ``line`` (2, 3) is the axis of the radii: a point, m, and a direction.
+    """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
     counted[[one.joint for one in symmetries]] = False
@@ -675,7 +681,7 @@ def _colliding(table: Table, floods: _Floods) -> str:
 
 
 def _unlike(table: Table, floods: _Floods) -> _Floods:
-    """Select the floods with the largest rectangles and different postures in their middles.
+    """Select the floods with the largest rectangles and different configurations in their middles.
 
     Joints that do not move the task, such as the last one of an axis task, make no difference.
     """
@@ -689,7 +695,7 @@ def _unlike(table: Table, floods: _Floods) -> _Floods:
 def _shut(
     table: Table, floods: _Floods, among: NDArray[np.bool_], distance: float
 ) -> NDArray[np.bool_]:
-    """Test among some nodes of each flood (S, I, J) where bodies are nearer than a distance, m."""
+    """Test at which of the nodes ``among`` (S, I, J) bodies are nearer than ``distance``, m."""
     shut = np.zeros_like(among)
     for k, flood in enumerate(floods.Q):
         on = np.argwhere(among[k])
@@ -709,10 +715,10 @@ def _without(floods: _Floods, shut: NDArray[np.bool_]) -> _Floods:
 
 
 def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
-    """Test at which nodes (K, 2), with the configurations Q (K, n), bodies are too near.
+    """Test at which nodes ``on`` (K, 2), with the configurations Q (K, n), bodies are too near.
 
-    They must be too near at several angles around the arm. These angles are tested at one node in
-    each block of 3 × 3 nodes.
+    They must be nearer than ``distance``, m, at several angles around the arm. These angles are
+    tested at one node in each block of 3 × 3 nodes.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
@@ -732,7 +738,8 @@ def _sector(
 ) -> Cell:
     """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``.
 
-    Its middle is turned by two angles about the arm's axis and the tool's approach axis, rad.
+    ``line`` (2, 3) is its axis, and ``first`` and ``last`` are the nodes. Its middle is turned by
+    two angles about the arm's axis and the tool's approach axis, rad.
     """
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
@@ -773,7 +780,7 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
 
 
 def _at_zero(table: Table, design: CellDesign) -> Array:
-    """Turn the posture of a design to the angle and the spin of a table: (n,)."""
+    """Turn the configuration (n,) in a design's middle to the angle and the spin of a table."""
     q = design.posture.copy()
     for one in design.function.chart.cell.removed:
         p, R, _ = placed(table.task, q[None])

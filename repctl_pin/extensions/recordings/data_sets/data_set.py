@@ -63,7 +63,7 @@ class DataSet(Table):
 
     @abstractmethod
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Write the data set to a path where nothing is."""
+        """Write the data set to a path at which nothing exists."""
 
     def actions(self) -> tuple[str, ...]:
         """Return the names of the columns of actions."""

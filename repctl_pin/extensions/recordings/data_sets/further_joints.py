@@ -38,6 +38,11 @@ def further_joints(
     action
         What the actions are: ``joints``, ``hand``, or None if the data set says so itself.
 
+    Returns
+    -------
+    Further columns by name, each as the indices of the joints in a row and their positions (K, n),
+    rad or m; and the names of columns of actions that are kept unchanged.
+
     Raises
     ------
     InputError
@@ -76,7 +81,11 @@ def require_positions(
 def _places(
     table: DataSet, task: Task, name: str, places: tuple[int, ...], commands: str | None
 ) -> tuple[int, ...] | None:
-    """Find the indices of the joints in a row of actions; None for an array beside ``action``."""
+    """Find the indices of the joints in a row of actions.
+
+    Return None for an array with another name than ``action`` whose numbers are not named as
+    joints.
+    """
     own, labels = task.joint_names, table.labels(name)
     stems = [stem(label, own) for label in labels or ()]
     if len(stems) == table.widths[name] and all(stems.count(joint) == 1 for joint in own):
@@ -106,7 +115,7 @@ def _require_near(table: DataSet, task: Task, name: str, A: Array, Q: Array) -> 
     worst = int(np.argmax(away))
     if away[worst] > _AWAY:
         raise InputError(
-            f"{table.file}: {name!r} is {away[worst]:.2g} from {task.joint_names[worst]} in the "
-            "median, and not the position of that joint",
+            f"{table.file}: {name!r} is {away[worst]:.2g} rad or m from "
+            f"{task.joint_names[worst]} in the median, and not the position of that joint",
             remedy="use action='hand' (--action hand) if the actions command the hand",
         )

@@ -15,7 +15,7 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the names of the numbers in its array of joints.
+    """Open a data set; return it, and the given names of the numbers in its array of joints.
 
     A single name in ``joints`` is, for HDF5, that of the array.
     """
@@ -42,7 +42,7 @@ def joints_of(
     name = table.joints
     if name is None:
         raise InputError(
-            f"there are {', '.join(table.widths)}, but no array of the {task.n} joints",
+            f"the data set has {', '.join(table.widths)}, but no array of the {task.n} joints",
             remedy="name the array by joints= (--joints)",
         )
     if given is None and isinstance(table, LeRobotData):
@@ -94,7 +94,10 @@ def places_of(name: str, width: int, task: Task, given: Sequence[str] | None) ->
     for joint in own:
         if stems.count(joint) != 1:
             times = "twice" if joint in stems else "not"
-            raise InputError(f"{joint} is {times} among {', '.join(names)}", argument="joints")
+            raise InputError(
+                f": {joint} is {times} among {', '.join(names)}; name each joint once",
+                argument="joints",
+            )
     return tuple(map(stems.index, own))
 
 

@@ -60,10 +60,10 @@ def read_info(folder: Path) -> dict[str, Any]:
     try:
         info = json.loads(read_whole(file, _LARGEST))
     except ValueError as error:
-        raise InputError(f"{file} is not JSON: {error}") from None
+        raise InputError(f"{file} is not JSON: {error}; download it again") from None
     features = info.get("features") if isinstance(info, dict) else None
     if not isinstance(features, dict) or not all(isinstance(f, dict) for f in features.values()):
-        raise InputError(f"{file} has no 'features'", remedy="write them with LeRobot")
+        raise InputError(f"{file} has no 'features'", remedy="export the data set with LeRobot")
     return info
 
 
@@ -98,7 +98,10 @@ class LeRobotData(DataSet):
         self.joints = _STATE if _STATE in self.widths else None
         for name in (self.sessions, self.times):
             if name not in self.widths:
-                raise InputError(f"{folder}: meta/info.json has no feature {name!r}")
+                raise InputError(
+                    f"{folder}: meta/info.json has no feature {name!r}; "
+                    "export the data set with LeRobot again"
+                )
         self._files = sorted(folder.glob("data/*/*.parquet"))
         self._ends = np.cumsum([0, *(_opened(file).metadata.num_rows for file in self._files)])
         found = {"total_frames": int(self._ends[-1])}
@@ -113,11 +116,11 @@ class LeRobotData(DataSet):
                 )
 
     def same_format(self, path: Path) -> bool:
-        """Test whether a path is not that of a file of another format: then it is a folder."""
+        """Test whether a path is that of a folder: it ends in none of ``FORMATS``."""
         return path.suffix.lower() not in FORMATS
 
     def labels(self, name: str) -> list[str] | None:
-        """Return the names of the numbers in a column, of ``meta/info.json``."""
+        """Return the names of the numbers in a column, as :func:`labels_of` does."""
         return labels_of(self._info, name)
 
     @property
@@ -125,7 +128,9 @@ class LeRobotData(DataSet):
         """Time of each frame, s, with the demonstrations one after the other: (K,)."""
         fps = self._info.get("fps")
         if isinstance(fps, bool) or not isinstance(fps, (int, float)) or not fps > 0:
-            raise InputError(f"{self.file}: 'fps' in meta/info.json is {fps!r}, not a rate in Hz")
+            raise InputError(
+                f"{self.file}: 'fps' in meta/info.json is {fps!r}; write the rate there, in Hz"
+            )
         return np.arange(int(self._ends[-1])) / fps
 
     def column(self, name: str) -> Column:
@@ -134,11 +139,17 @@ class LeRobotData(DataSet):
         for file in self._files:
             table = _opened(file)
             if name not in table.schema_arrow.names:
-                raise InputError(f"{file} has no column {name!r}, but meta/info.json has it")
+                raise InputError(
+                    f"{file} has no column {name!r}, which meta/info.json lists",
+                    remedy="export the data set with LeRobot again",
+                )
             column = table.read(columns=[name])[name]
             width = self.widths[name]
             if width and arrow_width(column) != width:
-                raise InputError(f"{file}: {name!r} has not {width} numbers in each row")
+                raise InputError(
+                    f"{file}: {name!r} has not {width} numbers in each row, as in meta/info.json; "
+                    "export the data set with LeRobot again"
+                )
             parts.append(arrow_numbers(column, width))
         return np.concatenate(parts)
 
@@ -211,14 +222,14 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Take some rows of new cells."""
+    """Select some rows of the new numbers, which replace columns."""
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
 def _rewrite(
     file: Path, target: Path, new: Mapping[str, NewCells], removed: Collection[str]
 ) -> None:
-    """Write a Parquet file again, with new cells, in the same groups of rows and compression."""
+    """Write a Parquet file again with new numbers, in the same groups of rows and compression."""
     import pyarrow.parquet
 
     source, tables, start = _opened(file), [], 0
@@ -256,7 +267,7 @@ def _json(file: Path) -> dict[str, Any]:
     try:
         made = json.loads(read_whole(file, _LARGEST))
     except ValueError as error:
-        raise InputError(f"{file} is not JSON: {error}") from None
+        raise InputError(f"{file} is not JSON: {error}; download it again") from None
     if not isinstance(made, dict):
         raise InputError(f"{file} is not a JSON object; download it again")
     return made
@@ -296,7 +307,9 @@ def _lines(
             rows = episodes == one["episode_index"]
             stats = dict(one["stats"])
         except (ValueError, TypeError, KeyError) as error:
-            raise InputError(f"{file}: a line has no statistics of an episode: {error}") from None
+            raise InputError(
+                f"{file}: a line has no statistics of an episode: {error}; download it again"
+            ) from None
         part = {name: X[rows] for name, X in columns.items()}
         _require_rows(rows, one["episode_index"], file)
         return json.dumps(one | {"stats": _updated(stats, part, removed, file)}, ensure_ascii=False)
@@ -310,7 +323,9 @@ def _filled(text: str) -> Iterator[str]:
 
 def _require_rows(rows: Column, episode: object, file: Path) -> None:
     if not rows.any():
-        raise InputError(f"{file}: episode {episode} has no frames in data")
+        raise InputError(
+            f"{file}: episode {episode} has no frames in data; download the whole data set"
+        )
 
 
 def _update_episodes(

@@ -51,7 +51,9 @@ class RobomimicData(DataSet):
         if array is not None:
             found = [name for name in (array, f"obs/{array}") if self.widths.get(name, 0) > 0]
             if not found:
-                raise InputError(f"{file}: no array {array!r} of numbers is in every demonstration")
+                raise InputError(
+                    f"{file}: no array {array!r} of numbers is in every demonstration; name another"
+                )
         if len(found) > 1:
             raise InputError(
                 f"{file}: several arrays may be the joints: {', '.join(found)}",
@@ -153,7 +155,7 @@ def _arrays(group: Any, file: Path, prefix: str = "") -> Iterator[tuple[str, Any
 def _sizes(
     data: Any, demos: list[str], sets: Mapping[str, Mapping[str, Any]], file: Path
 ) -> tuple[Array, dict[str, Any]]:
-    """Count the frames of the demonstrations; return their ends, and the environment's arguments.
+    """Count the frames of the demonstrations; return running sums, and robosuite's ``env_kwargs``.
 
     InputError is raised if an attribute of the file says another count.
     """
@@ -177,13 +179,18 @@ def _sizes(
     try:
         environment = json.loads(data.attrs.get("env_args", "{}"))
     except (ValueError, TypeError):
-        raise InputError(f"{file}: the attribute env_args of data is not JSON") from None
+        raise InputError(
+            f"{file}: the attribute env_args of data is not JSON; write JSON, or remove it"
+        ) from None
     known = environment.get("env_kwargs") if isinstance(environment, dict) else None
     return np.cumsum([0, *sizes]), known if isinstance(known, dict) else {}
 
 
 def _widths(sets: Mapping[str, Mapping[str, Any]], sizes: Array) -> dict[str, int]:
-    """Count the numbers per row of each array that every demonstration has; 0 for no such rows."""
+    """Count the numbers per row of each array.
+
+    The count is 0 unless the array has a row of floats per frame in every demonstration.
+    """
     widths: dict[str, int] = {}
     first = next(iter(sets.values()))
     for name, (shape, dtype) in first.items():
@@ -207,7 +214,7 @@ def _types(configuration: Any) -> Iterator[str]:
 
 
 def _require_own(dataset: Any, file: Path) -> None:
-    """Raise InputError if the numbers of an array are also those of another name, or elsewhere."""
+    """Raise InputError if an array shares its numbers with another name or another file."""
     import h5py
 
     shared = h5py.h5o.get_info(dataset.id).rc > 1 or dataset.is_virtual or dataset.external

@@ -130,7 +130,9 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
     """Check that an inverse and its Ω can be written as C, and return Ω; InputError if not."""
     task = inverse.task
     if task.r < 1:
-        raise InputError(f"{task!r} has no redundancy, so there are no potentials to write")
+        raise InputError(
+            f"{task!r} has no redundancy, so there are no potentials to write; use a redundant task"
+        )
     if isinstance(region, Region) and len(region.center) != task.n:
         raise InputError(
             f"the region has {len(region.center)} joints, but the task has {task.n}",

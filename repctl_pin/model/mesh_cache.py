@@ -1,0 +1,81 @@
+"""Cache of meshes and their convex hulls on disk, by the content of the mesh file.
+
+To import a reader of meshes, to read and to hull them takes longer than all distances of most
+commands. The folder is ``$XDG_CACHE_HOME/repctl_pin/meshes``, by default under ``~/.cache``. It may
+be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.errors import InputError
+from ..base.files import read_bytes, write_whole
+
+_VERSION = 1
+"""Number to raise whenever the arrays of a mesh file change."""
+
+_COMPLETE = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
+"""Formats whose file holds all vertices and triangles; other formats are not cached."""
+
+_LARGEST = 30_000_000
+"""Maximum size of a mesh file whose arrays are cached, bytes."""
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
+    """Return the arrays of a mesh file from the cache, or make them and add them to it.
+
+    Parameters
+    ----------
+    path
+        The mesh file; the cache knows it by its format and content.
+    variant
+        What the arrays depend on besides the file, such as its scale.
+    make
+        Function that reads the file. Its errors are raised, and nothing is cached.
+
+    Returns
+    -------
+    dict of (str, array)
+        The arrays by name. A cache that cannot be read or written is not used.
+    """
+    kept = _kept(path, variant)
+    if kept is None:
+        return make()
+    with suppress(OSError, ValueError, EOFError, zipfile.BadZipFile, InputError):
+        data = io.BytesIO(read_bytes(kept, 10 * _LARGEST))
+        with np.load(data, allow_pickle=False) as arrays:
+            return dict(arrays)
+    made = make()
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, **made)
+    with suppress(OSError, InputError):
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(kept, content.getvalue())
+    return made
+
+
+def _kept(path: Path, variant: str) -> Path | None:
+    """Return the file in which the arrays of a mesh file are cached; None if they are not."""
+    kind = path.suffix.lower()
+    if kind not in _COMPLETE:
+        return None
+    try:
+        content = read_bytes(path, _LARGEST)
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except (InputError, RuntimeError):  # too large; there is no home folder
+        return None
+    key = hashlib.sha256(f"{_VERSION} {kind} {variant} ".encode() + content).hexdigest()
+    return Path(base) / "repctl_pin" / "meshes" / f"{key}.npz"
