@@ -259,7 +259,7 @@ def test_a_path_around_the_base_winds(sign: int, study: rp.Study, tmp_path: Path
     ring = np.c_[2.6 * np.cos(turn), 2.6 * np.sin(turn), 0 * turn]
     np.savetxt(tmp_path / "ring.csv", ring, delimiter=",")
     problem = rp.Problem("planar3r", path=str(tmp_path / "ring.csv"))
-    wound = rp.study(problem, cycles=1, steps=200, degree=1)
+    wound = rp.study(problem, cycles=1, steps=500)
     assert wound.as_dict()["winding"] == sign
     assert study.as_dict()["winding"] == 0
     text = " ".join(printed(wound, tmp_path / "out")[0].split())

@@ -54,7 +54,7 @@ def test_a_study_fits_in_one_piece(narrow: None, tmp_path: Path) -> None:
     kinova = rp.Robot.load("kinova").description.path.read_text(encoding="utf-8")
     bare = re.sub(r"(?s)<visual>.*?</visual>", "", kinova)  # pages of meshes take long
     (tmp_path / "kinova.urdf").write_text(bare, encoding="utf-8")
-    study = rp.study(rp.Problem(tmp_path / "kinova.urdf", region=0.2), cycles=2, steps=24, degree=1)
+    study = rp.study(tmp_path / "kinova.urdf", cycles=2, steps=24, degree=1)
     text = full(study, tmp_path)
     fits(text)
     assert text.startswith("After 2 cycles the hand is back")
