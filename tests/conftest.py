@@ -144,9 +144,9 @@ def use_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def one_degree(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Designs of automatic degree end at degree 1: the same in less time."""
-    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 1)
+def two_degrees(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Designs of automatic degree end at degree 2: the same in less time."""
+    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)
 
 
 @pytest.fixture

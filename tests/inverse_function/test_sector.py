@@ -16,7 +16,7 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, spatial_urdf, upright_urdf
 from cell_functions import f_in_numpy, panda, tour
-from commands import main, without_pictures, without_tours
+from commands import main, without_pictures
 from controls import in_numpy, some
 from design_file import checksum
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -261,7 +261,7 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
     assert np.allclose(F.inverse.leaf(moved), c)
 
 
-@pytest.mark.parametrize(("name", "i"), [("pose", 5), ("one orientation", 1)])
+@pytest.mark.parametrize(("name", "i"), [("pose", 5), ("position", 1)])
 def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
     """One pose at a time and in a batch: at the end of its range, and just outside."""
     F, cell = found(name).function, found(name).cell
@@ -976,7 +976,6 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[rp.CellDesign, Path
     few = ["--start", ",".join(6 * ["0.4"]), "--degree", "1", "--held-out", "64"]
     with pytest.MonkeyPatch.context() as patch:
         figures = without_pictures(patch)
-        without_tours(patch)
         assert main([*arm, "--sector", *sizes, *few, "--out", str(folder)]) == 0
     task = rp.Robot.load(folder / "arm.urdf").task("tool", "axis")
     design = rp.load(folder / "cell.json", task)

@@ -207,7 +207,7 @@ def test_the_commands_for_ones_own_arm_run(
     blank_pictures: None,
     no_tours: None,
     quick_choices: None,
-    one_degree: None,
+    two_degrees: None,
 ) -> None:
     """In the README's order, with the two files it says to copy; later commands of a chain use what
     earlier ones wrote. What figures show is a matter of tests/show, tours of tests/cli."""
