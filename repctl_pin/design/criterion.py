@@ -264,8 +264,12 @@ class Differential:
         """
         m, K, size = self.L.shape
         rows = self.L.reshape(-1, size)
-        changed = (dA.T @ rows.T).reshape(-1, m, K)
+        changed = (dA.T.astype(rows.dtype) @ rows.T).reshape(-1, m, K)
         return (np.einsum("imk,ijk->jmk", changed, self.S).reshape(-1, m * K) @ rows).T
+
+    def rounded(self) -> Differential:
+        """Return a copy in single precision, whose products take half the time."""
+        return Differential(self.L.astype(np.float32), self.S.astype(np.float32))
 
     def traces(self, basis: Array) -> Array:
         """Evaluate the trace of each node's term of the matrix (K,), in coordinates ``B⁻¹ A``."""

@@ -346,7 +346,7 @@ def test_the_actions_of_robomimic_are_joints_only_if_said(
     capsys.readouterr()
     assert "exists already, and is not replaced" in refused(capsys, *command, "joints")
     deltas = robomimic(tmp_path / "deltas.hdf5", Q, [a - 1.0 for a in A], controller=None)
-    with pytest.raises(rp.InputError, match=r"'actions' is 1 from theta\d in the median"):
+    with pytest.raises(rp.InputError, match=r"'actions' is 1 rad or m from theta\d in the median"):
         rp.Recording.read(deltas, task, action="joints")
 
 
