@@ -146,7 +146,7 @@ def test_a_design_of_several_frames_is_saved_and_loaded(flat, tmp_path):
     for s in (0.0, 0.3, 0.7):
         one, other = again.cycle.path, design.cycle.path
         np.testing.assert_allclose(one.twist(s), other.twist(s), rtol=0, atol=1e-9)
-    other = design.task.robot.task([("left", "xy", "waist"), ("right", "xy")])
+    other = design.task.robot.task([("left", "position"), ("right", "xy")])
     with pytest.raises(rp.InputError, match="hands.json is for"):
         rp.load_design(file, other)
 

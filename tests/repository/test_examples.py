@@ -152,10 +152,10 @@ def test_a_weld_of_few_pieces_and_steps(
 ) -> None:
     """What the slow test holds of ten pieces, of three."""
     module = example("weld")
-    monkeypatch.setattr(rp, "study", partial(rp.study, steps=50))
+    monkeypatch.setattr(rp, "study", partial(rp.study, steps=100))
     study = module.study_seam(3.0, 3)
     differ = {
-        key: np.degrees(np.abs(row.motion.q[::50] - row.motion.q[0]).max())
+        key: np.degrees(np.abs(row.motion.q[::100] - row.motion.q[0]).max())
         for key in ("pseudoinverse", "repeatable")
         for row in [study.row(key)]
     }
