@@ -56,10 +56,10 @@ def test_too_few_steps_are_found_out(capsys) -> None:
 
 def test_no_part_of_a_study_shows_it(tmp_path: Path, capsys) -> None:
     folder = tmp_path / "out"
-    command = ["study", "baxter", *LOOP, "--degree", "1", "--cycles", "2", "--region", "0.2"]
+    command = ["study", "baxter", *LOOP, "--degree", "1", "--cycles", "6"]
     assert main([*command, "--out", str(folder)]) == 0
     out = capsys.readouterr().out
-    assert " ".join(out.split()).startswith(f"The usual control {NO_NUMBER}. After 2 ")
+    assert " ".join(out.split()).startswith(f"The usual control {NO_NUMBER}. After 6 ")
     (row,) = [line for line in out.splitlines() if line.startswith("joints off their start")]
     assert row.split()[-3] == "–" and row.split()[-1] == "0"
     page = (folder / "animation.html").read_text("utf-8")
