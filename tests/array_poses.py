@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
+from arms import Q_PANDA
 from cell_functions import chart_of
 from cell_functions import function_of as box_function
-from sectors import found as sector_design
+from sectors import sector_of
 
 import repctl_pin as rp
 
 COUNT = 16
 
 
+@cache
 def function_of(name: str) -> rp.InverseFunction:
     if name == "planar":  # three joints, which JAX compiles fast
         task, q = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.3, 0.8, 0.8])
         return rp.InverseFunction(chart_of(rp.Cell(task, task.placement(q), 0.2), q))
-    kind, _, what = name.partition("sector, ")
-    return sector_design(what).function if not kind else box_function(name)
+    if not name.startswith("sector, "):
+        return box_function(name)
+    sector = sector_of(name.removeprefix("sector, "))
+    q = rp.solve_ik(sector.task, Q_PANDA, sector.placement)
+    cell = sector.without(sector.symmetries)
+    return rp.InverseFunction(chart_of(cell, q, degree=2, count=64))
 
 
 def targets(F: rp.InverseFunction, count: int = COUNT, share: float = 0.9) -> np.ndarray:

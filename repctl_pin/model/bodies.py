@@ -249,10 +249,34 @@ class Bodies:
         collide. The gradient of this distance shows which motion separates the hulls."""
         return self._all(Q, hulls=True)[0]
 
-    def _nearer(self, Q: ArrayLike, distance: float) -> NDArray[np.bool_]:
-        """Test at every row of Q (K, n) whether a body distance is below ``distance``, m: (K,)."""
+    def _nearer(
+        self, Q: ArrayLike, distance: float, among: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.bool_]:
+        """Test at every row of Q (K, n) whether a body distance is below ``distance``, m: (K,).
+
+        ``among`` marks the pairs that are tested, as :meth:`_moved_by` does; by default all.
+        """
         Q = as_configurations(Q, self.task.n, repr(self.task))
-        return np.asarray(self._model.nearer(self._drive.joints(Q), distance))
+        return np.asarray(self._model.nearer(self._drive.joints(Q), distance, among))
+
+    def _pair_bounds(self, Q: Array) -> Array:
+        """Bound the distances of all pairs from below at Q (K, n): (K, P), m.
+
+        The bound of a pair that is only tested for contact is infinite.
+        """
+        return np.asarray(self._model.lowest(self._drive.joints(Q)))
+
+    def _of_pairs(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Compute the distance of the hulls of one pair at each row of Q (K, n): (K,), m."""
+        rows = zip(self._drive.joints(Q), pairs, strict=True)
+        return np.array([self._model.some_distances(q, one[None])[0] for q, one in rows])
+
+    def _moved_by(self, joint: int) -> NDArray[np.bool_]:
+        """Test which pairs of bodies a joint of the task moves relative to each other: (P,)."""
+        if isinstance(self._model, _NoBodies):
+            return np.zeros(0, bool)
+        turning = self._drive.S[:, joint] != 0
+        return np.asarray((self._model.reach()[:, turning] > 0).any(axis=1))
 
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
@@ -296,7 +320,11 @@ class _NoBodies:
         """Return inf and −1 for every row of Q (K, N)."""
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
 
-    def nearer(self, Q: Array, distance: float) -> NDArray[np.bool_]:
+    def lowest(self, Q: Array) -> Array:
+        """Return a matrix without columns: there are no pairs."""
+        return np.zeros((len(Q), 0))
+
+    def nearer(self, Q: Array, distance: float, among: Any = None) -> NDArray[np.bool_]:
         """Return False for every row of Q (K, N)."""
         return np.zeros(len(Q), bool)
 

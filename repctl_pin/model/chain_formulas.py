@@ -64,9 +64,9 @@ def axis_turn(R: Array, goal: Array) -> Array:
     """
     x, y, z = R.T.dot(goal[:, 2]).tolist()  # the goal's axis in tool axes
     sine = hypot(x, y)
-    if sine < 1e-12:  # parallel: 0; opposite: half a turn in any direction
-        return np.array([0.0 if z > 0 else pi, 0.0])
-    ratio = atan2(sine, z) / sine
+    if sine < 1e-12 and z <= 0:  # opposite: half a turn in any direction
+        return np.array([pi, 0.0])
+    ratio = atan2(sine, z) / sine if sine else 1.0
     return np.array([-y * ratio, x * ratio])
 
 
@@ -80,9 +80,10 @@ def axis_turns(R: Array, goals: Array) -> Array:
     sine = np.hypot(aim[:, 0], aim[:, 1])
     angle = np.arctan2(sine, aim[:, 2])
     axis = np.stack([-aim[:, 1], aim[:, 0]], axis=-1)
-    parallel = sine < 1e-12  # angle 0, or half a turn about any axis
-    axis[parallel], sine[parallel] = [1.0, 0.0], 1.0
-    return axis * (angle / sine)[:, None]
+    opposite = (sine < 1e-12) & (aim[:, 2] <= 0)  # half a turn in any direction
+    axis[opposite], sine[opposite] = [1.0, 0.0], 1.0
+    ratio = np.divide(angle, sine, out=np.ones_like(sine), where=sine != 0)
+    return axis * ratio[:, None]
 
 
 def rotation_vectors(R: Array) -> Array:

@@ -137,22 +137,33 @@ class _CollisionModel:
             which[k] = last if found[k] < np.inf else -1
         return found, which
 
-    def nearer(self, Q: Array, distance: float) -> NDArray[np.bool_]:
+    def nearer(self, Q: Array, distance: float, among: _Mask | None = None) -> NDArray[np.bool_]:
         """Test at every row of Q (K, N) whether any two bodies are nearer than a distance, m: (K,).
 
         Pairs that the bounds show to be apart are not measured, and the first nearer pair ends the
-        test. So it takes a fraction of the time of :meth:`least`.
+        test. So it takes a fraction of the time of :meth:`least`. ``among`` (P,) marks the pairs
+        that are tested; by default all.
         """
         found = np.zeros(len(Q), bool)
-        for k, (q, bounds) in enumerate(self._with_bounds(Q) if len(self.pairs) else ()):
-            doubtful = np.flatnonzero(bounds < distance)
-            if not len(doubtful):
-                continue
-            nearest_first = doubtful[np.argsort(bounds[doubtful])].tolist()
-            with self._lock:
-                self._move(q)
-                found[k] = any(self._exact(pair) < distance for pair in nearest_first)
+        for start, block, bounds in self._bounded(Q) if len(self.pairs) else ():
+            bounds = self._telling(bounds)
+            below = bounds < distance if among is None else (bounds < distance) & among
+            for k in np.flatnonzero(below.any(axis=1)).tolist():
+                doubtful = np.flatnonzero(below[k])
+                nearest_first = doubtful[np.argsort(bounds[k, doubtful])].tolist()
+                with self._lock:
+                    self._move(block[k])
+                    found[start + k] = any(self._is_nearer(i, distance) for i in nearest_first)
         return found
+
+    def lowest(self, Q: Array) -> Array:
+        """Bound the distances of all pairs from below at Q (K, N): (K, P), m.
+
+        The bound of a collision-only pair is infinite.
+        """
+        bounds = [block for _, _, block in self._bounded(Q)]
+        found = np.concatenate(bounds) if bounds else np.zeros((0, len(self.pairs)))
+        return np.where(self._only_contact, np.inf, found)
 
     def reach(self, strokes: Array | None = None) -> Array:
         """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
@@ -294,6 +305,14 @@ class _CollisionModel:
         if distance <= 0:
             distance = min(distance, -_TOUCHING) if self._collide(k) else 0.0
         return np.inf if distance >= 0 and self._only_contact[k] else distance
+
+    def _is_nearer(self, k: int, distance: float) -> bool:
+        """Test whether the distance of pair k, as :meth:`_exact` computes it, is below another, m.
+
+        Where hulls overlap, that distance is at most 0, whether or not the bodies collide.
+        """
+        hulls_tell = distance > 0 and not self._only_contact[k]
+        return (self._apart(k) if hulls_tell else self._exact(k)) < distance
 
     def _of_hulls(self, k: int) -> float:
         """Compute the signed distance of the hulls of pair k, m; exact for a collision-only pair.

@@ -156,10 +156,10 @@ static void axis_turn(const double R[9], const double goal[9], double e[2]) {
   double turn[3] = {z[1] * aim[2] - z[2] * aim[1], z[2] * aim[0] - z[0] * aim[2], z[0] * aim[1] - z[1] * aim[0]};
   const double square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2];
   double share = 3.14159265358979323846;
-  if (!(square < 1e-24))
+  if (cosine <= 0.0 && square < 1e-24) /* opposite: half a turn in any direction */
+    for (int i = 0; i < 3; i++) turn[i] = R[3 * i];
+  else
     share = angle_per_sine(square, cosine);
-  else /* parallel: 0; opposite: half a turn in any direction */
-    for (int i = 0; i < 3; i++) turn[i] = cosine > 0.0 ? 0.0 : R[3 * i];
   for (int k = 0; k < 2; k++) e[k] = (R[k] * turn[0] + R[3 + k] * turn[1] + R[6 + k] * turn[2]) * share;
 }
 

@@ -80,7 +80,7 @@ def report_page(
         still=picture(still_figure(_compared(study)), captions.still_words(study)),
         strategies=[(names_of(row.label)["title"], colour[row.key]) for row in study.rows],
         measures=[*displacement_cells(study), *study_cells(study)],
-        legend=study_legend(study),
+        legend=study_legend(study, lambda label: names_of(label)["title"]),
         figures=list(_figures(study, maps)),
         glossary=captions.GLOSSARY,
         notes=study_notes(study),

@@ -152,7 +152,7 @@ QUANTITIES = (
         "fastest first cycle",
         "s",
         meaning="Fastest first cycle: minimum time from rest to rest within the speed limits and "
-        "the accelerations above",
+        "the accelerations above.",
     ),
     Quantity(
         "leaf_margin",

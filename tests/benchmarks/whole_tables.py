@@ -15,8 +15,8 @@ import numpy as np
 
 import repctl_pin as rp
 
-ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "tiago", "talos", "z1")
-TITLES = "arm | reach | rectangle | designed | angle | spin | mean | worst | bodies | time | locked"
+ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "ur10", "z1", "tiago", "talos")
+TITLES = "arm | reach | rectangle | designed | share | angle | spin | mean | worst | bodies | time"
 
 
 def line(name: str) -> list[str]:
@@ -37,8 +37,9 @@ def line(name: str) -> list[str]:
     return [
         f"{name}, {kind}",
         *(f"{area:.3f}" for area in (table.reach, table.rectangle, table.area)),
+        f"{100 * table.area / table.rectangle:.0f} %",
         *turns,
-        f"{100 * design.extra_speed:.2f}",
+        f"{100 * max(design.extra_speed, 0.0):.1f}",
         f"{100 * design.extra_speed_worst:.0f}",
         f"{100 * design.body_distance:.1f}",
         f"{seconds:.0f}",
@@ -47,6 +48,6 @@ def line(name: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    print(f"| {TITLES} |")
+    print(f"| {TITLES} | locked |")
     for arm in sys.argv[1:] or ARMS:
         print("| " + " | ".join(line(arm)) + " |", flush=True)

@@ -14,10 +14,13 @@ from commands import refused, told
 from numpy.typing import NDArray
 
 import repctl_pin as rp
+from repctl_pin.extensions.cells.fit.trimming import near_all_round, turned
 from repctl_pin.extensions.cells.geometry.cut import cut_sides
 from repctl_pin.extensions.cells.table import whole_table
 from repctl_pin.extensions.cells.table.approach import approach_axis, with_approach
 from repctl_pin.extensions.cells.table.flood import rectangles
+from repctl_pin.extensions.cells.table.windows import STEP, Shut, windows
+from repctl_pin.model.bodies import bodies_of
 
 FEW = rp.FitOptions(samples=128, held_out=256)
 
@@ -45,6 +48,49 @@ def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
     for mask, area, first, last in zip(masks, *found, strict=True):
         assert area == largest_by_hand(mask)
         assert mask[first[0] : last[0] + 1, first[1] : last[1] + 1].all()
+
+
+def test_a_window_has_the_nodes_that_are_free_at_all_its_angles() -> None:
+    """Law: bodies are apart at each angle of a window, and no wider window has the same nodes."""
+    rng = np.random.default_rng(7)
+    near, out = rng.random((2, 16, 4, 5)) < 0.12
+    out[:3] = True
+    found = windows(Shut(near, out))
+    angles = STEP * np.arange(16)
+    masks = [mask.tobytes() for mask in found.mask]
+    assert len(set(masks)) == len(masks) and (np.diff(found.half) <= 0).all()
+    for middle, half, mask in zip(*found, strict=True):
+        inside = np.abs((angles - middle + np.pi) % (2 * np.pi) - np.pi) < half
+        whole = half == pytest.approx(np.pi)
+        by_hand = ~(near & ~out).any(axis=0) if whole else ~(near | out)[inside].any(axis=0)
+        assert (mask == by_hand).all()
+
+
+def test_bodies_that_a_joint_does_not_move_are_as_near_at_every_angle(tmp_path: Path) -> None:
+    """Oracle: a wall at one side of the panda is near at some angles; its own links at all."""
+    wall = tmp_path / "wall.urdf"
+    wall.write_text(
+        '<robot name="cell"><link name="wall"><collision><origin xyz="0 0.45 0.5"/><geometry>'
+        '<box size="2 0.1 1"/></geometry></collision></link></robot>',
+        "utf-8",
+    )
+    task = rp.Robot.load("panda", surroundings=wall).task()
+    bodies, joint = bodies_of(task), 0
+    Q = np.random.default_rng(1).uniform(task.lower, task.upper, (60, task.n))
+    moved = bodies._moved_by(joint)
+    (around,) = (one for one in whole_table._symmetries(task)[1] if one.joint == joint)
+    steady = bodies._nearer(Q, 0.02, ~moved)
+    assert 0 < steady.sum() < len(Q) and moved.any() and not moved.all()
+    always, ever = np.ones(len(Q), bool), np.zeros(len(Q), bool)
+    for angle in np.linspace(-np.pi, np.pi, 13)[1::2]:
+        there = turned(task, Q, around, angle)
+        inside = there[:, joint] <= task.upper[joint]
+        near = bodies.distances(there) < 0.02
+        assert (near[steady]).all()
+        assert ((bodies._nearer(there, 0.02, moved) | steady) == near).all()
+        always &= near | ~inside
+        ever |= near & inside
+    assert (near_all_round(task, Q, 0.02, around) == always).all() and (ever & ~always).any()
 
 
 @pytest.mark.parametrize("k", [1, 2, 4])
@@ -107,7 +153,7 @@ def test_what_fails_is_named() -> None:
     def failed(distance: float, *failures: object) -> str:
         evaluation = SimpleNamespace(nearest_bodies=("wall", "hand"))
         made = SimpleNamespace(body_distance=distance, failures=failures, evaluation=evaluation)
-        return whole_table._failed([whole_table._Place(None, None, 1.0, made)], limits)
+        return whole_table._failed([whole_table._Place(None, None, 1.0, design=made)], limits)
 
     assert failed(-0.02) == ": wall and hand come to -20 mm"
     stop = SimpleNamespace(share=0.5, what="joint 2 leaves its limits")
@@ -171,6 +217,24 @@ def test_shrink_moves_the_side_that_is_out_of_reach(tmp_path: Path) -> None:
     assert found.evaluation.everywhere
 
 
+def test_a_pair_of_constant_distance_hides_no_other() -> None:
+    """55: between two links of ur5's wrist the distance is 4.3 mm at every pose; at some edges of
+    this sector the upper arm comes nearer to the base, which random poses at the edges find."""
+    task = rp.Robot.load("ur5").task(None, "axis")
+    q = np.array([-0.1268, 4.147, -1.963, -3.755, 4.712, 3.684])
+    place = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([-0.342, 0.154, 0.045]))
+    cell = rp.Sector(task, place, radius=0.195, height=0.435, angle="all")
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=rp.solve_ik(task, q, place), degree=1, options=FEW
+    )
+    rng = np.random.default_rng(0)
+    U = rng.uniform(-1, 1, (4000, 3))
+    U = np.where(rng.random(U.shape) < 0.4, np.sign(U), U)
+    near = rp.Bodies(task).distances(found.function.batch(U)).min()
+    assert found.body_distance < near < 0.004
+    assert set(found.evaluation.nearest_bodies) == {"base_link", "upper_arm_link"}
+
+
 @pytest.mark.slow
 def test_the_whole_table_of_a_panda_holds_at_random_poses(panda_pose: rp.Task) -> None:
     """No numbers: at 2,000 random poses one configuration, inside the limits, free of collisions;
@@ -191,6 +255,17 @@ def test_the_whole_table_of_a_panda_holds_at_random_poses(panda_pose: rp.Task) -
     for u, q in zip(U[:200], Q, strict=False):
         assert np.abs(panda_pose.error(q, F.cell.at(u))).max() < 1e-9
         assert F.cell.at(u).rotation[2, 2] == pytest.approx(-1)
+
+
+@pytest.mark.slow
+def test_a_round_table_is_preferred_to_one_beside_the_base() -> None:
+    """55: of two floods of ur10 with equal rectangles, the upper arm meets the base's connector in
+    one at two thirds of the angles. That one gave 34 % of the rectangle, and 116°."""
+    place = rp.best_cell(rp.Robot.load("ur10").task(None, "axis"), orientation="down")
+    assert place.table is not None
+    assert place.table.area > 0.85 * place.table.rectangle > 0.85
+    widths = dict(zip(place.cell.coordinate_names, place.cell.widths, strict=True))
+    assert widths["angle"] > np.radians(175)
 
 
 @pytest.mark.slow

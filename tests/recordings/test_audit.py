@@ -275,7 +275,9 @@ def test_the_command_answers_in_24_rows_and_writes_its_files(
     write(tmp_path / "arm.csv", task.joint_names, log.t, log.q)
     assert main(["audit", "arm.csv", "--robot", "planar3r"]) == 0
     out = capsys.readouterr().out
-    assert "Your arm drifts: " in out and "7 times" in out.replace("\n", " ")
+    said = " ".join(out.split())
+    assert "Your arm drifts: " in said and "7 times, where the " in said
+    assert " differs by up to " in said
     assert small[0].count("\n") < 23
     page = (tmp_path / "repctl-out/arm/audit.html").read_text(encoding="utf-8")
     assert "the recorded motion" in page and page.count("Your arm drifts") == 1

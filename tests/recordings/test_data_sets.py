@@ -179,6 +179,23 @@ def test_the_command_relabels_and_audits_a_data_set(
     assert main(["audit", str(old), "--robot", "planar3r", "--out", str(tmp_path / "a")]) in (0, 1)
 
 
+def test_the_audit_converts_a_data_set_in_degrees_and_relabel_refuses_it(
+    design: rp.CellDesign, demos, tmp_path: Path
+) -> None:
+    """58: LeRobot does not write the unit, so the user says it; nothing is guessed."""
+    Q, A = demos
+    units = np.ones(Q[0].shape[1])
+    units[:3] = 180 / np.pi
+    old = lerobot(tmp_path / "degrees", "v3.0", [q * units for q in Q], A, NUMBERS)
+    found = rp.audit(old, design.task, degrees=True)
+    due = np.concatenate(Q)[:, :3].astype(np.float32)
+    assert np.abs(found.log.q - due).max() < 1e-6
+    with pytest.raises(rp.InputError, match="degrees"):
+        rp.audit(old, design.task)
+    with pytest.raises(rp.InputError, match="fit their limits only as degrees; convert them"):
+        rp.relabel(rp.Recording.read(old, design.task), design=design)
+
+
 def change(root: Path, **values: object) -> None:
     file = root / "meta" / "info.json"
     file.write_text(json.dumps(json.loads(file.read_text("utf-8")) | values), encoding="utf-8")

@@ -117,7 +117,9 @@ def chains() -> dict[str, list[str]]:
 
 
 def test_the_commands_for_ones_own_arm_are_these() -> None:
-    assert commands() == ["study panda", *WRITES]
+    *others, node = sorted(commands(), key=lambda command: command.startswith("ros2"))
+    assert others == ["study panda", *WRITES]
+    assert node.startswith("ros2 repctl-out/my_arm/control.json")  # needs ROS 2 to run
     assert all(f"(examples/{file.name})" in README for file in OWN)
 
 

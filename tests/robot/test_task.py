@@ -148,6 +148,19 @@ def test_axis_error_turns_the_tool_axis_the_short_way(panda: rp.Robot) -> None:
     assert np.isclose(np.linalg.norm(task.error(q, flipped)[3:]), np.pi)
 
 
+def test_the_axis_error_of_tiny_angles_is_not_cut_off(panda: rp.Robot) -> None:
+    """58: below 1e-12 rad it was 0, or about the wrong axis."""
+    task, angles = panda.task("panda_hand_tcp", "axis"), 10.0 ** np.arange(-300, 0)
+    q = np.array(task.reference)
+    here, way = task.placement(q), np.array([0.6, 0.8, 0.0])
+    goals = [here * pin.SE3(pin.exp3(angle * way), np.zeros(3)) for angle in [0.0, *angles]]
+    due = np.array([0.0, *angles])[:, None] * way[:2]
+    one = np.array([task.error(q, goal) for goal in goals])
+    many = task.errors(np.tile(q, (len(goals), 1)), goals)
+    for error in (one, many):
+        assert np.abs(error[:, 3:] - due).max() < 1e-15
+
+
 def test_a_task_pickles_to_the_same_numbers(panda_pose: rp.Task) -> None:
     again = pickle.loads(pickle.dumps(panda_pose))
     q = some_q(panda_pose)

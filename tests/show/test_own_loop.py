@@ -305,10 +305,13 @@ def test_a_loop_is_drawn_by_a_pointer(
     problem = rp.Problem("planar3r", path=str(tmp_path / "loop.csv"), start=q0)
     again = rp.animation(rp.study(problem, cycles=10, steps=100, degree=1)).page
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', again)
+    (speed,) = re.findall(r'<p id="notes"><span>(.*?\(root mean square\)\.)', again)
     told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
     driver.execute_script("repctl.own.repeat(); repctl.seek(10)")
     driver.execute_script("repctl.own.report(10)")
     assert said(driver).partition(". ")[2] == told != ""
+    notes = driver.execute_script("return document.getElementById('notes').textContent")
+    assert notes.startswith(speed) and "over all 10 cycles" in speed
     address = driver.execute_async_script(
         "const done = arguments[0]; repctl.pause(); setTimeout(() => done(location.href), 600)"
     )
@@ -564,6 +567,15 @@ def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
     )
     driver.execute_script(slider, 12, "input")
     assert "at rest while the arm moves" in said(driver)
+    # named after the part that moves most, which is outlined and whose displacement is told
+    told = driver.execute_script(
+        "const [name, off] = ['elbow-name', 'elbow-off'].map((id) => document.getElementById(id)),"
+        "{ arms: [arm], part } = repctl.own, callout = document.querySelector('.callout b');"
+        "return [name.textContent, off.textContent, part, callout.textContent, arm.partOff(),"
+        "Math.max(...arm.off), arm.rims.filter(({ visible }) => visible).length]"
+    )
+    assert told[0] == "Move the elbow" and told[3] == f"{told[2]} {told[1]}", told
+    assert told[4] == told[5] > 0.02 and told[6] >= 1, told
     spots = driver.execute_script(
         "return repctl.own.arms.map((arm) => [arm.point('tip', 0, 1), arm.point('elbow', 0, 1),"
         "arm.point('elbow', 0, 0)].map((p) => p.toArray()))"
@@ -673,6 +685,8 @@ def test_a_loop_is_drawn_with_either_hand(
     open_page(driver, two_hands)
     caption = driver.find_element("id", "caption").get_attribute("textContent")
     assert "together 14 joints, 2 redundant" in caption
+    slider = driver.find_element("id", "elbow-name").get_attribute("textContent")
+    assert re.match("Move the (left|right) ", slider), slider
     callouts = [
         e.get_attribute("textContent")
         for e in driver.find_elements("css selector", ".callout.hand")

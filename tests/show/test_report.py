@@ -45,6 +45,16 @@ def study() -> rp.Study:
     return rp.study("planar3r", cycles=2, steps=100, degree=1)
 
 
+def test_its_legend_names_the_columns(page: str) -> None:
+    """28: one word for one controller, in the table and below it; no mark without its meaning."""
+    heads = re.findall(r'<th scope="col">.*?</span>(.*?)</th>', page)
+    (legend,) = re.findall(r'</div>\s*<p class="legend">(.*?)</p>', page)
+    assert "Usual + posture" in heads and "≠" not in page
+    for head in heads[1:]:
+        assert head.lower() in legend.lower(), head
+    assert "J⁺ + posture" not in legend
+
+
 @pytest.fixture(scope="module")
 def tags(page: str) -> Tags:
     return Tags(page)

@@ -70,9 +70,9 @@ def test_a_coloured_piece_controls_no_terminal(monkeypatch: pytest.MonkeyPatch) 
 
 # ---- headlines: what is wrong, what is right, and its price -------------------------------------
 
-USUAL = MotionSummary("J⁺", 0.321, 1.0, body_distance=0.13, part="elbow", link="link4")
+USUAL = MotionSummary("J⁺", 0.321, 1.0, 1.1, body_distance=0.13, part="elbow", link="link4")
 CLOSED = MotionSummary(
-    "nearest repeatable", 1e-12, 1.003, body_distance=0.2, part="elbow", link="link4"
+    "nearest repeatable", 1e-12, 1.003, 1.003, body_distance=0.2, part="elbow", link="link4"
 )
 
 
@@ -94,8 +94,10 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         "0 under the repeatable one."
     )
     assert (
-        notes == "The joints move 0.3 % faster under the repeatable one (root mean square over "
-        "cycle 1). Joint limits are kept. Links stay at least 13 cm apart under both controls."
+        notes == "Under the repeatable one, the joints move 0.3 % faster in cycle 1, 8.8 % slower "
+        "over all 10 cycles (root mean square). The usual control has the smallest joint speed at "
+        "each instant, not over a whole cycle. Joint limits are kept. Links stay at least 13 cm "
+        "apart under both controls."
     )
     exact = [span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact]
     assert exact == ["link4: 0.321 m", "link4: 1e-12 m"]
@@ -272,9 +274,15 @@ def test_limits_bodies_and_where_it_leads() -> None:
         "cycle 18 under pink, and joint 2 leaves its range in cycle 17 under the usual control."
         in words(headline_of([later, leading, CLOSED], 10))[1]
     )
-    slower = words(headline_of([USUAL, replace(CLOSED, speed=0.998 * USUAL.speed)], 10))[1]
+    faster = replace(CLOSED, mean_speed=1.003 * USUAL.mean_speed)
+    told = words(headline_of([USUAL, faster], 10))[1]
+    assert told.startswith(
+        "Under the repeatable one, the joints move 0.3 % faster in cycle 1 and over all 10 cycles "
+        "(root mean square). Joint limits"
+    )
+    slower = words(headline_of([USUAL, replace(CLOSED, speed=0.998 * USUAL.speed)], 1))[1]
     assert slower.startswith(
-        "The joints move 0.2 % slower under the repeatable one (root mean square over cycle 1). "
+        "Under the repeatable one, the joints move 0.2 % slower in cycle 1 (root mean square). "
         "The usual control has the smallest joint speed at each instant, not over a whole cycle."
     )
     close = replace(USUAL, body_distance=0.013, near=("link3", "link5"))

@@ -9,8 +9,12 @@ axis, and a placement is the list of its columns (3, K): three of the rotation, 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
+from inspect import signature
+from itertools import count
 from math import prod
 from typing import Any, TypeAlias
+from weakref import WeakValueDictionary
 
 import numpy as np
 from array_api_compat import (
@@ -213,14 +217,80 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
 
 
 def _compiled(xp: Namespace, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function in JAX; in torch, leave it out of what torch.compile compiles."""
+    """Compile a function in JAX; make it one operator of the graphs of torch.compile."""
     if is_torch_namespace(xp):
-        return xp.compiler.disable(function)
+        return _operator(function)
     if not is_jax_namespace(xp):
         return function
     import jax
 
     return jax.jit(function)
+
+
+_functions: WeakValueDictionary[int, Callable[..., Any]] = WeakValueDictionary()
+"""Functions that the operators of torch call, by the number that a graph has of each."""
+
+_numbers = count()
+
+
+def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Make a function of torch's arrays one operator wherever torch.compile meets it.
+
+    Its Newton steps, unrolled in a graph, would take minutes to compile.
+    """
+    import torch
+
+    call, number = _operators(), next(_numbers)
+    names = list(signature(function).parameters)
+    _functions[number] = function
+
+    def called(*given: Numbers, **named: Numbers) -> Any:
+        if not torch.compiler.is_compiling():
+            return function(*given, **named)
+        given += tuple(named[name] for name in names[len(given) :] if name in named)
+        results = call(number, *given)
+        return tuple(results) if len(results) > 1 else results[0]
+
+    return called
+
+
+@cache
+def _operators() -> Callable[..., Any]:
+    """Register the operator (number of a function, arguments) → results, and its derivative."""
+    import torch
+
+    def call(number: int, one: Numbers, two: Numbers | None = None) -> list[Numbers]:
+        results = _functions[number](*(each for each in (one, two) if each is not None))
+        return list(results) if isinstance(results, tuple) else [results]
+
+    def pull(number: int, one: Numbers, two: Numbers | None, rates: list[Numbers]) -> list[Numbers]:
+        given = [each for each in (one, two) if each is not None]
+        with torch.enable_grad():
+            own = [each.detach().requires_grad_() for each in given]
+            results = call(number, *own)
+            return list(torch.autograd.grad(results, own, rates, materialize_grads=True))
+
+    def shapes(number: int, one: Numbers, two: Numbers | None, rates: Any) -> list[Numbers]:
+        return [torch.empty_like(each) for each in (one, two) if each is not None]
+
+    def keep(ctx: Any, inputs: Any, output: Any) -> None:
+        ctx.number, *given = inputs
+        ctx.save_for_backward(*given)
+
+    def backward(ctx: Any, rates: list[Numbers]) -> tuple[Numbers | None, ...]:
+        slopes = torch.ops.repctl_pin.pull(ctx.number, *ctx.saved_tensors, rates)
+        return (None, *slopes, None)[:3]
+
+    given = "(int number, Tensor one, Tensor? two"
+    library = torch.library
+    library.define("repctl_pin::pull", f"{given}, Tensor[] rates) -> Tensor[]")
+    library.impl("repctl_pin::pull", "default", pull)
+    library.register_fake("repctl_pin::pull", shapes)
+    schema = f"{given}=None) -> Tensor[]"
+    operator = library.custom_op("repctl_pin::call", call, mutates_args=(), schema=schema)
+    operator.register_fake(call)
+    operator.register_autograd(backward, setup_context=keep)
+    return operator
 
 
 def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
@@ -251,9 +321,19 @@ def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: f
         return jax.lax.while_loop(
             lambda at: xp.any(at[1]) & (at[2] < _ITERATIONS - _LAST), again, state
         )[0]
-    while state[2] < _ITERATIONS - _LAST and bool(xp.any(state[1])):
+    while state[2] < _ITERATIONS - _LAST and _some(xp, state[1]):
         state = again(state)
     return state[0]
+
+
+def _some(xp: Namespace, flags: Numbers) -> bool:
+    """Test whether any flag is set; True in torch.compile and vmap, where flags have no value."""
+    if is_torch_namespace(xp) and type(flags) is not xp.Tensor:
+        return True
+    try:
+        return bool(xp.any(flags))
+    except RuntimeError:
+        return True
 
 
 def _scanned(xp: Namespace, body: Callable[..., Any], state: Any, *tables: Numbers) -> Any:
@@ -266,7 +346,7 @@ def _scanned(xp: Namespace, body: Callable[..., Any], state: Any, *tables: Numbe
 
         return jax.lax.scan(lambda state, rows: body(state, *rows), state, tables)
     outputs = []
-    for rows in zip(*map(xp.unstack, tables), strict=True):
+    for rows in zip(*map(_unstack, tables), strict=True):
         state, output = body(state, *rows)
         outputs.append(output)
     return state, [xp.stack(each) for each in zip(*outputs, strict=True)]
@@ -318,6 +398,12 @@ def _last(xp: Namespace, a: Numbers, axes: int) -> list[Numbers]:
     size = prod(a.shape[-axes:])
     rows = xp.reshape(a, (-1, size))
     return [rows[:, i] for i in range(size)]
+
+
+def _unstack(a: Numbers, axis: int = 0) -> list[Numbers]:
+    """Split an array along an axis; torch has no ``unstack`` that ``torch.func.vmap`` can map."""
+    at = (slice(None),) * axis
+    return [a[(*at, i, ...)] for i in range(a.shape[axis])]
 
 
 def _first(xp: Namespace, a: Numbers, lead: Sequence[int]) -> Numbers:
@@ -390,7 +476,7 @@ def _solved(xp: Namespace, A: Numbers, b: Numbers) -> tuple[Numbers, Numbers]:
     """
     rows = xp.permute_dims(xp.concat([A, b[None, ...]]), (1, 0, 2))  # [a, b] (n, n + 1, K)
     x, regular = 0.0, True
-    least = xp.unstack(xp.sum(rows[:, :-1, :] ** 2, axis=1) * RANK_TOLERANCE**2)
+    least = _unstack(xp.sum(rows[:, :-1, :] ** 2, axis=1) * RANK_TOLERANCE**2)
     for tiny in least:
         a = rows[0, :-1, :]
         square = xp.sum(a * a, axis=0)
@@ -413,7 +499,7 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
 
     def link(at: tuple[Numbers, Numbers], table: Numbers, slide: Numbers, angle: Numbers) -> Any:
         R, p = at
-        x, y, z, step = xp.unstack(
+        x, y, z, step = _unstack(
             xp.reshape(table @ xp.reshape(R, (3, 3 * R.shape[-1])), (4, 3, R.shape[-1]))
         )
         cos, sin, o = xp.cos(angle), xp.sin(angle), p + step
@@ -426,7 +512,7 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
         R = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
         at = R, xp.zeros_like(R[0, ...])
         (R, p), (z, o) = _scanned(xp, link, at, _like(xp, links, q), theta - angles, angles)
-        columns = xp.unstack(R)
+        columns = _unstack(R)
         J = _jacobian(xp, task.kind, chain, columns, z[:-1, ...], p - o[:-1, ...])
         return [*columns, p], J
 
@@ -441,7 +527,7 @@ def _jacobian(
     v, omega = z + turns * (_cross(xp, z, arm, 1) - z), turns * z
     if kind.tool_axes:
         omega = xp.stack([xp.sum(omega * each, axis=1) for each in R[:2]], axis=1)
-    twists = [*xp.unstack(v, axis=1), *xp.unstack(omega, axis=1)]
+    twists = [*_unstack(v, axis=1), *_unstack(omega, axis=1)]
     J = xp.stack([twists[i] for i in kind.rows.tolist()], axis=1)
     m, K = J.shape[1:]
     flat = _like(xp, chain.S.T, z) @ xp.reshape(J, (z.shape[0], m * K))
@@ -462,7 +548,7 @@ def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[A
         y = _measured(xp, cell, X)
         u = xp.stack(_scaled(cell, y))
         T = _monomials(xp, u, monomials.parent, monomials.variable, blocks)
-        q_ref, *n_ref = xp.unstack(_polynomials(xp, chart.coefficients, T), axis=1)
+        q_ref, *n_ref = _unstack(_polynomials(xp, chart.coefficients, T), axis=1)
         return y, T, q_ref + _shift(xp, cell, y), xp.stack(n_ref, axis=1)
 
     return reference
@@ -538,7 +624,7 @@ def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, N
         dy = _rates(xp, cell, X, y, xdot)
         du = xp.stack([dy[i] / float(cell.widths[i]) for i in cell.moved.tolist()])
         d = xp.sum(_polynomials(xp, slopes, T[: len(slopes), :]) * du, axis=2)
-        dq_ref, *dn_ref = xp.unstack(d, axis=1)
+        dq_ref, *dn_ref = _unstack(d, axis=1)
         dq_ref = dq_ref + _shift(xp, cell, dy)
         away = _away(xp, cell, q - q_ref)[:, None, :]
         rate = n_ref * dq_ref[:, None, :] - xp.stack(dn_ref, axis=1) * away
@@ -557,7 +643,7 @@ def _displacement(
 
     It has only the components that the kind of task commands.
     """
-    away = xp.unstack(goal[3] - here[3])
+    away = _unstack(goal[3] - here[3])
     if not kind.turns:
         return [away[i] for i in kind.rows.tolist()]
     if kind.tool_axes:
@@ -566,7 +652,7 @@ def _displacement(
     columns = list(zip(here[:3], goal[:3], strict=True))
     sine = sum(_cross(xp, *pair) for pair in columns) / 2
     cosine = (sum(xp.sum(a * b, axis=0) for a, b in columns) - 1) / 2
-    return [*away, *xp.unstack(sine * _angle_over_sine(xp, xp.sum(sine**2, axis=0), cosine))]
+    return [*away, *_unstack(sine * _angle_over_sine(xp, xp.sum(sine**2, axis=0), cosine))]
 
 
 def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
@@ -580,11 +666,11 @@ def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
         return _displacement(xp, cell.task.kind, _middle(xp, cell, X), X)
     m, (rho, z) = cell.task.m, cell.middle
     angle, back = _about_axis(xp, cell, X)
-    radius, _, height = xp.unstack(back(X[3] - _like(xp, cell.axis[0][:, None], X[3])))
+    radius, _, height = _unstack(back(X[3] - _like(xp, cell.axis[0][:, None], X[3])))
     y = [radius - rho, angle, height - z][:m]
     if m <= 3:
         return y
-    t = _tilt(xp, xp.unstack(_from_middle(xp, cell, back(X[2]))))
+    t = _tilt(xp, _unstack(_from_middle(xp, cell, back(X[2]))))
     a, b, _ = _tilted_back(xp, t, _from_middle(xp, cell, back(X[0])))
     spin = xp.atan2(b, a)
     spin = spin - 2 * np.pi * xp.round((spin - cell.spin_middle) / (2 * np.pi))
@@ -602,7 +688,7 @@ def _rates(
         _, back = _about_axis(xp, cell, X)
         given = dict(zip(kind.rows.tolist(), xdot, strict=True))
         none = xp.zeros_like(xdot[0])
-        v = list(xp.unstack(back(xp.stack([given.get(i, none) for i in range(3)]))))
+        v = list(_unstack(back(xp.stack([given.get(i, none) for i in range(3)]))))
         v = [v[RADIUS], v[ANGLE] / (y[RADIUS] + cell.middle[0]), v[HEIGHT]][:m]
     if not kind.turns:
         return v
@@ -645,12 +731,12 @@ def _about_axis(
     placement: radial, tangential, and along the axis.
     """
     B = _like(xp, cell.directions, X[3])
-    a, b, _ = xp.unstack(B @ (X[3] - _like(xp, cell.axis[0][:, None], X[3])))
+    a, b, _ = _unstack(B @ (X[3] - _like(xp, cell.axis[0][:, None], X[3])))
     angle = xp.atan2(b, a)
     cos, sin = xp.cos(angle), xp.sin(angle)
 
     def back(v: Numbers) -> Numbers:
-        a, b, height = xp.unstack(B @ v)
+        a, b, height = _unstack(B @ v)
         return xp.stack([cos * a + sin * b, cos * b - sin * a, height])
 
     return angle, back
@@ -700,7 +786,7 @@ def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
     if kind.turns:
         a, b, c = (xp.stack(rows[i : i + 3]) for i in (0, 4, 8))
         off += [xp.sum(a * a, axis=0) - 1, xp.sum(b * b, axis=0) - 1, xp.sum(a * b, axis=0)]
-        off += xp.unstack(_cross(xp, a, b) - c)
+        off += _unstack(_cross(xp, a, b) - c)
     limit = max(ROTATION, 8 * _eps(xp, rows[0]))
     return near & xp.all(xp.abs(xp.stack(off)) < limit, axis=0)
 
@@ -730,7 +816,7 @@ def _within(xp: Namespace, task: Task, q: Numbers) -> Numbers:
 
 def _cross(xp: Namespace, a: Numbers, b: Numbers, axis: int = 0) -> Numbers:
     """Evaluate cross products along one axis of three."""
-    a, b = xp.unstack(a, axis=axis), xp.unstack(b, axis=axis)
+    a, b = _unstack(a, axis=axis), _unstack(b, axis=axis)
     turns = ((1, 2), (2, 0), (0, 1))
     return xp.stack([a[i] * b[j] - a[j] * b[i] for i, j in turns], axis=axis)
 
@@ -747,14 +833,14 @@ def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Number
     sine = _by_angle(xp, square, 1 - square / 6, lambda a: xp.sin(a) / a)
     w = xp.stack([-t[0], -t[1], xp.zeros_like(t[0])])
     once = _cross(xp, w, v)
-    return xp.unstack(v + sine * once + _versine(xp, square) * _cross(xp, w, once))
+    return _unstack(v + sine * once + _versine(xp, square) * _cross(xp, w, once))
 
 
 def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
     """Compute the rates of rotation vectors w (3, K) at the angular velocities ω (3, K)."""
     square, once = xp.sum(w * w, axis=0), _cross(xp, w, omega)
     k = _by_angle(xp, square, 1 / 12 + square / 720, lambda a: (1 - a / (2 * xp.tan(a / 2))) / a**2)
-    return xp.unstack(omega - once / 2 + k * _cross(xp, w, once))
+    return _unstack(omega - once / 2 + k * _cross(xp, w, once))
 
 
 def _versine(xp: Namespace, square: Numbers) -> Numbers:

@@ -16,7 +16,7 @@ HELP = "measure in a joint log how far the arm has drifted, between returns to o
 EXAMPLE = """examples:
   repctl audit joints.csv --robot my_arm.urdf
   repctl audit joints.npz --robot panda --degrees
-  repctl follow panda --strategy pseudoinverse --path circle:0.1 --csv m.csv
+  repctl follow panda --strategy pseudoinverse --cycles 10 --csv m.csv
   repctl audit m.csv --robot panda
 
 The log is a CSV, .npz or .parquet file with a column time, in s, and one for

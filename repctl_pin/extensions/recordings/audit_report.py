@@ -46,6 +46,13 @@ _SURE = "95 % confidence"
 _SPANS = ((3600.0, "h"), (60.0, "min"), (0.0, "s"))
 
 
+_ABOUT = (
+    "whether the joints differ each time the hand is back at one pose. A rate, such as cm per "
+    "minute, is the mean over the log, and in 95 of 100 logs the true rate lies between the two "
+    "numbers in brackets. The bars show the distance since the first visit, not a rate."
+)
+"""What the sentence of an audit says, for the dialog of its page."""
+
 _STEPS = 48
 """Samples per cycle on the page; half as many if there are more cycles than this number."""
 
@@ -86,10 +93,13 @@ def _audit_sentence(audit: Audit) -> list[Span]:
         return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of drift.")]
     back = hands_are(len(audit.task.frames))
     span = _time_span(float(audit.log.t[-1] - audit.log.t[0]))
-    returns = Span(
-        f" In this log of {_unbroken(span)} {back} back at the same pose {audit.returns} times."
+    returns = (
+        f" In this log of {_unbroken(span)} {back} back at the same pose {audit.returns} times"
     )
-    return [*_verdict(audit), returns]
+    if audit.drifts:  # the rate alone would not say how far
+        name, off = _farthest(audit)
+        returns += f", where {name} differs by up to {off} in all"
+    return [*_verdict(audit), Span(f"{returns}.")]
 
 
 def _verdict(audit: Audit) -> list[Span]:
@@ -160,9 +170,8 @@ def _farthest(audit: Audit) -> tuple[str, str]:
 def _headline(audit: Audit) -> Headline:
     """Write the headline of the page: the sentence of the audit, and its consequences below it."""
     notes = [note.removeprefix("! ") for note in _leads(audit)]
-    return Headline(
-        tuple(_audit_sentence(audit)), tuple(Span(f"{capital(note)}.") for note in notes)
-    )
+    said = tuple(Span(f"{capital(note)}.") for note in notes)
+    return Headline(tuple(_audit_sentence(audit)), said, _ABOUT)
 
 
 def _distance(audit: Audit) -> str:

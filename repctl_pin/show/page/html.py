@@ -110,8 +110,13 @@ def _templates() -> Environment:
     made = Environment(
         loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined
     )
-    made.globals["asset"] = lambda name: Markup((folder / name).read_text("utf-8"))
+    made.globals["asset"] = lambda name: Markup(_dense((folder / name).read_text("utf-8")))
     return made
+
+
+def _dense(style: str) -> str:
+    """Leave out the white space of a style sheet that only people need."""
+    return re.sub(r"\s*([{}])\s*|([;,:])\s+", r"\1\2", style)
 
 
 @cache
@@ -122,7 +127,7 @@ def _script() -> str:
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
-    left_out = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)"
+    left_out = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
     return '"use strict";\n' + re.sub(left_out, "", "\n".join(texts))
 
 

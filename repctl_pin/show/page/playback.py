@@ -419,6 +419,7 @@ def _summary(
         hand_off=max(summary.hand_off for summary in summaries),
         ends=summaries[0].ends if alone else {},
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
+        mean_speed=float(np.linalg.norm([summary.mean_speed for summary in summaries])),
         path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
         limit_violation=min(violations, default=None),
         speed_ratio=0.0 if track.t is None else max(summary.speed_ratio for summary in summaries),

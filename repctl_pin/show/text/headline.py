@@ -45,6 +45,10 @@ LEAST_AT_EACH_INSTANT = (
 )
 """Why a motion can need less joint speed over a cycle than J⁺."""
 
+_ABOUT_DRIFT = (
+    "after the last cycle: which part of the arm is farthest from where it was at the start, and "
+    "how far, under each control"
+)
 _EITHER = {1: "", 2: " under either control"}
 
 _END_NAMES = (
@@ -66,11 +70,12 @@ class Headline:
     """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
 
     Both are spans, pieces of text with tones, which a page and a terminal show as colours.
-    ``str()`` joins them without colours.
+    ``str()`` joins them without colours. ``about`` explains the sentence, in the dialog of a page.
     """
 
     sentence: tuple[Span, ...]
     notes: tuple[Span, ...]
+    about: str = ""
 
     def __str__(self) -> str:
         sentence = "".join(span.text for span in self.sentence)
@@ -179,7 +184,7 @@ def headline_of(
         said += [Span(also), Span("0", "good", _exact(worst)), Span(" from its start.")]
     else:
         said += _drifted(summaries, f"After {times} " if lost else "")
-    return Headline((*said, *_ends(summaries)), notes)
+    return Headline((*said, *_ends(summaries)), notes, _ABOUT_DRIFT)
 
 
 def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
@@ -388,30 +393,40 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     They name the limits violated in these ``cycles``, and those that a further drift will violate.
     """
     return [
-        *_extra_speed(summaries[0], summaries[-1]),
+        *_extra_speed(summaries[0], summaries[-1], cycles),
         *_limits(summaries, cycles),
         *_bodies(summaries),
         *_unchecked(summaries),
     ]
 
 
-def _extra_speed(first: MotionSummary, last: MotionSummary) -> list[Span]:
-    """Write the extra joint speed (rms, cycle 1) of the last motion relative to the first.
+def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
+    """Write the extra joint speed (rms) of the last motion relative to the first.
 
-    If the first motion is that of J⁺, this is the cost of repeatability. The list has one text. It
-    is empty for a single motion, or if one of the two leaves its path.
+    It is that of cycle 1, in which both start alike, and that of all ``cycles``. If the first
+    motion is that of J⁺, this is the cost of repeatability. The list has one text. It is empty for
+    a single motion, or if one of the two leaves its path.
     """
-    if last is first or not first.speed > 0 or first.path_loss or last.path_loss:
+    moves = first.speed > 0 and first.mean_speed > 0
+    if last is first or not moves or first.path_loss or last.path_loss:
         return []
-    cost = percent(last.speed / first.speed - 1)
-    by = f"under {under(last.label)}"
-    if cost.startswith("0"):
-        return [Span(f"The joints move no faster {by}.")]
-    change = _whole(cost[1:]) + (" faster" if cost[0] == "+" else " slower")
-    said = f"The joints move {change} {by} (root mean square over cycle 1)."
-    if cost[0] != "+" and first.label == "J⁺":
+    early = _faster(last.speed / first.speed - 1)
+    late = _faster(last.mean_speed / first.mean_speed - 1) if cycles > 1 else early
+    middle = " and" if early == late else f", {late}"
+    over = f"{middle} over all {cycles} cycles" if cycles > 1 else ""
+    by = f"Under {under(last.label)}, the joints move"
+    said = f"{by} {early} in cycle 1{over} (root mean square)."
+    if first.label == "J⁺" and "slower" in early + late:
         said += f" {LEAST_AT_EACH_INSTANT}"
     return [Span(said)]
+
+
+def _faster(cost: float) -> str:
+    """Write a change of the joint speed, a fraction, in words: ``0.3 % faster``."""
+    change = percent(cost)
+    if change.startswith("0"):
+        return "no faster"
+    return _whole(change[1:]) + (" faster" if change[0] == "+" else " slower")
 
 
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:

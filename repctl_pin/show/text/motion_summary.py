@@ -43,6 +43,8 @@ class MotionSummary:
         Displacement of the most displaced part at the end, m, see :mod:`.body_displacement`.
     speed : float
         Joint speed ‖q̇‖ over the first cycle, rms, rad/s or m/s.
+    mean_speed : float
+        Joint speed over all cycles, rms, rad/s or m/s.
     limit_violation : (int, str) or None
         The cycle in which a joint first exceeds its limits, and that joint.
     body_distance : float or None
@@ -85,6 +87,7 @@ class MotionSummary:
     label: str
     off: float
     speed: float
+    mean_speed: float
     limit_violation: tuple[int, str] | None = None
     body_distance: float | None = None
     collision_cycle: int = 0
@@ -150,6 +153,7 @@ def motion_summary(
         label,
         off,
         motion.first_rms_speed,
+        motion.rms_speed,
         None if violation is None else (motion.broken_cycle, violation[1]),
         body_distance if np.isfinite(body_distance) else None,
         0 if collision is None else cycle_of(collision[0], motion.cycles),

@@ -7,7 +7,7 @@ that a study compares; each strategy has a column.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from ...base.arguments import percentage, ratio_in_percent
 from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
-from ...studies.quantities import JOINTS, QUANTITIES, SHARE, Quantity
+from ...studies.quantities import JOINTS, LABELS, QUANTITIES, SHARE, Quantity
 from .headline import stopped_cell, study_headline
 from .lines import Span, fitted, noted, terminal_width
 from .numbers import number
@@ -167,8 +167,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 def _cell(quantity: Quantity, row: Row) -> str:
     """Format the value of a quantity for one controller, with a mark if it is bad.
 
-    ``!`` marks a bad value, and ``≠`` the time of a cycle that does not close. A missing value is
-    shown by a text of the quantity, such as ``not checked``.
+    ``!`` marks a bad value. A missing value is shown by a text of the quantity, such as
+    ``not checked``.
     """
     motion = row.motion
     if quantity.of is None:
@@ -182,15 +182,15 @@ def _cell(quantity: Quantity, row: Row) -> str:
     if quantity.unit == SHARE:
         return ratio_in_percent(value)
     if quantity.unit == "s":
-        return f"{value:.3f}{' ≠' if motion and not motion.closes else ''}"
+        return f"{value:.3f}"
     return f"{number(value)}{'!' if motion and quantity.bad(motion) else ''}"
 
 
-def study_legend(study: Study) -> str:
-    """Explain in one paragraph the terms and marks of a study's table, see :func:`study_cells`.
+def study_legend(study: Study, named: Callable[[str], str] = str) -> str:
+    """Explain in one paragraph the terms of a study's table, see :func:`study_cells`.
 
-    The marks are ``!`` for a bad value and ``≠`` for a motion that does not close. Marks
-    that do not occur in the table are left out.
+    The mark ``!`` of a bad value is explained if it occurs. ``named`` converts the label of a
+    controller to the heading of its column.
     """
     desired = _desired(study)
     cells = " ".join(value for _, values in study_cells(study) for value in values)
@@ -198,19 +198,16 @@ def study_legend(study: Study) -> str:
         "! the frame leaves its path, a position or speed limit is violated, or two bodies collide "
         "(collisions are checked at 100 points per cycle). "
     )
-    opened = "; ≠ means that the joint path does not close" if "≠" in cells else ""
-    meanings = {
-        quantity.key: quantity.meaning.format(desired=desired)
-        for quantity in QUANTITIES
-        if quantity.meaning
-    }
-    meanings["cycle_time"] += f"{opened}."
+    meanings = [quantity.meaning.format(desired=desired) for quantity in QUANTITIES]
+    posture, other, repeatable = (
+        named(LABELS[key]) for key in ("posture", "posture_off", "repeatable")
+    )
     return (
-        f"{bad if '!' in cells else ''}{' '.join(meanings.values())} "
-        "J⁺ + posture: J⁺ with null-space attraction to the start configuration. "
-        "J⁺ + other posture: attraction to a different configuration, which the arm reaches first. "
+        f"{bad if '!' in cells else ''}{' '.join(filter(None, meanings))} "
+        f"{posture}: J⁺ with null-space attraction to the start configuration. "
+        f"{other}: attraction to a different configuration, which the arm reaches first. "
         "Both settle on a closed motion after some cycles; "
-        "nearest repeatable closes the first cycle, from any start."
+        f"{repeatable[:1].lower()}{repeatable[1:]} closes the first cycle, from any start."
     )
 
 

@@ -29,10 +29,10 @@ from .margins import (
     CandidateFunction,
     LeafMargin,
     Quantity,
-    distances_of,
     leaf_margins,
     limits_of,
     lowest_distances,
+    nearest_by_pair,
     searched,
     singular_values_of,
 )
@@ -46,9 +46,8 @@ _BODIES = 1024
 _QUICK_BODIES = 64
 """Number of held-out poses at which a quick evaluation computes body distances."""
 
-_BODY_STARTS, _SPEED_STARTS = 6, 16
-"""Numbers of starting poses of the searches for smaller body distances, and for larger joint speeds
-and smaller leaf margins."""
+_SPEED_STARTS = 16
+"""Number of starting poses of the searches for larger joint speeds and smaller leaf margins."""
 
 _SPREAD = 0.3
 """Minimum distance in u between the starting poses of these searches."""
@@ -457,7 +456,7 @@ def _bodies(
     Return the distance, m, the two links, and the failure by collision, which is None if there is
     no collision. Body distances are slow to compute, so they are evaluated only at the corners and
     at the first 1024 of the ``count`` held-out poses; the first 64 if ``quick``. If nothing
-    collides there, a search starts from the poses with the smallest distances; a quick evaluation
+    collides there, the nearest pose of each pair of bodies is searched for; a quick evaluation
     omits the search.
     """
     cell = candidate.chart.cell.whole
@@ -468,11 +467,7 @@ def _bodies(
     U, Q, candidate = _all_round(candidate, at.U[checked], at.Q[checked])
     distances, share = lowest_distances(bodies, Q, quick=quick)
     if 0 <= distances.min() < np.inf and not quick:
-        starts = _worst(distances, U, _BODY_STARTS)
-        ends = searched(candidate, distances_of(cell.task), starts)[-_BODY_STARTS:]
-        nearer = candidate.at(ends)
-        margin = cell.task.limit_margin(nearer.Q).min(axis=1)
-        nearer = rows_of(nearer, nearer.found & (margin >= 0))
+        nearer = candidate.at(nearest_by_pair(candidate, 5, float(distances.min())))
         U, Q = np.concatenate([U, nearer.U]), np.concatenate([Q, nearer.Q])
         distances = np.concatenate([distances, bodies.distances(nearer.Q)])
     links = bodies.nearest(Q[int(np.argmin(distances))]).links

@@ -24,6 +24,7 @@ from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..geometry.cell import Cell
 from ..geometry.kinematics import null_bases, rows_of
+from .reach import unlike_rows
 
 _DIFFERENCE = 3e-4
 """Factor of the direction in joint space that gives the step of central differences of a margin."""
@@ -53,6 +54,21 @@ _TESTED, _AT_ONCE = 32, 8
 """Numbers of configurations with overlapping convex hulls at which the bodies themselves are tested
 for collision: to estimate the fraction that collides, and per step in the search for the
 minimum."""
+
+
+_SAMPLED, _EDGES, _LIKELY = 4096, 1 / 3, 128
+"""Number of poses at which the distances of pairs of bodies are bounded; share of their coordinates
+that are at an end; and number of poses per pair at which its distance is computed."""
+
+_STARTS, _SPREAD = 3, 0.3
+"""Number of poses per pair from which nearer ones are searched for, and their least difference."""
+
+_BESIDE, _TRIED = (0.3, 0.1, 0.04, 0.015, 0.006, 0.002), 8
+"""How far from the nearest pose of a pair others are tried, in coordinates of the cell, one after
+the other; and how many each time, per coordinate."""
+
+_FARTHER = 0.01
+"""Distance above the smallest one, m, up to which a pair is looked at between the sampled poses."""
 
 
 class Quantity(ABC):
@@ -299,6 +315,53 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
         distances[rows] = bodies.distances(Q[rows])
     collide = (distances[some] < 0).sum() / max(1, len(some))
     return distances, float(collide * len(overlap) / len(Q))
+
+
+def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) -> Array:
+    """Search for the poses at which each pair of bodies is nearest: (L, k).
+
+    Only pairs that may come nearer than ``distance``, m, are looked at, each by itself. Otherwise a
+    pair whose distance does not change, such as two links of a wrist, would hide all others from
+    the search. Poses are tried at random, closer and closer to the best ones. At all poses that are
+    returned, the function exists inside the joint limits.
+    """
+    cell = candidate.chart.cell
+    bodies, rng = bodies_of(cell.task), np.random.default_rng(seed)
+    U = cell.sample(_SAMPLED, seed)
+    U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
+    at, inside = _inside(candidate, np.concatenate([U, cell.corners()]))
+    at = rows_of(at, inside)
+    bounds = bodies._pair_bounds(at.Q)
+    starts, pairs = [at.U[:0]], []
+    for pair in np.flatnonzero(bounds.min(axis=0, initial=np.inf) < distance):
+        likely = np.argsort(bounds[:, pair])[:_LIKELY]
+        found = bodies._of_pairs(at.Q[likely], np.full(len(likely), pair))
+        likely = likely[np.argsort(found)]
+        if found.min() < distance + _FARTHER:
+            starts.append(at.U[likely][unlike_rows(at.U[likely], _SPREAD, _STARTS)])
+            pairs += [pair] * len(starts[-1])
+    best, which = np.concatenate(starts), np.array(pairs, int)
+    least = np.full(len(best), np.inf)
+    tried = best[:, None]
+    for width in (*_BESIDE, 0.0):
+        at, inside = _inside(candidate, tried.reshape(-1, cell.k))
+        found = np.full(len(at.Q), np.inf)
+        found[inside] = bodies._of_pairs(at.Q[inside], which.repeat(tried.shape[1])[inside])
+        found = found.reshape(tried.shape[:2])
+        row = np.arange(len(best)), found.argmin(axis=1)
+        better = found[row] < least
+        best[better], least[better] = tried[row][better], found[row][better]
+        step = width * rng.standard_normal((len(best), _TRIED * cell.k, cell.k))
+        step *= rng.random(step.shape) < 0.5  # some coordinates stay, such as those at an edge
+        tried = np.clip(best[:, None] + step, -1, 1)
+    return best[least < np.inf]
+
+
+def _inside(candidate: CandidateFunction, U: Array) -> tuple[Points, NDArray[np.bool_]]:
+    """Evaluate a function at U (K, k), and test where it exists inside the joint limits: (K,)."""
+    at = candidate.at(U)
+    margin = candidate.chart.cell.task.limit_margin(at.Q).min(axis=1)
+    return at, np.asarray(at.found & (margin >= 0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,13 +22,14 @@ from ....model.task import Task
 from ..cell_design import CellDesign
 from ..chart.chart import Chart
 from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
-from ..evaluate.margins import CandidateFunction, distances_of, searched
-from ..evaluate.reach import rays, unlike_rows
+from ..evaluate.margins import CandidateFunction, nearest_by_pair
+from ..evaluate.reach import rays
 from ..evaluate.turning import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
 from ..geometry.kinematics import placed
-from ..geometry.sector import ANGLE
+from ..geometry.sector import ANGLE, Sector
+from ..geometry.symmetry import Symmetry
 from ..place.posture_search import given
 from .cell_fit import CellFit
 
@@ -41,11 +42,8 @@ _POSES, _TURNED = 4096, 2048
 _BODIES = 768
 """Number of poses at which bodies are tested to move the sides of radius and height."""
 
-_STARTS, _SPREAD = 6, 0.3
-"""Number of poses from which nearer bodies are searched for, and their least difference in u."""
-
-_TURNS = (0.9, -0.9, 1.8, -1.8)
-"""Further values of the joint that turns the arm at which bodies are tested, rad."""
+_TURNS = 6
+"""Number of angles around the arm at which bodies are tested."""
 
 _DEAREST = 0.97
 """Share of the poses that are kept where a function costs too much on average."""
@@ -61,6 +59,13 @@ _LEAST = 0.05
 """Share of the cell below which nothing of use is left."""
 
 
+class Window(NamedTuple):
+    """Range of the angle around the arm: direction of its middle (3,), and half-width, rad."""
+
+    outward: Array
+    half: float
+
+
 class Required(NamedTuple):
     """Limits that a function must meet on the part of a cell that it covers.
 
@@ -70,11 +75,14 @@ class Required(NamedTuple):
         Maximum extra joint speed, on average and at any pose.
     distance : float
         Minimum body distance, m; −inf without a test.
+    window : Window, optional
+        Angles of a sector outside which bodies may be nearer; the sector is cut to them.
     """
 
     mean: float = np.inf
     worst: float = np.inf
     distance: float = -np.inf
+    window: Window | None = None
 
 
 def trimmed(
@@ -122,10 +130,13 @@ def _between(
 
 
 def covered_share(
-    fit: CellFit, cell: Cell, q: Array, limits: Required
+    fit: CellFit, cell: Cell, q: Array, limits: Required, known: CellDesign | None = None
 ) -> tuple[float, CellDesign | None]:
-    """Estimate by a quick design the share of a cell left after a cut; return share and design."""
-    found = fit.design(cell, q, quick=True)
+    """Estimate by a quick design the share of a cell left after a cut; return share and design.
+
+    ``known`` is such a design, if there is one.
+    """
+    found = known or fit.design(cell, q, quick=True)
     low, high = cut_sides(*_failing(fit, cell, q, found, limits))
     share = float(np.prod((high - low) / 2))
     return share, found if isinstance(found, CellDesign) else None
@@ -149,9 +160,10 @@ def _failing(
     U, bad = np.concatenate([U, more]), np.pad(bad, (0, len(more)), constant_values=True)
     if np.isfinite(limits.distance):
         some = np.flatnonzero(~bad[: len(at.Q)])[:_BODIES]
-        joints = [one.joint for one in cell.removed if one.coordinate == ANGLE]
-        joint = joints[0] if joints else None
-        bad[some] = near_all_round(cell.task, at.Q[some], limits.distance, joint)
+        around = next((one for one in cell.removed if one.coordinate == ANGLE), None)
+        bad[some] = near_all_round(
+            cell.task, at.Q[some], limits.distance, around, _range(cell, limits.window)
+        )
     if found.extra_speed > limits.mean and not bad.any():
         bad[: len(at.Q)] = _too_dear(at, limits, dear=True)
     return U, bad
@@ -167,21 +179,55 @@ def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
     return np.asarray((ratio >= (1 + limits.worst) ** 2) | (ratio > most))
 
 
-def near_all_round(task: Task, Q: Array, distance: float, joint: int | None) -> NDArray[np.bool_]:
-    """Test at which configurations Q (K, n) bodies are too near all around the arm's axis.
+def near_all_round(
+    task: Task,
+    Q: Array,
+    distance: float,
+    around: Symmetry | None,
+    angles: tuple[float, float] = (-np.pi, np.pi),
+) -> NDArray[np.bool_]:
+    """Test at which configurations Q (K, n) bodies are too near at all of a range of angles.
 
     They are too near if their distance is below ``distance``, m. If surroundings are near at one
     angle alone, a sector is cut along its angle, not along its radius. So each configuration is
-    also tested at other values of ``joint``, which turns the whole arm, within the limits of that
-    joint. ``joint`` is None if there is no such joint.
+    tested at several angles within the limits of the joint ``around``, which turns the whole arm.
+    ``angles`` is the range from the first to the last angle, rad. Without such a joint, each
+    configuration is tested as it is.
     """
     bodies = bodies_of(task)
-    near = bodies._nearer(Q, distance)
-    for turn in () if joint is None else _TURNS:
-        turned = Q[near] + turn * np.eye(task.n)[joint]
-        inside = task.limit_margin(turned)[:, joint] >= 0
-        near[np.flatnonzero(near)[inside]] = bodies._nearer(turned[inside], distance)
+    if around is None:
+        return bodies._nearer(Q, distance)
+    # pairs that the joint does not move relative to each other are as near at every angle
+    moved = bodies._moved_by(around.joint)
+    near = bodies._nearer(Q, distance, ~moved)
+    left = np.flatnonzero(~near)
+    for angle in np.linspace(*angles, 2 * _TURNS + 1)[1::2]:
+        there = turned(task, Q[left], around, float(angle))
+        shut = there[:, around.joint] > task.upper[around.joint]
+        shut[~shut] = bodies._nearer(there[~shut], distance, moved)
+        left = left[shut]
+    near[left] = True
     return near
+
+
+def turned(task: Task, Q: Array, around: Symmetry, angle: float) -> Array:
+    """Turn the arm at configurations Q (K, n) by an angle, rad, about the axis of a joint.
+
+    The joint is less than a full turn above its lower limit; it may be beyond its upper one.
+    """
+    Q, low = Q.copy(), task.lower[around.joint]
+    low = low if np.isfinite(low) else 0.0
+    Q[:, around.joint] = low + (Q[:, around.joint] + around.sign * angle - low) % (2 * np.pi)
+    return Q
+
+
+def _range(cell: Cell, window: Window | None) -> tuple[float, float]:
+    """Return the first and the last angle of a window, rad, from the middle of a sector."""
+    if window is None or not isinstance(cell, Sector):
+        return -np.pi, np.pi
+    x, y, _ = cell.directions @ window.outward
+    middle = float(np.arctan2(y, x))
+    return middle - window.half, middle + window.half
 
 
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
@@ -233,6 +279,12 @@ def _cut_until_good(
     """
     chart, left, design = found.function.chart, 1.0, found
     stops = _stops(found, limits, bodies_only)
+    if limits.window is not None and ANGLE in coordinates:
+        ends = np.clip(
+            np.array(_range(chart.cell, limits.window)) / chart.cell.widths[ANGLE], -1, 1
+        )
+        if ends[1] - ends[0] < 2:
+            chart, stops = _cut(chart, {ANGLE: (ends[0], ends[1])}, fit.limit_margin), stops[:0]
     for k in range(_CUTS):
         U, bad = _near(chart, limits.distance, seed=19 + k)
         # where bodies are near, joint speed is tested after the next cut
@@ -299,39 +351,32 @@ def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.b
 
     Body distances also depend on coordinates that symmetries remove, such as the angle. Return
     poses U (K, k) in all coordinates of the cell, and where bodies are too near (K,). If bodies are
-    too near at no sampled pose, a descent searches for such poses.
+    too near at no sampled pose, the nearest pose of each pair of bodies is searched for.
     """
     whole = expanded(chart)
     candidate = CandidateFunction.zero(whole)
     U = whole.cell.sample(_TURNED, seed)
     ends = np.random.default_rng(seed).random(U.shape) < 1 / 3  # bodies are nearest at the edges
     U = np.concatenate([np.where(ends, np.sign(U), U), whole.cell.corners()])
-    near, Q, there = _nearer(candidate, U, distance)
+    near = _nearer(candidate, U, distance)
     if np.isfinite(distance) and not near.any():
-        hulls = np.full(len(U), np.inf)
-        hulls[there] = bodies_of(whole.cell.task).hull_distances(Q[there])
-        starts = U[np.argsort(hulls)]
-        starts = starts[unlike_rows(starts, _SPREAD, _STARTS)]
-        more = searched(candidate, distances_of(whole.cell.task), starts)
+        more = nearest_by_pair(candidate, seed, distance)
         U = np.concatenate([U, more])
-        near = np.concatenate([near, _nearer(candidate, more, distance)[0]])
+        near = np.concatenate([near, _nearer(candidate, more, distance)])
     return U, near
 
 
-def _nearer(
-    candidate: CandidateFunction, U: Array, distance: float
-) -> tuple[NDArray[np.bool_], Array, NDArray[np.bool_]]:
+def _nearer(candidate: CandidateFunction, U: Array, distance: float) -> NDArray[np.bool_]:
     """Test at which poses U (K, k) of a function bodies are nearer than a distance, m: (K,).
 
-    Return also the configurations (K, n), and which of them are inside the joint limits (K,).
-    Bodies are tested only for these.
+    Bodies are tested only at poses inside the joint limits.
     """
     points, task = candidate.at(U), candidate.chart.cell.task
     there = points.found & (task.limit_margin(points.Q).min(axis=1) > -1e-6)
     near = np.zeros(len(U), bool)
     if np.isfinite(distance):
         near[there] = bodies_of(task)._nearer(points.Q[there], distance)
-    return near, points.Q, there
+    return near
 
 
 def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> Chart:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....base.arguments import Array, read_only, vector
 from ....base.errors import InputError, RepctlError
-from ....model.bodies import bodies_of
+from ....model.bodies import Bodies, bodies_of
 from ....model.task import unit_of
 from ....motion import solve_ik
 from ....motion.solve_ik import random_configurations
@@ -22,7 +22,7 @@ from ....redundancy.inverses import inverse_condition_number
 from ....strategies import Pseudoinverse
 from ....strategies.strategy import Inverse
 from ....studies.problem import Problem
-from ..evaluate.reach import EXACT, SINGULAR, rays, reached, unlike_rows
+from ..evaluate.reach import EXACT, SINGULAR, Rays, rays, reached, unlike_rows
 from ..evaluate.turning import reduced
 from ..geometry.cell import Cell
 from ..geometry.kinematics import bases, placed
@@ -197,28 +197,47 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     U = np.tile(corners, (len(Q), 1))
     ends = rays(desired, cell, Q.repeat(len(corners), axis=0), U, steps=10)
     good = ends.reached == 1
-    speeds, nearest = np.zeros(len(U)), np.full(len(U), np.inf)
-    if good.any():
-        _, R, J = placed(cell.task, ends.Q[good])
-        C = np.tile(cell.speeds(corners), (len(Q), 1, 1))[good]
-        own = desired.batch(ends.Q[good], J) @ cell.twists(U[good], R) @ C
-        speeds[good] = (own**2).sum(axis=(1, 2))
-        nearest[good] = bodies.hull_distances(ends.Q[good])
+    speeds, nearest = _at_corners(desired, cell, ends, good)
     of_one = len(Q), len(corners)
     good, speed = good.reshape(of_one), speeds.reshape(of_one).sum(axis=1)
     Q_ends, least = ends.Q.reshape(*of_one, -1), ends.least.reshape(of_one)
     for i, hulls in enumerate(nearest.reshape(of_one)):
-        deepest = np.argsort(hulls)[:_TESTED]
-        deepest = deepest[hulls[deepest] < 0]
-        hulls[hulls < 0] = np.inf
-        tested = bodies.distances(Q_ends[i, deepest]) if len(deepest) else np.inf
-        distances[i] = np.min([distances[i], hulls.min(), np.min(tested)])
+        distances[i] = min(distances[i], _least_distance(bodies, hulls, Q_ends[i]))
     share = good.mean(axis=1)
     margin = np.where(good, least, np.inf).min(axis=1)
     count = good.sum(axis=1)
     speed = np.where(count, speed / np.maximum(count, 1), np.inf)
     figures = np.stack([share, margin, distances, speed], axis=1).tolist()
     return [Candidate(q, *each) for q, each in zip(Q, figures, strict=True)]
+
+
+def _at_corners(
+    desired: Inverse, cell: Cell, ends: Rays, good: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Evaluate squared joint speeds and distances of hulls, m, at the ends of rays: (K,) each.
+
+    They are 0 and infinite where ``good`` (K,) is False.
+    """
+    speeds, nearest = np.zeros(len(good)), np.full(len(good), np.inf)
+    if good.any():
+        U, Q = ends.U[good], ends.Q[good]
+        _, R, J = placed(cell.task, Q)
+        own = desired.batch(Q, J) @ cell.twists(U, R) @ cell.speeds(U)
+        speeds[good] = (own**2).sum(axis=(1, 2))
+        nearest[good] = bodies_of(cell.task).hull_distances(Q)
+    return speeds, nearest
+
+
+def _least_distance(bodies: Bodies, hulls: Array, Q: Array) -> float:
+    """Compute the smallest body distance at Q (K, n), m, given that of hulls, (K,), m.
+
+    Where hulls overlap, the bodies themselves are tested at the deepest of these configurations.
+    """
+    deepest = np.argsort(hulls)[:_TESTED]
+    deepest = deepest[hulls[deepest] < 0]
+    least = float(np.where(hulls < 0, np.inf, hulls).min(initial=np.inf))
+    tested = bodies.distances(Q[deepest]).min() if len(deepest) else np.inf
+    return min(least, float(tested))
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ....base.arguments import Array
 from ....model.task import Task
 from ..geometry.kinematics import placed
+from ..geometry.symmetry import Symmetry
 
 SPACING = 0.03
 """Spacing of the nodes, m."""
@@ -54,8 +55,8 @@ class Table(NamedTuple):
         Coordinates of the nodes, m.
     counted : (n,) array of bool
         Joints whose limits are checked: all but those that alone turn the arm or the tool.
-    joint : int
-        Index of the joint that turns the arm about the axis.
+    around : Symmetry
+        The joint that turns the arm about the axis.
     """
 
     task: Task
@@ -66,7 +67,7 @@ class Table(NamedTuple):
     radii: NDArray[Any]
     heights: NDArray[Any]
     counted: NDArray[np.bool_]
-    joint: int
+    around: Symmetry
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -96,7 +97,7 @@ class Table(NamedTuple):
         """
         task, Q = self.task, Q.copy()
         p_goal, R_goal = self.goals(nodes)
-        inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
+        pushed = min(_PUSHED, iterations - 3)
         on, left = np.arange(len(Q)), np.full(len(Q), np.inf)
         for i in range(iterations + 1):
             p, R, J = placed(task, Q[on])
@@ -105,28 +106,44 @@ class Table(NamedTuple):
             left[on] = np.abs(e).max(axis=1)
             if i == iterations:
                 break
-            push = np.zeros_like(Q[on])
-            if i < min(_PUSHED, iterations - 3):
-                low = np.maximum(0.0, task.lower + inner - Q[on])
-                high = np.maximum(0.0, Q[on] - task.upper + inner)
-                push = _PUSH * (low - high) * (self.counted & ~held[on])
-            # Δq = J⁺ (e − J b) + b
-            JJ = J @ np.swapaxes(J, 1, 2) + 1e-10 * np.eye(task.m)
-            b = (e - np.einsum("Kmn,Kn->Km", J, push))[..., None]
-            dQ = np.einsum("Kmn,Km->Kn", J, np.linalg.solve(JJ, b)[..., 0]) + push
-            longest = np.abs(dQ).max(axis=1, keepdims=True)
-            Q[on] += dQ * np.minimum(1.0, _STEP / np.maximum(longest, 1e-12))
-            busy = (left[on] > 1e-8) | (i < min(_PUSHED, iterations - 3))
-            on = on[busy]
+            push = self._push(Q[on], held[on]) if i < pushed else np.zeros_like(Q[on])
+            Q[on] += _newton_step(J, e, push)
+            on = on[(left[on] > 1e-8) | (i < pushed)]
             if not len(on):
                 break
-        good = np.flatnonzero(left < _EXACT)
-        good = good[self.margins(Q[good]) > 1]
-        J = placed(task, Q[good])[2] * ~held[good, None, :]
+        good = np.zeros(len(Q), bool)
+        exact = np.flatnonzero(left < _EXACT)
+        good[exact] = self._sound(Q[exact], held[exact])
+        return Q, good
+
+    def _push(self, Q: Array, held: NDArray[np.bool_]) -> Array:
+        """Compute the motion (K, n) of the joints that are not locked away from their limits."""
+        task = self.task
+        inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
+        low = np.maximum(0.0, task.lower + inner - Q)
+        high = np.maximum(0.0, Q - task.upper + inner)
+        return np.asarray(_PUSH * (low - high) * (self.counted & ~held))
+
+    def _sound(self, Q: Array, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Test which configurations Q (K, n) are inside the limits and regular: (K,)."""
+        sound = self.margins(Q) > 1
+        J = placed(self.task, Q[sound])[2] * ~held[sound, None, :]
         squares = np.linalg.eigvalsh(J @ np.swapaxes(J, 1, 2))
-        fine = np.zeros(len(Q), bool)
-        fine[good] = squares[:, 0] > _SINGULAR**2 * squares[:, -1]
-        return Q, fine
+        sound[sound] = squares[:, 0] > _SINGULAR**2 * squares[:, -1]
+        return sound
+
+
+def _newton_step(J: Array, e: Array, push: Array) -> Array:
+    """Compute Newton steps Δq = J⁺ (e − J b) + b (K, n) with self-motion b, shortened if long.
+
+    J (K, m, n) are Jacobians, e (K, m) task errors, and b = ``push`` (K, n) is projected on the
+    null space.
+    """
+    JJ = J @ np.swapaxes(J, 1, 2) + 1e-10 * np.eye(J.shape[1])
+    rest = (e - np.einsum("Kmn,Kn->Km", J, push))[..., None]
+    dQ = np.einsum("Kmn,Km->Kn", J, np.linalg.solve(JJ, rest)[..., 0]) + push
+    longest = np.abs(dQ).max(axis=1, keepdims=True)
+    return np.asarray(dQ * np.minimum(1.0, _STEP / np.maximum(longest, 1e-12)))
 
 
 def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bool_]) -> Array:
@@ -135,23 +152,15 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
     ``nodes`` (S, 2) and Q (S, n) are the nodes and configurations of the seeds; ``held`` (S, n) is
     True for joints that are locked.
     """
-    S, (rows, columns) = len(Q), table.shape
-    found = np.full((S, rows, columns, table.task.n), np.nan)
-    seed = np.arange(S)
+    found = np.full((len(Q), *table.shape, table.task.n), np.nan)
+    seed = np.arange(len(Q))
     found[seed, nodes[:, 0], nodes[:, 1]] = Q
     front = np.column_stack([seed, nodes])
     while len(front):
-        # neighbours of the front that are not reached yet, each from one node
-        beside = np.concatenate([front + (0, *way) for way in _WAYS])
-        parent = np.tile(np.arange(len(front)), len(_WAYS))
-        i, j = beside[:, 1], beside[:, 2]
-        inside = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
-        beside, parent = beside[inside], parent[inside]
-        new = np.isnan(found[beside[:, 0], beside[:, 1], beside[:, 2], 0])
-        beside, first = np.unique(beside[new], axis=0, return_index=True)
+        beside, parent = _neighbours(found, front)
         if not len(beside):
             break
-        start = front[parent[new][first]]
+        start = front[parent]
         before = found[start[:, 0], start[:, 1], start[:, 2]]
         Q, good = table.solved(beside[:, 1:], before, held[beside[:, 0]], _ITERATIONS)
         good &= np.abs(Q - before).max(axis=1) < _STEP
@@ -160,21 +169,18 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
     return found
 
 
-def connected(mask: NDArray[np.bool_], nodes: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return the part of each mask (S, I, J) that is connected to a node (S, 2) of that mask."""
-    found = np.zeros_like(mask)
-    seed = np.arange(len(mask))
-    found[seed, nodes[:, 0], nodes[:, 1]] = mask[seed, nodes[:, 0], nodes[:, 1]]
-    while True:
-        wide = found.copy()
-        wide[:, 1:] |= found[:, :-1]
-        wide[:, :-1] |= found[:, 1:]
-        wide[:, :, 1:] |= found[:, :, :-1]
-        wide[:, :, :-1] |= found[:, :, 1:]
-        wide &= mask
-        if (wide == found).all():
-            return found
-        found = wide
+def _neighbours(found: Array, front: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
+    """List the nodes (L, 3) beside a front (K, 3) that floods have not reached, each once.
+
+    Nodes are rows of flood, radius and height. Return also one row of the front beside each: (L,).
+    """
+    beside = np.concatenate([front + (0, *way) for way in _WAYS])
+    parent = np.tile(np.arange(len(front)), len(_WAYS))
+    inside = ((beside[:, 1:] >= 0) & (beside[:, 1:] < found.shape[1:3])).all(axis=1)
+    beside, parent = beside[inside], parent[inside]
+    new = np.isnan(found[beside[:, 0], beside[:, 1], beside[:, 2], 0])
+    beside, first = np.unique(beside[new], axis=0, return_index=True)
+    return beside, parent[new][first]
 
 
 class Rectangles(NamedTuple):

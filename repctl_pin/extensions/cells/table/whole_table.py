@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import suppress
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -27,14 +27,15 @@ from ..cell_design import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, covered_share, near_all_round, trimmed
+from ..fit.trimming import Required, Window, covered_share, near_all_round, trimmed, turned
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.kinematics import joined, placed
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
-from .flood import SPACING, Rectangles, Table, connected, flooded, rectangles
+from .flood import SPACING, Rectangles, Table, flooded, rectangles
+from .windows import shut, windows
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
@@ -64,6 +65,10 @@ out; and number of such maxima that are tried down to the mean itself."""
 
 _BETTER = 0.2
 """Advantage in worth, relative, below which a place is not compared with the best one."""
+
+_KEPT, _AS_GOOD = 3, 0.95
+"""Number of windows of the angle per flood for which rectangles are searched for; and share of what
+a flood would be worth without bodies from which on others are as good."""
 
 _LOOKED = 96
 """Number of configurations at which colliding links are looked for, to name them."""
@@ -179,7 +184,7 @@ class WholeTable(NamedTuple):
         if design.body_distance < 2 * design.requested_body_distance:
             links = " and ".join(design.evaluation.nearest_bodies)
             return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
-        return "the function exceeds the limits of joint speed or of a joint outside it"
+        return "elsewhere joints exceed a limit of position or speed, or bodies come too near"
 
 
 def area_of(cell: Cell) -> float:
@@ -252,8 +257,14 @@ def whole_table(
     floods = _free_floods(table, nodes, Q, locked)
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
-    distance, clear, found = _best_clear(table, floods)
-    if not found.area.any():
+    widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    tested = _unlike(table, floods)
+    whole = _whole_turns(tested)
+    free = _affordable(tested, whole, widest, Required(*most_extra))
+    bound = free.area * _turns(table, tested, whole, free, symmetries)
+    distance, openings = _best_clear(table, tested, bound, symmetries)
+    rectangle = rectangles(openings.clear).area.max()
+    if not rectangle:
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
             f"at this orientation{_colliding(table, floods)}",
@@ -269,10 +280,16 @@ def whole_table(
         keep=True,
     )
     limits = Required(*most_extra, distance)
-    widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    within = _affordable(clear, widest, limits)
-    sectors = _sectors(table, clear, within, line, symmetries)
-    design = _designed(fit, _ranked(fit, sectors, limits, report), limits, report)
+    within = _affordable(tested, openings, widest, limits)
+    sectors = _sectors(table, tested, openings, within, line, symmetries)
+    ranked = _ranked(fit, sectors, limits, report)
+    if distance == _CLEAR and ranked and ranked[0].worth < _MUCH * ranked[0].most:
+        # where bodies end the sector, a smaller distance may leave more of it
+        closer = limits._replace(distance=_TIGHT)
+        others = _ranked(fit, ranked, closer, report)
+        if ranked[0].worth < _MUCH * others[0].worth:
+            ranked, limits = others, closer
+    design = _designed(fit, ranked, limits, report)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
     return WholeTable(
@@ -280,9 +297,9 @@ def whole_table(
         _best_locked(table, locked, design, limits),
         _larger(table, locked, design, limits),
         reach,
-        float(found.area.max() * SPACING**2),
+        float(rectangle * SPACING**2),
         float(within.area.max() * SPACING**2),
-        list(clear.reached),
+        list(openings.clear),
         table,
     )
 
@@ -302,15 +319,16 @@ def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array
         return np.zeros((0, 3)), np.zeros((0, task.n))
     floods = _free_floods(table, nodes, Q, _locked_floods(table, nodes, Q, rng))
     tested = _unlike(table, floods)
-    clear = _without(tested, _shut(table, tested, tested.reached, 0.0))
+    closed = [shut(table, flood, 0.0) for flood in tested.Q]
     sides = []
     for quarter in range(4):
         x, y, z = box.half_width if quarter % 2 == 0 else box.half_width[[1, 0, 2]]
-        share = _window_shares(table, clear.reached, float(x), float(y), float(z))
-        flat = (share * clear.reached).reshape(len(share), -1)
+        reached = tested.reached & ~np.array([one.at(quarter * np.pi / 2) for one in closed])
+        share = _window_shares(table, reached, float(x), float(y), float(z))
+        flat = (share * reached).reshape(len(share), -1)
         best = np.argsort(-flat, axis=1)[:, :_WINDOWS]
         nodes = np.column_stack(np.unravel_index(best.ravel(), table.shape))
-        Q = clear.Q[np.arange(len(flat)).repeat(best.shape[1]), nodes[:, 0], nodes[:, 1]]
+        Q = tested.Q[np.arange(len(flat)).repeat(best.shape[1]), nodes[:, 0], nodes[:, 1]]
         there = np.isfinite(Q[:, 0])
         sides.append(_at_side(table, symmetries, nodes[there], Q[there], quarter * np.pi / 2))
     p, Q = (np.concatenate(each) for each in zip(*sides, strict=True))
@@ -325,11 +343,9 @@ def _at_side(
     So the tool keeps its orientation. Return positions (K, 3), m, and configurations (K, n), whose
     joints may be beyond their limits.
     """
-    task, Q = table.task, Q.copy()
-    back = -angle * np.sign(table.rotation[2, 2])
+    back = -angle * float(np.sign(table.rotation[2, 2]))
     for one, turn in zip(symmetries, (angle, back), strict=False):
-        low = task.lower[one.joint] if np.isfinite(task.lower[one.joint]) else 0.0
-        Q[:, one.joint] = low + (Q[:, one.joint] + one.sign * turn - low) % (2 * np.pi)
+        Q = turned(table.task, Q, one, turn)
     p, _ = table.goals(nodes)
     return table.origin + (p - table.origin) @ pin.exp3(angle * table.up).T, Q
 
@@ -355,40 +371,60 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 
 
 class _Place(NamedTuple):
-    """Sector, configuration in its middle (n,), upper bound of :func:`_worth`, quick design."""
+    """Sector, configuration in its middle (n,), upper bound of its worth, and a quick design.
+
+    ``window`` is the range of its angle at which bodies are apart; None for a whole turn.
+    ``worth`` is that of the quick design, 0 without one.
+    """
 
     cell: Cell
     posture: Array
     most: float
+    window: Window | None = None
+    worth: float = 0.0
     design: CellDesign | None = None
 
 
 def _sectors(
-    table: Table, floods: _Floods, found: Rectangles, line: Array, symmetries: tuple[Symmetry, ...]
+    table: Table,
+    floods: _Floods,
+    openings: _Openings,
+    found: Rectangles,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
 ) -> list[_Place]:
     """Choose the best sectors with different configurations in their middles, the best first."""
-    postures = floods.middles(found)[1]
-    worth = found.area * SPACING**2 * _turns(table, floods, found, symmetries)
-    order = np.argsort(-worth)[: int((worth > 0).sum())]
+    middles = (found.first + found.last) // 2
+    postures = floods.Q[openings.flood, middles[:, 0], middles[:, 1]]
+    worth = found.area * SPACING**2 * _turns(table, floods, openings, found, symmetries)
+    order = np.argsort(-worth, kind="stable")[: int((worth > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     places = []
     for k in order:
-        q, turns = _central(table.task, symmetries, postures[k])
+        window, at = None, 0.0
+        if openings.half[k] < np.pi:
+            at = float(openings.middle[k])
+            outward = pin.exp3(at * table.up) @ table.outward
+            window = Window(outward, float(openings.half[k]))
+        q, turns = _central(table.task, symmetries, postures[k], window and at)
         cell = _sector(table, line, symmetries, found.first[k], found.last[k], turns)
-        places.append(_Place(cell, q, float(worth[k])))
+        places.append(_Place(cell, q, float(worth[k]), window))
     return places
 
 
 def _central(
-    task: Task, symmetries: tuple[Symmetry, ...], q: Array
+    task: Task, symmetries: tuple[Symmetry, ...], q: Array, angle: float | None = None
 ) -> tuple[Array, tuple[float, float]]:
     """Move the joints that alone turn the arm and the tool to the middles of their ranges.
 
-    Floods do not check the limits of these joints. Return the configuration (n,), and the angles by
-    which the frame is turned about the arm's axis and the tool about its own, rad.
+    With an ``angle``, rad, the arm is turned by this angle instead. Floods do not check the limits
+    of these joints. Return the configuration (n,), and the angles by which the frame is turned
+    about the arm's axis and the tool about its own, rad.
     """
     q, turns = q.copy(), [0.0, 0.0]
-    for k, one in enumerate(symmetries):
+    if angle is not None:
+        q, turns[0] = turned(task, q[None], symmetries[0], angle)[0], angle
+    for k, one in list(enumerate(symmetries))[angle is not None :]:
         low, high = task.lower[one.joint], task.upper[one.joint]
         if np.isfinite(low) and np.isfinite(high):
             turns[k] = float(one.sign * ((low + high) / 2 - q[one.joint]))
@@ -396,18 +432,19 @@ def _central(
     return q, (turns[0], turns[1])
 
 
-def _affordable(clear: _Floods, cell: Cell, limits: Required) -> Rectangles:
-    """Find the largest rectangle of each flood in which joint speed can meet the limits.
+def _affordable(floods: _Floods, openings: _Openings, cell: Cell, limits: Required) -> Rectangles:
+    """Find the largest rectangle of each opening in which joint speed can meet the limits.
 
     No function through the configurations of a flood has a lower joint speed than ``G E``, with
     E = ∂x/∂u. G is J⁺, except in the columns of symmetric coordinates, along which one joint moves
     alone. Nodes with the highest joint speed are left out until the mean over the rectangle meets
     its limit.
     """
-    own, usual = np.full((2, *clear.reached.shape), np.nan)
-    own[clear.reached], usual[clear.reached] = _least_speeds(cell, clear.Q[clear.reached])
+    own, usual = np.full((2, *floods.reached.shape), np.nan)
+    own[floods.reached], usual[floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
+    own, usual = own[openings.flood], usual[openings.flood]
     with np.errstate(invalid="ignore"):
-        extra = np.sqrt(own / usual) - 1
+        extra = np.where(openings.mask, np.sqrt(own / usual) - 1, np.nan)
         best = rectangles(extra < limits.worst)
         best.area[_mean_extra(best, own, usual) > limits.mean] = 0.0
         for most in limits.mean * np.geomspace(_DEAREST, 1, _SHARES):
@@ -436,19 +473,20 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report
 
     Places that cannot be more than 20 % better than the best so far get no design.
     """
-    worths, ranked = [0.0], []
+    ranked: list[_Place] = []
     for k, place in enumerate(places):
         report(f"posture {k + 1} of {len(places)}", 0.3 + 0.15 * k)
-        if place.most < (1 + _BETTER) * max(worths):
-            ranked.append((0.0, place))
+        best = max((one.worth for one in ranked), default=0.0)
+        if place.design is None and place.most < (1 + _BETTER) * best:
+            ranked.append(place)
             continue
         with suppress(InputError):
             q = given(place.cell, place.posture)
-            share, design = covered_share(fit, place.cell, q, limits)
-            worths.append(share * _worth(place.cell, design, limits.distance))
-            ranked.append((worths[-1], place._replace(posture=q, design=design)))
-    ranked.sort(key=lambda pair: -pair[0])
-    return [place for _, place in ranked]
+            there = limits._replace(window=place.window)
+            share, design = covered_share(fit, place.cell, q, there, place.design)
+            worth = share * _worth(place.cell, design, there)
+            ranked.append(place._replace(posture=q, worth=worth, design=design))
+    return sorted(ranked, key=lambda place: -place.worth)
 
 
 def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
@@ -460,7 +498,8 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
         report("the function", 0.75 + 0.08 * k)
         with suppress(InputError):
             q = given(place.cell, place.posture)
-            design = trimmed(fit, place.cell, q, limits, place.design)
+            there = limits._replace(window=place.window)
+            design = trimmed(fit, place.cell, q, there, place.design)
             if design is not None:
                 return design
     name = fit.desired.task.robot.name
@@ -484,7 +523,7 @@ def _failed(ranked: list[_Place], limits: Required) -> str:
     return f": extra joint speed exceeds {most}"
 
 
-def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
+def _worth(cell: Cell, design: CellDesign | None, limits: Required) -> float:
     """Rate a quick design by area, range around the arm, body distance and joint speed.
 
     Later cuts at bodies lower the rating by 10 % where bodies are near, and by 15 % where they
@@ -493,28 +532,36 @@ def _worth(cell: Cell, design: CellDesign | None, distance: float) -> float:
     """
     if design is None:
         return 0.5 * area_of(cell)
-    near = 0.85 if design.body_distance < 0 else 0.9 if design.body_distance < distance else 1.0
-    turns = [max(min(turn.reach / np.pi / 2, 1.0), 0.0) for turn in design.evaluation.turns]
+    near, turns = 1.0, [turn.reach / (2 * np.pi) for turn in design.evaluation.turns]
+    if limits.window is not None:
+        turns.append(limits.window.half / np.pi)
+    elif design.body_distance < limits.distance:
+        near = 0.85 if design.body_distance < 0 else 0.9
+    share = max(min(turns, default=1.0), 0.0)
     extra = float(np.nan_to_num(design.extra_speed, nan=1.0))
-    return area_of(cell) * near * (0.5 + 0.5 * min(turns, default=1.0)) / (1 + extra)
+    return area_of(cell) * near * (0.5 + 0.5 * min(share, 1.0)) / (1 + extra)
 
 
 def _turns(
-    table: Table, floods: _Floods, found: Rectangles, symmetries: tuple[Symmetry, ...]
+    table: Table,
+    floods: _Floods,
+    openings: _Openings,
+    found: Rectangles,
+    symmetries: tuple[Symmetry, ...],
 ) -> Array:
-    """Rate the range around the arm of each flood's largest rectangle: (S,), from 0.5 to 1.
+    """Rate the range around the arm of the largest rectangle of each opening: (K,), 0.5 to 1.
 
     The sector has the range of the joint that turns the arm or the tool, minus the variation of
-    that joint over the rectangle. A full turn is rated 1.
+    that joint over the rectangle, and at most the window's. A full turn is rated 1.
     """
-    task, share = table.task, np.ones(len(floods.Q))
-    for k, flood in enumerate(floods.Q):
+    task, share = table.task, openings.half / np.pi
+    for k, flood in enumerate(openings.flood):
         (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
-        Q = flood[i:i_end, j:j_end].reshape(-1, task.n)
+        Q = floods.Q[flood, i:i_end, j:j_end].reshape(-1, task.n)
         for one in symmetries:
             q = Q[:, one.joint]
             left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(q)
-            share[k] = min(share[k], max(0.0, min(left / (2 * np.pi), 1.0)))
+            share[k] = min(share[k], max(0.0, float(np.nan_to_num(left)) / (2 * np.pi)))
     return 0.5 + 0.5 * share
 
 
@@ -602,7 +649,7 @@ def _grid(
         np.arange(_NEAREST, rho.max() + SPACING, SPACING),
         np.arange(np.ceil(low / SPACING - 1e-9), np.floor(high / SPACING + 1e-9) + 1) * SPACING,
         counted,
-        symmetries[0].joint,
+        symmetries[0],
     )
     if len(table.heights) < 2:
         raise InputError(
@@ -650,18 +697,85 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
     return _Floods(flooded(table, at, begin, held), at, held)
 
 
-def _best_clear(table: Table, floods: _Floods) -> tuple[float, _Floods, Rectangles]:
-    """Choose the body distance to keep, m; return it with floods and rectangles that keep it."""
-    tested = _unlike(table, floods)
-    shut = _shut(table, tested, tested.reached, _CLEAR)
-    wide = _without(tested, shut)
-    found = rectangles(wide.reached)
-    if found.area.max() < _MUCH * rectangles(floods.reached).area.max():
-        tight = _without(tested, _shut(table, tested, shut, _TIGHT))
-        most = rectangles(tight.reached)
-        if found.area.max() < _MUCH * most.area.max():
-            return _TIGHT, tight, most
-    return _CLEAR, wide, found
+class _Openings(NamedTuple):
+    """K windows of the angle around the arm, of all floods, with nodes free at all their angles.
+
+    Attributes
+    ----------
+    flood : (K,) array of int
+        Index of the flood.
+    middle, half : (K,) arrays
+        Middle and half-width of the angle, rad; the half-width of a whole turn is π.
+    mask : (K, I, J) array of bool
+        Nodes of the flood at which bodies are apart at all these angles.
+    clear : (L, I, J) array of bool
+        Nodes of each flood that was tested at which bodies are apart at some angle.
+    """
+
+    flood: NDArray[np.intp]
+    middle: Array
+    half: Array
+    mask: NDArray[np.bool_]
+    clear: NDArray[np.bool_]
+
+
+def _whole_turns(floods: _Floods) -> _Openings:
+    """Make the window of a whole turn for each flood, as if there were no bodies."""
+    S = len(floods.Q)
+    return _Openings(np.arange(S), np.zeros(S), np.full(S, np.pi), floods.reached, floods.reached)
+
+
+def _best_clear(
+    table: Table, floods: _Floods, bound: Array, symmetries: tuple[Symmetry, ...]
+) -> tuple[float, _Openings]:
+    """Choose the body distance to keep, m; return it with the windows that keep it.
+
+    ``bound`` (S,) is what each flood would be worth without bodies.
+    """
+    wide = _opened(table, floods, bound, _CLEAR, symmetries)
+    worth = _values(table, floods, wide, symmetries).max()
+    if worth < _MUCH * bound.max():
+        tight = _opened(table, floods, bound, _TIGHT, symmetries)
+        if worth < _MUCH * _values(table, floods, tight, symmetries).max():
+            return _TIGHT, tight
+    return _CLEAR, wide
+
+
+def _opened(
+    table: Table, floods: _Floods, bound: Array, distance: float, symmetries: tuple[Symmetry, ...]
+) -> _Openings:
+    """Find the best windows of floods at a body distance, m.
+
+    The test of bodies is slow. So a flood is left out if it can neither be better than others nor
+    have a larger rectangle.
+    """
+    parts: list[list[Any]] = []
+    clear: list[NDArray[np.bool_]] = []
+    values: list[float] = []
+    most = rectangles(floods.reached).area
+    for k, flood in enumerate(floods.Q):
+        largest = rectangles(np.array(clear)).area.max() if clear else -1.0
+        better = sum(value > _AS_GOOD * bound[k] for value in values)
+        if better >= _DESIGNED and most[k] <= largest:
+            continue
+        there = shut(table, np.asarray(flood), distance)
+        clear.append(np.isfinite(flood[..., 0]) & ~np.all(there.near | there.out, axis=0))
+        middle, half, mask = windows(there)
+        some = _Openings(np.full(len(half), k), middle, half, mask, clear[-1][None])
+        worth = _values(table, floods, some, symmetries)
+        values.append(min(worth.max(), bound[k]))
+        best = np.argsort(-worth, kind="stable")[:_KEPT]
+        parts.append([some.flood[best], middle[best], half[best], mask[best]])
+    flood, middle, half, mask = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return _Openings(flood, middle, half, mask, np.array(clear))
+
+
+def _values(
+    table: Table, floods: _Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
+) -> Array:
+    """Rate windows by the area of their largest rectangle and their range of the angle: (K,)."""
+    found = rectangles(openings.mask)
+    return found.area * _turns(table, floods, openings, found, symmetries)
 
 
 def _colliding(table: Table, floods: _Floods) -> str:
@@ -692,39 +806,19 @@ def _unlike(table: Table, floods: _Floods) -> _Floods:
     return _Floods(floods.Q[order], floods.nodes[order], floods.held[order])
 
 
-def _shut(
-    table: Table, floods: _Floods, among: NDArray[np.bool_], distance: float
+def _near(
+    table: Table, on: NDArray[np.intp], Q: Array, distance: float, angles: tuple[float, float]
 ) -> NDArray[np.bool_]:
-    """Test at which of the nodes ``among`` (S, I, J) bodies are nearer than ``distance``, m."""
-    shut = np.zeros_like(among)
-    for k, flood in enumerate(floods.Q):
-        on = np.argwhere(among[k])
-        shut[k][among[k]] = _near(table, on, flood[on[:, 0], on[:, 1]], distance)
-    return shut
+    """Test at which of the nodes ``on`` (K, 2), with the configurations Q (K, n), bodies are near.
 
-
-def _without(floods: _Floods, shut: NDArray[np.bool_]) -> _Floods:
-    """Remove nodes (S, I, J) from floods, and nodes that are then no longer connected."""
-    Q = floods.Q.copy()
-    Q[shut] = np.nan
-    clear = _Floods(Q, floods.nodes, floods.held)
-    # the part in which the largest rectangle lies
-    middles, _ = clear.middles(rectangles(clear.reached))
-    Q[~connected(clear.reached, middles)] = np.nan
-    return _Floods(Q, middles, floods.held)
-
-
-def _near(table: Table, on: NDArray[np.intp], Q: Array, distance: float) -> NDArray[np.bool_]:
-    """Test at which nodes ``on`` (K, 2), with the configurations Q (K, n), bodies are too near.
-
-    They must be nearer than ``distance``, m, at several angles around the arm. These angles are
-    tested at one node in each block of 3 × 3 nodes.
+    They must be nearer than ``distance``, m, at all of a range of angles around the arm. ``angles``
+    are the first and the last one, rad. They are tested at one node in each block of 3 × 3 nodes.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
     found = np.zeros(len(Q), bool)
-    shut = near_all_round(table.task, Q[near[first]], distance, table.joint)
-    found[near] = shut[block.ravel()]
+    closed = near_all_round(table.task, Q[near[first]], distance, table.around, angles)
+    found[near] = closed[block.ravel()]
     return found
 
 
@@ -777,6 +871,13 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
     Q, good = table.solved(nodes, np.where(zero, 0.0, Q), held, _SETTLED)
     more = _Floods(flooded(table, nodes[good], Q[good], held[good]), nodes[good], held[good])
     return more if not len(locked.Q) else joined([more, locked])
+
+
+def _angles(table: Table, cell: Sector) -> tuple[float, float]:
+    """Return the first and the last angle of a sector, rad, from that of a table."""
+    p = cell.placement.translation - table.origin
+    middle = np.arctan2(np.cross(table.up, table.outward) @ p, table.outward @ p)
+    return float(middle - cell.widths[ANGLE]), float(middle + cell.widths[ANGLE])
 
 
 def _at_zero(table: Table, design: CellDesign) -> Array:
@@ -832,6 +933,7 @@ def _larger(
 
     Its joint speed must be within the limits."""
     cell = design.function.chart.cell
+    assert isinstance(cell, Sector), "a table is a sector"
     found = rectangles(locked.reached)
     for k in np.argsort(-found.area)[:_COMPARED]:
         if not found.area[k] * SPACING**2 > area_of(design.cell) * (1 + _ALMOST):
@@ -848,7 +950,7 @@ def _larger(
 
 
 def _locked_joints(
-    table: Table, locked: _Floods, k: int, cell: Cell, inside: NDArray[np.bool_], distance: float
+    table: Table, locked: _Floods, k: int, cell: Sector, inside: NDArray[np.bool_], distance: float
 ) -> LockedJoints | None:
     """Evaluate the arm of the locked flood k on the nodes ``inside`` (I, J), a mask.
 
@@ -857,8 +959,8 @@ def _locked_joints(
     """
     task, clear = table.task, locked.reached[k] & inside
     on = np.argwhere(clear)
-    shut = on[_near(table, on, locked.Q[k][clear], distance)]
-    clear[shut[:, 0], shut[:, 1]] = False
+    closed = on[_near(table, on, locked.Q[k][clear], distance, _angles(table, cell))]
+    clear[closed[:, 0], closed[:, 1]] = False
     Q = locked.Q[k][clear]
     if not len(Q):
         return None

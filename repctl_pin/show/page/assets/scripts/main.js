@@ -142,6 +142,7 @@ async function main() {
       arm.showFan(box("fan").checked);
       arm.showDrift(box("drift").checked, full);
       if (scene.live) continue;
+      for (const rim of arm.rims) rim.visible = box("callouts").checked && !arm.lost;
       const { broken } = arm.data;
       const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= broken.at;
       arm.notice.textContent = past ? broken.words : "";

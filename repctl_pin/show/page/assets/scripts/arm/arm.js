@@ -9,7 +9,8 @@ const SAME = 1e-4; // m, within which a body covers its ghost
 const OUTLINE = 1.6; // px, of a ghost, at least
 const OUTLINE_SHARE = 1 / 500; // of the height of a pane, at least
 const OF_ARM = 1;
-const OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
+const OF_GHOST = 2;
+const OF_PART = 4; // bits of the stencil: where the arm is seen, its ghost, and the part in words
 
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
@@ -23,6 +24,12 @@ export class ArmView {
       meshes: [],
       gain: 1,
       reference: null,
+      rims: [],
+      rim: outlined({
+        stencilWrite: true,
+        stencilFunc: T.EqualStencilFunc,
+        stencilFuncMask: OF_PART,
+      }),
     });
     this.group = new T.Group();
     this.group.name = data.label;
@@ -231,6 +238,23 @@ export class ArmView {
     return this.spot.point.clone().applyMatrix4(shade.matrix);
   }
 
+  // An outline of that part, which moves with it.
+  outlinePart() {
+    const T = MeshCat.THREE;
+    for (const rim of this.rims) rim.parent.remove(rim);
+    this.rims = this.moving.flatMap(({ children }, k) => {
+      const named = this.part.includes(k);
+      return children.flatMap((mesh) => {
+        for (const material of [mesh.plain, mesh.grey].flat())
+          material.stencilRef = named ? OF_ARM | OF_PART : OF_ARM;
+        if (!named) return [];
+        const rim = Object.assign(new T.Mesh(hull(mesh.geometry), this.rim), { renderOrder: 5 });
+        mesh.add(rim);
+        return [rim];
+      });
+    });
+  }
+
   // Where the joint is that breaks its limit, now.
   mark(out) {
     return out.fromArray(this.motion, this.markStart + 3 * this.now.frame);
@@ -288,6 +312,7 @@ export class ArmView {
       stencilFuncMask: OF_ARM | OF_GHOST,
       depthWrite: false,
     });
+    this.rim.uniforms.least.value = 2 * OUTLINE;
     Object.assign(this, { tint, edge });
     this.ghost = new T.Group();
     this.ghosts = this.rows.map((place) => {
@@ -427,6 +452,7 @@ export class ArmView {
     const full = new T.Color(tone("--drift"));
     this.tint.color.set(tone("--ghost"));
     this.edge.uniforms.color.value.set(tone("--ghost"));
+    this.rim.uniforms.color.value.set(tone("--ink"));
     for (const place of [...this.moving, ...this.still])
       for (const mesh of place.children) {
         mesh.material = on ? mesh.grey : mesh.plain;
@@ -497,7 +523,10 @@ export function pointAt(arms, isPart) {
     way.length() < 0.8 * most * all
       ? corners[distances.indexOf(most)][1]
       : point.divideScalar(all || 1);
-  for (const arm of arms) arm.spot = all ? { k, point: place } : null;
+  for (const arm of arms) {
+    arm.spot = all ? { k, point: place } : null;
+    arm.outlinePart();
+  }
 }
 
 // The most displaced arm after all cycles, and where the corners of its part are before and after
@@ -546,11 +575,30 @@ function outlined(options) {
   });
 }
 
+// A body's surface whose normals agree where faces meet, so that an outline has no gaps; made once.
+function hull(geometry) {
+  if (geometry.hull) return geometry.hull;
+  const T = MeshCat.THREE;
+  const { position, normal } = geometry.attributes;
+  const keys = Array.from({ length: position.count }, (_, i) =>
+    [position.getX(i), position.getY(i), position.getZ(i)].map((v) => Math.round(1e5 * v)).join(),
+  );
+  const sums = new Map(keys.map((key) => [key, new T.Vector3()]));
+  const one = new T.Vector3();
+  keys.forEach((key, i) => sums.get(key).add(one.fromBufferAttribute(normal, i)));
+  const outward = keys.flatMap((key) => sums.get(key).toArray());
+  geometry.hull = new T.BufferGeometry()
+    .setAttribute("position", position)
+    .setAttribute("normal", new T.Float32BufferAttribute(outward, 3))
+    .setIndex(geometry.index);
+  return geometry.hull;
+}
+
 function fanned(place, material, order) {
   const copy = new MeshCat.THREE.Group();
   for (const mesh of place.children)
     copy.add(
-      Object.assign(mesh.clone(), {
+      Object.assign(mesh.clone(false), {
         material,
         castShadow: false,
         receiveShadow: false,

@@ -130,7 +130,7 @@ function frameError({ rows, kind, p, R, held, row, m }, target, e) {
   // the held axis in the frame
   const [x, y, z] = [0, 1, 2].map((c) => R[c] * held[2] + R[3 + c] * held[5] + R[6 + c] * held[8]);
   const sine = Math.hypot(x, y);
-  const ratio = sine > 1e-12 ? Math.atan2(sine, z) / sine : 0;
+  const ratio = sine > 0 ? Math.atan2(sine, z) / sine : 0;
   e[row + 3] = -y * ratio;
   e[row + 4] = x * ratio;
 }

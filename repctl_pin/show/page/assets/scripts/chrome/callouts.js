@@ -40,11 +40,13 @@ export class Callouts {
       setText(part.value, this.words(off || 0));
       part.value.className = tint(off || 0);
       part.box.title = `${(off || 0).toPrecision(3)} m`;
+      const short = this.panes.place(k).width < SHORT;
       hands.forEach((hand, f) => {
+        const name = short ? names[f].split(",")[0] : names[f];
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        const of = this.isFromGrey(arm) ? "from the grey one" : "from cycle\u00a01";
-        setText(hand.value, `${names[f]} ${formatLength(away)} ${of}`);
+        const of = this.isFromGrey(arm) ? `from the ${this.other(arm)} one` : "from cycle\u00a01";
+        setText(hand.value, `${name} ${formatLength(away)} ${of}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     });
@@ -58,10 +60,16 @@ export class Callouts {
     if (leading === "slides") return `from the start${grey}`;
     if (leading && arm.repeats) return "the other is measured from here";
     if (this.narrow.matches || this.panes.place(k).width < SHORT)
-      return this.isFromGrey(arm) ? "from the grey arm" : "from cycle\u00a01";
+      return this.isFromGrey(arm) ? `from the ${this.other(arm)} arm` : "from cycle\u00a01";
     const first = "its place in cycle\u00a01";
     if (arm.repeats) return `from ${first}`;
     return `from ${this.isFromGrey(arm) ? "the repeatable arm" : first}${grey}`;
+  }
+
+  // The repeatable arm by its colour, or by its name where it is not seen.
+  other(arm) {
+    const seen = arm.ghost.visible && arm.shades.some(({ visible }) => visible);
+    return seen ? "grey" : "repeatable";
   }
 
   // Whether the numbers of an arm compare it with the repeatable arm, which is drawn in grey.

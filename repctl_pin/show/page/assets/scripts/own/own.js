@@ -10,8 +10,8 @@ import { byId, element, tone } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { selfMotion } from "./elbow.js";
 import { closed, enclosing, FORMS, gap, kept, windings } from "./loops.js";
-import { computed, drawnAt } from "./run.js";
-import { answer } from "./sentence.js";
+import { bodiesOff, computed, drawnAt } from "./run.js";
+import { answer, shortName } from "./sentence.js";
 
 const CYCLES = 10;
 const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
@@ -171,6 +171,7 @@ export class Own {
       });
       const { qs, zero } = this.selves;
       Object.assign(byId("elbow"), { min: -zero, max: qs.length - 1 - zero });
+      this.nameSlider();
     }
     const { qs, zero } = this.selves;
     this.elbowAt = Math.min(Math.max(i, -zero), qs.length - 1 - zero);
@@ -181,19 +182,29 @@ export class Own {
     byId("elbow-off").textContent = formatLength(this.elbowOff());
   }
 
-  // How far the elbow is from where the study starts, m.
+  // Name the slider after the part of the arm that moves most along it.
+  nameSlider() {
+    const { chain, arms, selves } = this;
+    const ends = [selves.qs[0], selves.qs.at(-1)].map((q) => bodiesOff(chain, arms[0], q));
+    const off = ends[0].map((v, k) => Math.max(v, ends[1][k]));
+    const most = arms[0].moving[off.indexOf(Math.max(...off))];
+    this.part = most ? chain.links[most.shape][1] : "arm";
+    byId("elbow-name").textContent = `Move ${shortName(this.part)}`;
+  }
+
+  // How far that part is from where the study starts, at its farthest point, m.
   elbowOff() {
-    const { chain } = this;
-    const { elbow } = chain.frames[0];
-    const [a, b] = [chain.start, this.laws[0].start].map((q) => {
-      chain.place(q);
-      return Array.from(chain.places[elbow].p);
-    });
-    return gap(a, b);
+    const { chain, arms, laws, part } = this;
+    return Math.max(0, ...bodiesOff(chain, arms[0], laws[0].start, part));
   }
 
   elbowWords() {
-    return `elbow ${formatLength(this.elbowOff())} from the start of the study`;
+    return `${this.part} ${formatLength(this.elbowOff())} from the start of the study`;
+  }
+
+  isOf(part) {
+    const { links } = this.chain;
+    return (s) => Boolean(links[s]) && links[s][1] === part;
   }
 
   // Show both arms at a place of the slider, with the hands at rest; the ghost stays at the start.
@@ -201,6 +212,11 @@ export class Own {
     if (!this.lead || !this.lead.slides) {
       this.endGesture();
       this.beginGesture({ slides: true, hands: this.chain.homes, ghost: this.chain.start });
+      // the place of the part that moves most on the way to the slider's end
+      this.lead.qs = this.laws.map(() => this.selves.qs.at(i < 0 ? 0 : -1));
+      this.drawArms();
+      this.scene.part = this.part;
+      pointAt(this.arms, this.isOf(this.part));
     }
     this.stand(i);
     this.lead.qs = this.laws.map((law) => law.start);
@@ -209,7 +225,7 @@ export class Own {
     this.write(
       [[`${text} at rest while the arm moves: this is what redundancy is.`]],
       [["Let go, and both arms follow the path from here, the repeatable one on the leaf chosen."]],
-      "elbow moved",
+      `${this.part} moved`,
     );
     this.player.show();
   }
@@ -632,10 +648,10 @@ export class Own {
     const { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
     this.shown = cycles;
     this.scene.part = part;
-    pointAt(arms, (s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
+    pointAt(arms, this.isOf(part));
     notes.push(...this.loopNotes());
     const far = this.elbowOff();
-    const moved = far > 1e-4 ? `, elbow moved by ${formatLength(far)}` : "";
+    const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
     const title = points
       ? `your loop, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
@@ -929,7 +945,8 @@ const LOOP_WORDS = {
     "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m from its start " +
     "under the usual control, 0 under the repeatable one.",
   notes:
-    "The joints move 0.8 % slower under the repeatable one (root mean square over cycle 1). " +
+    "Under the repeatable one, the joints move 0.8 % slower in cycle 1, 8.8 % slower over all 10 " +
+    "cycles (root mean square). " +
     "The usual control has the smallest joint speed at each instant, not over a whole cycle. " +
     "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
     "best, 0 fails). Collisions are not checked. Can you draw one, 25 cm or longer, under which " +

@@ -145,14 +145,17 @@ function measure(run, { chain, start }, arm, { Q, V, perCycle, margin }, cycles)
   const off = ends.map((_, c) => offAt(arm, (c + 1) * F - 1, chain));
   const most = off.map((each, c) => (c + 1 > data.lost ? null : Math.max(0, ...each)));
   data.off = most.map((v, c) => [c ? most[c - 1] : 0, v]);
+  // root mean squares from the first cycle to the end of each
   let squares = 0;
-  for (let i = 0; i < perCycle * n; i++) squares += V[i] * V[i];
+  const speeds = ends.map((_, c) => {
+    for (let i = c * perCycle * n; i < (c + 1) * perCycle * n; i++) squares += V[i] * V[i];
+    return Math.sqrt(squares / ((c + 1) * perCycle));
+  });
   const turned = ends.map((q) =>
     Array.from(q, (v, i) => (chain.turns[i] ? Math.abs(v - start[i]) : 0)),
   );
   const others = ends.map((q) => othersOff(chain, Q.subarray(0, n), q));
-  const speed = Math.sqrt(squares / perCycle);
-  Object.assign(run, { ends: off, others, turned, margin, speed });
+  Object.assign(run, { ends: off, others, turned, margin, speeds });
 }
 
 // The joints at the samples of the study's plot of them.
@@ -245,6 +248,30 @@ function quaternion(R) {
   return new T.Quaternion().setFromRotationMatrix(
     new T.Matrix4().set(R[0], R[1], R[2], 0, R[3], R[4], R[5], 0, R[6], R[7], R[8], 0, 0, 0, 0, 1),
   );
+}
+
+// How far each body of this part of an arm, or of all its parts, is at q from where it is at the
+// start, m.
+export function bodiesOff(chain, arm, q, part) {
+  const rides = ridesOf(chain, arm);
+  const [from, to] = [chain.start, q].map((one) => {
+    chain.place(one, chain.all);
+    return chain.places.map(({ R, p }) => {
+      const M = new MeshCat.THREE.Matrix4();
+      return M.makeRotationFromQuaternion(quaternion(R)).setPosition(...p);
+    });
+  });
+  return arm.moving.map((place, k) => {
+    const ride = rides[arm.rows.indexOf(place)];
+    const [, name] = chain.links[place.shape] || [];
+    if (!ride || !name || (part && name !== part)) return 0;
+    const off = arm.corners[k].map((corner) => {
+      const at = corner.clone().applyQuaternion(ride.turn);
+      at.add({ x: ride.point[0], y: ride.point[1], z: ride.point[2] });
+      return at.clone().applyMatrix4(from[ride.joint]).distanceTo(at.applyMatrix4(to[ride.joint]));
+    });
+    return Math.max(0, ...off);
+  });
 }
 
 // How far each end of another branch is at q from where it is at the start, m.

@@ -7,6 +7,8 @@ const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
+const SMALLEST =
+  " The usual control has the smallest joint speed at each instant, not over a whole cycle.";
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop"
@@ -101,8 +103,11 @@ const armWord = ({ frames }) => (frames.length > 1 ? "arms" : "arm");
 const aloneUnder = ({ data }) => data.under.replace("repeatable one", "repeatable control");
 const unbroken = (words) => words.replaceAll(" ", "\u00a0");
 
+// A part in a label: "the elbow", "link 5".
+export const shortName = (part) => (/\d/.test(part) ? part : `the ${part}`);
+
 function partWords(part) {
-  if (!/\d/.test(part)) return `the ${part}`;
+  if (!/\d/.test(part)) return shortName(part);
   return part.startsWith("arm ") ? part : `${part} of the arm`;
 }
 
@@ -159,7 +164,7 @@ function mostOff(chain, arm, off) {
 }
 
 function notesOf(arms, runs, cycles) {
-  const notes = runs.length > 1 ? [[speedWords(runs.at(-1).speed / runs[0].speed - 1)]] : [];
+  const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
   const violations = runs.flatMap(({ data }) => {
     const { broken, under, lost } = data;
     if (!broken || lost < Infinity || broken.cycle > cycles) return [];
@@ -177,13 +182,16 @@ function notesOf(arms, runs, cycles) {
 }
 
 // How much faster the joints move under the repeatable control than under the usual one.
-function speedWords(cost) {
-  if (Math.abs(cost) < 5e-4) return "The joints move no faster under the repeatable one.";
+function speedWords(one, usual, cycles) {
+  const [early, late] = [0, cycles - 1].map((c) => faster(one.speeds[c] / usual.speeds[c] - 1));
+  const middle = early === late ? " and" : `, ${late}`;
+  const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
+  const said = `Under the repeatable one, the joints move ${early} in cycle 1${over}`;
+  return `${said} (root mean square).${/slower/.test(early + late) ? SMALLEST : ""}`;
+}
+
+function faster(cost) {
+  if (Math.abs(cost) < 5e-4) return "no faster";
   const share = Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0);
-  const change = `${share}\u00a0% ${cost > 0 ? "faster" : "slower"}`;
-  const least =
-    "The usual control has the smallest joint speed at each instant, not over a whole cycle.";
-  const what = "(root mean square over cycle 1)";
-  const said = `The joints move ${change} under the repeatable one ${what}.`;
-  return cost > 0 ? said : `${said} ${least}`;
+  return `${share}\u00a0% ${cost > 0 ? "faster" : "slower"}`;
 }

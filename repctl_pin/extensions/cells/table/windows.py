@@ -1,0 +1,111 @@
+"""Angles around an arm at which its bodies are apart, and the sectors that keep to such angles.
+
+Where a part of the base is not round, or the arm stands beside a wall, bodies collide at some
+angles alone. A window is a range of the angle. At each window, a flood has nodes that are free of
+collisions at every angle of it: a wide window has fewer nodes, a narrow one more.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....base.arguments import Array
+from ....model.bodies import bodies_of
+from ..fit.trimming import turned
+from .flood import Table
+
+_ANGLES = 16
+"""Number of angles around the arm at which bodies are tested."""
+
+_LENGTHS = (16, 13, 11, 9, 7, 6, 5, 4, 3, 2)
+"""Numbers of neighbouring angles in a window, the widest first."""
+
+_BLOCKS = 500
+"""Approximate number of nodes of a flood at which bodies are tested at all angles."""
+
+STEP = 2 * np.pi / _ANGLES
+"""Difference between neighbouring angles, rad."""
+
+
+class Shut(NamedTuple):
+    """Angles at which the nodes of a flood cannot be used.
+
+    Attributes
+    ----------
+    near : (M, I, J) array of bool
+        True where bodies are nearer than a distance, at M angles around the arm.
+    out : (M, I, J) array of bool
+        True where the joint that turns the arm is beyond its limits.
+    """
+
+    near: NDArray[np.bool_]
+    out: NDArray[np.bool_]
+
+    def at(self, angle: float) -> NDArray[np.bool_]:
+        """Return the nodes (I, J) that cannot be used at the tested angle nearest to one, rad."""
+        k = round(angle / STEP) % _ANGLES
+        return np.asarray(self.near[k] | self.out[k])
+
+
+class Windows(NamedTuple):
+    """Windows of a flood, the widest first, with the nodes that are free at all their angles.
+
+    Attributes
+    ----------
+    middle, half : (W,) arrays
+        Middle and half-width of the angle, rad; the half-width of a whole turn is π.
+    mask : (W, I, J) array of bool
+        Nodes of the flood that are free of collisions at every angle.
+    """
+
+    middle: NDArray[Any]
+    half: NDArray[Any]
+    mask: NDArray[np.bool_]
+
+
+def shut(table: Table, flood: Array, distance: float) -> Shut:
+    """Test at all angles where bodies are nearer than a distance, m, in a flood (I, J, n).
+
+    Pairs of bodies that the joint that turns the arm does not move relative to each other are
+    tested once per node. The others are tested at each angle, at one node per block of nodes.
+    """
+    task, bodies, joint = table.task, bodies_of(table.task), table.around.joint
+    on = np.argwhere(np.isfinite(flood[..., 0]))
+    found = Shut(*np.ones((2, _ANGLES, *table.shape), bool))
+    Q = flood[on[:, 0], on[:, 1]]
+    moved = bodies._moved_by(joint)
+    always = bodies._nearer(Q, distance, ~moved)
+    size = int(np.ceil(np.sqrt(len(on) / _BLOCKS)))
+    _, first, block = np.unique(on[~always] // size, axis=0, return_index=True, return_inverse=True)
+    some = np.flatnonzero(~always)[first]
+    for k, angle in enumerate(STEP * np.arange(_ANGLES)):
+        out = turned(task, Q, table.around, angle)[:, joint] > task.upper[joint]
+        near = always.copy()
+        Q_there = turned(task, Q[some], table.around, angle)
+        near[~always] = bodies._nearer(Q_there, distance, moved)[block.ravel()]
+        found.near[k, on[:, 0], on[:, 1]], found.out[k, on[:, 0], on[:, 1]] = near, out
+    return found
+
+
+def windows(there: Shut) -> Windows:
+    """List the windows of a flood whose nodes differ; of windows with equal nodes, the widest.
+
+    A whole turn ends where the joint does. All angles of a narrower window are inside the limits.
+    """
+    rows = [np.arange(_ANGLES)]
+    masks = [~(there.near & ~there.out).any(axis=0) & ~there.out.all(axis=0)]
+    free = ~(there.near | there.out)
+    for length in _LENGTHS[1:]:
+        for first in range(_ANGLES):
+            rows.append((first + np.arange(length)) % _ANGLES)
+            masks.append(free[rows[-1]].all(axis=0))
+    mask = np.array(masks)
+    packed = np.packbits(mask.reshape(len(mask), -1), axis=1)
+    kept = np.sort(np.unique(packed, axis=0, return_index=True)[1])
+    lengths = np.array([len(rows[k]) for k in kept])
+    firsts = np.array([rows[k][0] for k in kept])
+    middle = np.where(lengths == _ANGLES, 0.0, STEP * (firsts + (lengths - 1) / 2))
+    return Windows(middle, STEP / 2 * lengths, mask[kept])
