@@ -17,6 +17,24 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+KINDS = [
+    "panda",
+    "xarm7",
+    "ur5",
+    "kinova",
+    "z1",
+    "so100",
+    "baxter",
+    "pr2",
+    "tiago",
+    "talos",
+    "g1",
+    "ppr",
+    "planar3r",
+    "planar7r",
+]
+"""Known robots of every kind: arms, a lift, humanoids, joints without limits, planar arms."""
+
 Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 """The panda's configuration of the theory's reference numbers."""
 

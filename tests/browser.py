@@ -33,6 +33,7 @@ FLAGS = (
     "--hide-scrollbars",
     "--use-angle=swiftshader",  # WebGL in software
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",  # the page itself without WebGL, in a third of the time
     "--ignore-gpu-blocklist",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # offline: no name resolves
 )

@@ -9,6 +9,7 @@ import json
 import sys
 from argparse import ArgumentParser, _SubParsersAction
 from collections.abc import Callable
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -87,6 +88,12 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     layout = "matplotlib.layout_engine.ConstrainedLayoutEngine.execute"
     monkeypatch.setattr(layout, lambda *_: None)
     return figures
+
+
+def without_tours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the motion along a sample path out of the page of a cell."""
+    module = import_module("repctl_pin." + "extensions.cells.cell_command")
+    monkeypatch.setattr(module, "_tour", lambda design: ({}, []))
 
 
 PIXEL = base64.b64decode(

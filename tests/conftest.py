@@ -15,7 +15,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -25,8 +24,8 @@ import numpy as np
 import pytest
 from arms import Q_PANDA
 from browser import browser, require_browser
-from commands import without_pictures
-from controls import c_compiler, shared_folder
+from commands import without_pictures, without_tours
+from controls import c_compiler, evaluate_cells_quickly, shared_folder
 
 import repctl_pin as rp
 
@@ -136,6 +135,10 @@ def driver(chromium: Any) -> Iterator[Any]:
 @pytest.fixture
 def few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fit and evaluate designs at 1024 nodes, where their number is left to the package."""
+    use_few_nodes(monkeypatch)
+
+
+def use_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_LEAST_NODES", "NODES"):
         monkeypatch.setattr(f"repctl_pin.design.fit.{name}", 1024)
 
@@ -158,10 +161,24 @@ def only_starts(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 @pytest.fixture
-def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Choose starts, circles and tubes by shorter motions and fewer nodes, and radii by fewer
-    boxes, for tests of what is done with them; tests of design, motion, problem and proof judge
-    the choices themselves."""
+def quick_choices(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Choose starts, circles and tubes by shorter motions and fewer nodes, radii by fewer boxes,
+    and the worst poses of cells by shorter searches, for tests of what is done with them; tests of
+    design, motion, problem, cells and proof judge the choices themselves."""
+    choose_quickly(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def quick_module() -> Iterator[None]:
+    """The same for a whole file of tests and the studies that they share."""
+    with pytest.MonkeyPatch.context() as patch:
+        choose_quickly(patch)
+        yield
+
+
+def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_few_nodes(monkeypatch)
+    evaluate_cells_quickly(monkeypatch)
 
     def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
         return rp.follow(*given, steps=steps // 4, **options)
@@ -185,8 +202,7 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def no_tours(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the motion along a sample path out of the page of a cell."""
-    module = import_module("repctl_pin." + "extensions.cells.cell_command")
-    monkeypatch.setattr(module, "_tour", lambda design: ({}, []))
+    without_tours(monkeypatch)
 
 
 @pytest.fixture
@@ -204,10 +220,7 @@ def quick_places(monkeypatch: pytest.MonkeyPatch) -> None:
         ("_HELD_OUT", 256),
     ):
         monkeypatch.setattr(place, name, value)
-    evaluate = "repctl_pin." + "extensions.cells.evaluate."
-    monkeypatch.setattr(import_module(evaluate + "cell_evaluation"), "_SPEED_STARTS", 2)
-    margins = import_module(evaluate + "margins")
-    monkeypatch.setattr(margins, "_LENGTHS", replace(margins._LENGTHS, steps=5))
+    evaluate_cells_quickly(monkeypatch)
 
 
 @pytest.fixture(scope="session")

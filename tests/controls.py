@@ -7,6 +7,8 @@ import os
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +34,16 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
 
-def some(names: Iterable[str], *default: str) -> list[Any]:
-    """Make the parameters of a test: the default names, and the others as slow ones."""
+def evaluate_cells_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search for the worst poses of a cell from fewer starts, by fewer steps."""
+    evaluate = "repctl_pin." + "extensions.cells.evaluate."
+    monkeypatch.setattr(import_module(evaluate + "cell_evaluation"), "_SPEED_STARTS", 2)
+    margins = import_module(evaluate + "margins")
+    monkeypatch.setattr(margins, "_LENGTHS", replace(margins._LENGTHS, steps=5))
+
+
+def some(names: Iterable[Any], *default: Any) -> list[Any]:
+    """Make the parameters of a test: the default ones, and the others as slow ones."""
     slow = pytest.mark.slow
     return [name if name in default else pytest.param(name, marks=slow) for name in names]
 

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from arms import Q_PANDA
 from cell_functions import panda
+from controls import evaluate_cells_quickly
 
 import repctl_pin as rp
 
@@ -43,11 +45,13 @@ def sector_of(name: str = "one orientation", **change: Any) -> rp.Sector:
 def found(name: str = "one orientation") -> rp.CellDesign:
     """A small design over a sector: what it costs does not matter here."""
     sector = sector_of(name)
-    return rp.nearest_inverse_function(
-        rp.Pseudoinverse(sector.task),
-        sector,
-        posture=rp.solve_ik(sector.task, Q_PANDA, sector.placement),
-        degree=1,
-        incomplete="keep",
-        options=rp.FitOptions(samples=32, held_out=64),
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        evaluate_cells_quickly(patch)
+        return rp.nearest_inverse_function(
+            rp.Pseudoinverse(sector.task),
+            sector,
+            posture=rp.solve_ik(sector.task, Q_PANDA, sector.placement),
+            degree=1,
+            incomplete="keep",
+            options=rp.FitOptions(samples=32, held_out=64),
+        )

@@ -188,7 +188,7 @@ def test_interrupt_ends_with_a_word(tmp_path) -> None:
         "    print('loaded', file=sys.stderr, flush=True)\n"
         "    return robot\n"
         "rp.Robot.load = said\n"
-        "sys.argv = ['repctl', 'study', 'panda', '--cycles', '5000']\n"
+        "sys.argv = ['repctl', 'study', 'planar3r', '--cycles', '50000']\n"
         "sys.exit(main())\n"
     )
     process = subprocess.Popen(

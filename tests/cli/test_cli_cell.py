@@ -90,7 +90,6 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert scene["paths"][0] == 16  # the edges of the cell
 
 
-@pytest.mark.slow
 def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
     """One load, at two sizes; what the tour's frame draws is looked at elsewhere."""
     schemes(driver, width=390, height=480)
@@ -242,7 +241,7 @@ def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, cap
     assert says in said and len(said.strip().splitlines()) == 1
 
 
-def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch, no_tours: None) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "planar.urdf").write_text(planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8")
     options = ["--start", "0.2,0.8,0.8", "--degree", "1", "--held-out", "64", "--out", "out"]
@@ -315,7 +314,7 @@ def test_a_start_from_which_the_cell_fits_is_preferred(tmp_path: Path, capsys) -
     assert straight(chosen.start) == 8 > straight(first.start)
 
 
-def test_the_verdict_comes_first(made: Path, capsys) -> None:
+def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     """Issue 20, item 18: what is covered, what it costs, the limits; averages over all directions
     stand beside each other, each quantity once, and an unmet request on the line of its figure."""
     command = [*cell_of(made), "--half-width", "0.2", "--degree", "2"]

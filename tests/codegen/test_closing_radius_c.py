@@ -67,10 +67,9 @@ def on_the_edge(closes: rp.ClosingRadius, rng: np.random.Generator) -> list[pin.
     [
         ("pose", "path"),
         ("axis", "start"),
-        ("xz", "path"),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("axis", "path"), ("position", "path"), ("pose", "start"))
+            for case in (("xz", "path"), ("axis", "path"), ("position", "path"), ("pose", "start"))
         ),
     ],
 )

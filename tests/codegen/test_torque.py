@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
-from controls import CONTROLS, NEEDS_C, own_cache, target_at  # noqa: F401
+from controls import CONTROLS, NEEDS_C, own_cache, some, target_at  # noqa: F401
 from test_codegen_builds import exported, needed, run
 from test_governor_c import in_c as library
 
@@ -143,7 +143,7 @@ def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
 
 
 @NEEDS_C
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", some(QUICK, QUICK[1], QUICK[2]))
 def test_c_computes_the_torques_of_the_law(name: str, tmp_path: Path) -> None:
     worst, refused = disagreement(name, tmp_path, 100)
     print(f"{name}: {worst:.1e}, {refused} refused")

@@ -193,7 +193,12 @@ def test_panda_drifts_as_the_small_loop_law_says(panda_pose: rp.Task, q_panda: n
 
 @pytest.mark.parametrize(
     "name, kind, r",
-    [("panda", "pose", 1), ("xarm7", "pose", 1), ("xarm7", "position", 4), ("tiago", "pose", 2)],
+    [
+        ("panda", "pose", 1),
+        pytest.param("xarm7", "pose", 1, marks=pytest.mark.slow),
+        ("xarm7", "position", 4),
+        pytest.param("tiago", "pose", 2, marks=pytest.mark.slow),
+    ],
 )
 def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(
     name: str, kind: str, r: int

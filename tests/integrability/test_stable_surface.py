@@ -85,7 +85,7 @@ def test_the_same_3r_in_absolute_angles_has_its_stable_surface_again() -> None:
         pytest.param((1, 1, 1, 1), True, marks=pytest.mark.slow),
         pytest.param((1, 1, 1, 1, 1), True, marks=pytest.mark.slow),
         ((1, 1, 2), True),
-        ((1, 1, 2, 2), True),
+        pytest.param((1, 1, 2, 2), True, marks=pytest.mark.slow),
         pytest.param((1, 1, 2, 2, 1), True, marks=pytest.mark.slow),
         ((1, 1.3, 1.7), False),
         ((1, 1, 1.4, 1.8), False),

@@ -17,7 +17,7 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, middle, panda, tour
-from controls import in_numpy
+from controls import in_numpy, some
 from design_file import checksum
 
 import repctl_pin as rp
@@ -355,7 +355,7 @@ def test_a_section_is_exact_and_its_derivative_is_its_derivative(
 # ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rotation", [0.0, 0.25])
+@pytest.mark.parametrize("rotation", some([0.0, 0.25], 0.25))
 def test_the_function_is_exact_and_without_history(rotation: float) -> None:
     design = found(rotation)
     F, cell, task = design.function, design.cell, design.task

@@ -236,7 +236,7 @@ def test_the_axis_of_a_planar_sector_is_across_its_plane(tmp_path: Path) -> None
 # ---- functions -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", some(WIDTHS, "pose", "axis"))
+@pytest.mark.parametrize("name", some(WIDTHS, "pose"))
 def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
     design = found(name)
     F, task, cell = design.function, design.task, design.cell
@@ -291,7 +291,7 @@ def test_each_coordinate_of_width_0_is_held() -> None:
                 evaluate()
 
 
-@pytest.mark.parametrize("name", WIDTHS)
+@pytest.mark.parametrize("name", some(WIDTHS, "pose", "position", "one orientation"))
 def test_the_controller_is_the_derivative_of_f(name: str) -> None:
     design = found(name)
     inverse, task = design.inverse, design.task
@@ -312,7 +312,7 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
         assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-9)
 
 
-@pytest.mark.parametrize("name", WIDTHS)
+@pytest.mark.parametrize("name", some(WIDTHS, "pose", "position", "one orientation"))
 def test_potentials_of_a_sector_in_c_are_the_potentials(name: str) -> None:
     """On random polynomials, at angles and tilts of all sizes."""
     chart, rng = found(name).function.chart, np.random.default_rng(0)
@@ -497,7 +497,7 @@ def test_how_far_round_and_what_ends_it() -> None:
     assert "panda_joint1 turns the whole arm about the axis" in design.summary()
 
 
-@pytest.mark.parametrize("tilt", some([0.0, 3.1416 - np.pi, 3.14 - np.pi, 0.01], 0.0, 0.01))
+@pytest.mark.parametrize("tilt", some([0.0, 3.1416 - np.pi, 3.14 - np.pi, 0.01], 0.01))
 def test_a_sector_turns_about_the_joints_own_axis(tilt: float, tmp_path: Path) -> None:
     """Issue 20, item 19: where π is rounded in a URDF, the first joint's axis is tilted a little,
     and was not found. F(R_a(φ) x) = F(x) + φ e₁ is exact about that axis, and the tilt is said. An

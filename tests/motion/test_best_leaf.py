@@ -28,7 +28,7 @@ def tiago() -> rp.Design:
 
 
 def dense(inverse: rp.RepeatableInverse, path: rp.TaskPath, q0: np.ndarray) -> rp.Motion:
-    return rp.follow(inverse, path, q0, cycles=2, steps=300, integrator=rp.LeafLock(2))
+    return rp.follow(inverse, path, q0, cycles=2, steps=200, integrator=rp.LeafLock(2))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from controls import control
+from controls import control, some
 
 import repctl_pin as rp
 
@@ -113,7 +113,7 @@ def test_a_slide_beyond_its_limits_moves_the_hand_further(tmp_path: Path) -> Non
     assert motion.clearance.touch is not None or not motion.clearance.between
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", some([10, 20, 100], 10))
 def test_never_clean_where_a_dense_check_finds_a_collision(count: int, tmp_path: Path) -> None:
     """Issue 52, item 26.2: pins and thin plates at random places, and coarse samples."""
     rng = np.random.default_rng(52)
@@ -157,7 +157,7 @@ def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("chosen", [True, False])
 def test_a_study_whose_motions_all_collide_says_so_first(
-    tmp_path: Path, chosen: bool, only_starts: Callable[..., None]
+    tmp_path: Path, chosen: bool, only_starts: Callable[..., None], quick_choices: None
 ) -> None:
     """Issue 52, item 26.10: a ball at the root of the third link lies in a ball around the arm.
 

@@ -4,6 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from page_file import read
+from two_armed import Q0 as FLAT
+from two_armed import two_armed
 
 import repctl_pin as rp
 
@@ -89,8 +91,15 @@ def test_paths_of_several_frames_are_checked(hands):
         )
 
 
-def test_a_problem_moves_one_frame_and_holds_the_other():
+@pytest.mark.slow
+def test_a_problem_of_pr2_moves_one_frame_and_holds_the_other():
     both = rp.Problem("pr2", frame=HANDS, path=["circle:0.05", None])
+    left, right = both.path.paths
+    assert left.length > 0.3 and right.length == 0
+
+
+def test_a_problem_moves_one_frame_and_holds_the_other(tmp_path):
+    both = rp.Problem(two_armed(tmp_path).task, start=FLAT, path=["circle:0.05", None])
     left, right = both.path.paths
     assert left.length > 0.3 and right.length == 0
 
@@ -103,6 +112,14 @@ def study(hands):
     return rp.study(rp.Problem(task, start=q0, path=path), cycles=2, steps=200, degree=1)
 
 
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    """The same of a flat robot with a waist and two arms of three joints."""
+    task = two_armed(tmp_path_factory.mktemp("flat")).task
+    path = rp.several_paths(task, FLAT, [circle, None])
+    return rp.study(rp.Problem(task, start=FLAT, path=path), cycles=2, steps=100, degree=1)
+
+
 @pytest.mark.slow
 def test_a_study_says_that_both_hands_are_back_and_what_is_not(study):
     assert study.row("pseudoinverse").motion.drift[-1] > 1e-2
@@ -111,23 +128,25 @@ def test_a_study_says_that_both_hands_are_back_and_what_is_not(study):
     assert "After 2 cycles both hands are back" in page and "The left" in page
 
 
-def test_the_page_traces_both_hands_and_has_a_ring_for_each(study):
-    scene, *_ = read(rp.animation(study).page)
+def test_the_page_traces_both_hands_and_has_a_ring_for_each(flat):
+    page = rp.animation(flat).page
+    assert "After 2 cycles both hands are back" in page
+    scene, *_ = read(page)
     assert len(scene["paths"]) == len(scene["own"]["frames"]) == 2
     assert [arm["chains"] for arm in scene["arms"]] == [2, 2]
 
 
-def test_a_design_of_several_frames_is_saved_and_loaded(study, tmp_path):
-    design = study.design
+def test_a_design_of_several_frames_is_saved_and_loaded(flat, tmp_path):
+    design = flat.design
     file = rp.save(design, tmp_path / "hands.json")
-    again = rp.load_design(file)
+    again = rp.load_design(file, design.task)
     q0 = design.cycle.start
     np.testing.assert_array_equal(again.inverse(q0), design.inverse(q0))
     assert again.cycle.path.name == design.cycle.path.name
     for s in (0.0, 0.3, 0.7):
         one, other = again.cycle.path, design.cycle.path
         np.testing.assert_allclose(one.twist(s), other.twist(s), rtol=0, atol=1e-9)
-    other = rp.Robot.load("pr2").task([(HANDS[0], "pose", "torso_lift_link"), HANDS[1]])
+    other = design.task.robot.task([("left", "position"), ("right", "xy")])
     with pytest.raises(rp.InputError, match="hands.json is for"):
         rp.load_design(file, other)
 

@@ -71,9 +71,9 @@ def test_reach_finds_the_target_and_says_when_it_cannot(panda_pose, q_panda) -> 
 @pytest.mark.parametrize(
     ("name", "kind", "most"),
     [
-        ("panda", "pose", 3),
+        pytest.param("panda", "pose", 3, marks=pytest.mark.slow),
         ("xarm7", "pose", 1),
-        ("ur5", "pose", 1),
+        pytest.param("ur5", "pose", 1, marks=pytest.mark.slow),
         ("kinova", "pose", 1),
         ("prr", "xy", 0),
         ("panda", "position", 0),

@@ -38,9 +38,9 @@ def closing(task: rp.Task) -> rp.RepeatableInverse:
 
 @pytest.fixture(scope="module")
 def ring(planar: rp.Task) -> rp.Motion:
-    """Ten cycles that close."""
+    """Five cycles that close."""
     control = closing(planar)
-    return rp.follow(control, rp.circle(planar, Q3, 0.3), Q3, cycles=10, steps=200)
+    return rp.follow(control, rp.circle(planar, Q3, 0.3), Q3, cycles=5, steps=200)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def panda_motions(panda_pose, panda_design, q_panda) -> dict[str, rp.Motion]:
     path = rp.circle(panda_pose, q_panda, 0.1, start_angle=np.pi)
     controls = {"plain": rp.Pseudoinverse(panda_pose), "ours": panda_design.inverse}
     return {
-        name: rp.follow(control, path, q_panda, cycles=10, steps=300)
+        name: rp.follow(control, path, q_panda, cycles=5, steps=300)
         for name, control in controls.items()
     }
 
@@ -85,16 +85,16 @@ def test_a_straight_way_in_takes_the_time_of_the_closed_form(planar, ring) -> No
         np.testing.assert_allclose(way.q, begin + share[:, None] * (Q3 - begin), atol=1e-12)
 
 
-def test_ten_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
+def test_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
     timed = rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0))
     judged(timed)
-    assert timed.starts.size == 11 and timed.stops == 0
+    assert timed.starts.size == 6 and timed.stops == 0
     np.testing.assert_allclose(np.diff(timed.starts)[1:-1], timed.cycle_time, atol=1e-9)
     assert np.isclose(timed.cycle_time * 1000 % 1, 0, atol=1e-6) or np.isclose(
         timed.cycle_time * 1000 % 1, 1, atol=1e-6
     )
     second = timed.cycle(1)
-    for k in range(2, 9):
+    for k in range(2, 4):
         for one, other in zip(second, timed.cycle(k), strict=True):
             np.testing.assert_allclose(other, one, atol=1e-9)
     for s in (timed.q[0], timed.q[-1]):
@@ -108,7 +108,7 @@ def test_ten_cycles_are_alike_but_the_first_and_the_last(ring) -> None:
     ]
     # each cycle more takes one more
     np.testing.assert_allclose(np.diff(few)[1:], timed.cycle_time, atol=2.1e-3)
-    assert np.isclose(few[3] + 6 * timed.cycle_time, timed.duration, atol=1e-9)
+    assert np.isclose(few[3] + timed.cycle_time, timed.duration, atol=1e-9)
 
 
 def test_limits_hold_on_a_finer_grid_and_the_path_is_the_same(ring) -> None:
@@ -290,7 +290,7 @@ def differences(timed: rp.TimedMotion) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def smooth(panda_motions) -> rp.TimedMotion:
-    """Ten cycles of a Panda, within its published limits."""
+    """Five cycles of a Panda, within its published limits."""
     return rp.timed(
         panda_motions["ours"], rp.Limits(acceleration="panda", jerk="panda"), rate=10_000
     )
@@ -429,7 +429,7 @@ def overridden(run: rp.Run, wishes: list[float], ticks: int, dt: float) -> np.nd
 
 @pytest.fixture(scope="module")
 def jerky(ring) -> rp.TimedMotion:
-    """Ten cycles of the planar arm with bounded jerk."""
+    """Five cycles of the planar arm with bounded jerk."""
     return rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0, jerk=100.0))
 
 
@@ -468,7 +468,7 @@ def test_at_full_override_a_run_gives_the_samples_and_backs_up_the_same_way(ring
 def test_a_cycle_closes_however_often_it_was_stopped(ring, jerky) -> None:
     run = rp.Run(jerky)
     stopped = []
-    for _ in range(15):
+    for _ in range(6):
         overridden(run, [1], 15, 0.01)
         while run.override:
             _, qdot = run.step(0.01, 0)

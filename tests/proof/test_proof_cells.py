@@ -67,11 +67,15 @@ def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> flo
     return float(good.mean())
 
 
-def test_the_function_stays_in_the_boxes_it_is_enclosed_in(
-    places: rp.CellDesign, turned: rp.CellDesign
+def test_the_function_stays_in_the_boxes_it_is_enclosed_in(turned: rp.CellDesign) -> None:
+    assert check_enclosures(turned, 0.05) > 0.9
+
+
+@pytest.mark.slow
+def test_the_function_of_one_orientation_stays_in_the_boxes_it_is_enclosed_in(
+    places: rp.CellDesign,
 ) -> None:
     assert check_enclosures(places, 0.02) == 1.0
-    assert check_enclosures(turned, 0.05) > 0.9
 
 
 def test_a_cell_is_proved_near_to_what_was_found(places: rp.CellDesign, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import told
+from controls import some
 from synthetic_logs import (
     Level,
     onset,
@@ -45,7 +46,7 @@ nor repeat."""
 
 
 @pytest.mark.parametrize("level", TRUTHS, ids=lambda level: level.__name__)
-@pytest.mark.parametrize("gaps", [False, True])
+@pytest.mark.parametrize("gaps", some([False, True], True))
 def test_every_verdict_is_true(level: Level, gaps: bool, task: rp.Task) -> None:
     """Issue 37, item 12: with enough returns, none of these logs is inconclusive either."""
     for seed in range(4):

@@ -176,9 +176,9 @@ def test_weld(run: Run) -> None:
 
 
 def test_a_short_teleoperation(monkeypatch: pytest.MonkeyPatch, quick_choices: None) -> None:
-    """What the slow test holds of three cycles of both arms, of two short ones."""
+    """What the slow test holds of three cycles of both arms, of a short one."""
     module = example("teleoperation")
-    monkeypatch.setattr(module, "CYCLES", 2)
+    monkeypatch.setattr(module, "CYCLES", 1)
     monkeypatch.setattr(module, "PERIOD", 3.0)
     task, q0, limits = module.arms()["panda"]
     log = module.drive(module.designed(task, q0), q0, limits)

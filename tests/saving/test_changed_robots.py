@@ -152,7 +152,7 @@ def loaded(file: Path, saved: Path, frame: str, kind: str) -> rp.Design | rp.Cel
         return rp.load(saved, rp.Robot.load(file).task(frame, kind))
 
 
-@pytest.mark.parametrize("name", some(ARMS, "kinova-like", "mimic", "rail"))
+@pytest.mark.parametrize("name", some(ARMS, "mimic", "rail"))
 def test_every_number_that_a_design_depends_on_is_checked(name: str, tmp_path: Path) -> None:
     """Issue 37, item 3: one number at a time, of each joint from base to frame. All are detected:
     limits of a mimic joint only where they narrow those of its leader."""

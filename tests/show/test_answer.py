@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import printed
+from controls import some
 from page_file import Drawn
 from said import reads, value_of
 from shown import answered
@@ -250,7 +251,7 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     assert len(two.as_dict()["not_checked"]) == 7
 
 
-@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("sign", some([1, -1], -1))
 def test_a_path_around_the_base_winds(sign: int, study: rp.Study, tmp_path: Path) -> None:
     """Issue 37, awkward studies: above the table stands why such a path need not close, one turn
     either way; a path beside the base does not wind."""

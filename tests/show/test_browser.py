@@ -20,6 +20,7 @@ from browser import (
     schemes,
     wait_until_drawn,
 )
+from controls import some
 from numpy.typing import ArrayLike, NDArray
 from page_file import Drawn, circling, read
 
@@ -535,7 +536,12 @@ def the_sheet_for_print(driver: Any) -> tuple[int, int]:
     return width, height
 
 
-def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "sizes", some([((1400, 900), (390, 844)), ((844, 390), (1024, 500))], ((1400, 900), (390, 844)))
+)
+def test_everybody_can_read_and_use_it(
+    driver: Any, tmp_path: Path, sizes: tuple[tuple[int, int], ...]
+) -> None:
     """No finding of axe-core's, nothing beside the window, panes of one size; in every
     size, and dark on a desk and a phone."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
@@ -548,8 +554,7 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     )
     open_page(driver, write(tmp_path, motions))
     driver.execute_script("repctl.seek(1.5)")
-    sizes = ((1400, 900), (390, 844), (844, 390), (1024, 500))
-    seen = [(size, False) for size in sizes] + [(size, True) for size in sizes[:2]]
+    seen = [(size, dark) for dark in (False, True) for size in sizes]
     sheets: set[tuple[int, int]] = set()
     for (width, height), dark in seen:
         schemes(driver, width=width, height=height, dark=dark)
@@ -570,11 +575,14 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     assert errors(driver) == []
 
 
-def test_a_moved_elbow_joints_and_a_dialog_can_be_read(driver: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("schemes_of_colour", some([(True,), (False, True)], (True,)))
+def test_a_moved_elbow_joints_and_a_dialog_can_be_read(
+    driver: Any, tmp_path: Path, schemes_of_colour: tuple[bool, ...]
+) -> None:
     """No finding of axe-core's while the slider is held, after it is let go, with the joints over
     the cycles, and with the dialog open; light and dark."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
-    study = rp.study("planar4r", cycles=2, steps=60, degree=1)
+    study = rp.study(rp.Problem("planar4r", region=0.3), cycles=2, steps=60, degree=1)
     page = tmp_path / "animation.html"
     page.write_text(rp.animation(study).page, encoding="utf-8")
     schemes(driver, width=1280, height=760)
@@ -590,7 +598,7 @@ def test_a_moved_elbow_joints_and_a_dialog_can_be_read(driver: Any, tmp_path: Pa
         ("document.getElementById('help').click()",),
     ):
         driver.execute_script(script, *arguments)
-        for dark in (False, True):
+        for dark in schemes_of_colour:
             schemes(driver, width=1280, height=760, dark=dark)
             driver.execute_async_script(
                 "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
@@ -683,32 +691,32 @@ return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame((
 """
 
 
-def test_menus_lie_inside_the_window(driver: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("touch", some([True, False], True))
+def test_menus_lie_inside_the_window(driver: Any, tmp_path: Path, touch: bool) -> None:
     """28.1: every entry of every menu can be reached on phones, tablets and desks, by touch and
     mouse; names of menus stand on one line with their neighbours'."""
-    study = rp.study("planar3r", cycles=2, steps=60, degree=1)
+    study = rp.study(rp.Problem("planar3r", region=0.3), cycles=2, steps=60, degree=1)
     open_page(driver, rp.animation(study).save(tmp_path / "page.html"))
     sizes = [(320, 568), (360, 740), (390, 844), (430, 932), (768, 1024), (1280, 800)]
-    for touch in (True, False):
-        driver.execute_cdp_cmd(
-            "Emulation.setTouchEmulationEnabled", {"enabled": touch, "maxTouchPoints": 1}
+    driver.execute_cdp_cmd(
+        "Emulation.setTouchEmulationEnabled", {"enabled": touch, "maxTouchPoints": 1}
+    )
+    for width, height in (*sizes, *((tall, wide) for wide, tall in sizes)):
+        schemes(driver, width=width, height=height)
+        for name in ("looks", "loops", "save"):
+            found = np.array(driver.execute_script(_RECTANGLES, name))
+            assert len(found) > 2, name
+            assert (found[:, :2] >= 0).all(), (name, width, height, found.min(axis=0))
+            assert (found[:, 2] <= width).all(), (name, width, height, found.max(axis=0))
+            assert (found[:, 3] <= height).all(), (name, width, height, found.max(axis=0))
+        middles = driver.execute_script(
+            "return [...document.querySelectorAll('#tools .plain')]"
+            ".filter((n) => n.offsetParent && !n.closest('.menu > div')).map((n) => {"
+            "const range = document.createRange(); range.selectNodeContents(n);"
+            "const a = range.getBoundingClientRect(), b = n.getBoundingClientRect();"
+            "return [(a.top + a.bottom) / 2 - (b.top + b.bottom) / 2, b.left, b.right]; })"
         )
-        for width, height in (*sizes, *((tall, wide) for wide, tall in sizes)):
-            schemes(driver, width=width, height=height)
-            for name in ("looks", "loops", "save"):
-                found = np.array(driver.execute_script(_RECTANGLES, name))
-                assert len(found) > 2, name
-                assert (found[:, :2] >= 0).all(), (name, width, height, found.min(axis=0))
-                assert (found[:, 2] <= width).all(), (name, width, height, found.max(axis=0))
-                assert (found[:, 3] <= height).all(), (name, width, height, found.max(axis=0))
-            middles = driver.execute_script(
-                "return [...document.querySelectorAll('#tools .plain')]"
-                ".filter((n) => n.offsetParent && !n.closest('.menu > div')).map((n) => {"
-                "const range = document.createRange(); range.selectNodeContents(n);"
-                "const a = range.getBoundingClientRect(), b = n.getBoundingClientRect();"
-                "return [(a.top + a.bottom) / 2 - (b.top + b.bottom) / 2, b.left, b.right]; })"
-            )
-            assert len(middles) >= 4
-            assert np.abs(np.array(middles)[:, 0]).max() < 1.5, (width, height, middles)
-            assert np.min(middles, axis=0)[1] >= 0 and np.max(middles, axis=0)[2] <= width
+        assert len(middles) >= 4
+        assert np.abs(np.array(middles)[:, 0]).max() < 1.5, (width, height, middles)
+        assert np.min(middles, axis=0)[1] >= 0 and np.max(middles, axis=0)[2] <= width
     assert errors(driver) == []

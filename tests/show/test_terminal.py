@@ -70,7 +70,7 @@ def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
         f"a control with a long name, {k}": rp.WeightedInverse(task, [1.0, 2.0, k])
         for k in (1, 2, 3)
     }
-    study = rp.study("ppr", controls=own, cycles=2, steps=40, degree=1)
+    study = rp.study(rp.Problem("ppr", region=0.2), controls=own, cycles=2, steps=40, degree=1)
     text = full(study, tmp_path)
     fits(text)
     assert text.count("─\n") == 2 and text.count("drift after 2 cycles, rad and m") == 2

@@ -7,5 +7,5 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def quick(quick_choices: None, blank_pictures: None) -> None:
+def quick(quick_module: None, blank_pictures: None) -> None:
     """Save half the time of a study."""

@@ -162,7 +162,8 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
 def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)
-    few = ["study", "planar3r", "--degree", "1", "--cycles", "1", "--steps", "40", "--out", "o"]
+    few = ["study", "planar3r", "--degree", "1", "--cycles", "1", "--steps", "40"]
+    few += ["--region", "0.2", "--out", "o"]
     costs = {}
     for weight in ([], ["--weight", "9,1,1"]):
         told(capsys, *few, *weight)

@@ -197,7 +197,8 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
     monkeypatch.chdir(tmp_path)
     save = Figure.savefig
     monkeypatch.setattr(Figure, "savefig", lambda _, file, **how: save(Figure((1, 1)), file, **how))
-    command = ["study", "planar4r", "--cycles", "1", "--steps", "40", "--degree", "1", "--json"]
+    command = ["study", "planar4r", "--cycles", "1", "--steps", "40", "--degree", "1"]
+    command += ["--region", "0.2", "--json"]
     assert main([*command, "--report"]) == 0
     run = json.loads(capsys.readouterr().out)["run"]
     folder = tmp_path / "repctl-out" / "planar4r"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import main
+from controls import some
 
 import repctl_pin as rp
 
@@ -40,7 +41,7 @@ def test_a_drift_that_depends_on_the_steps_is_not_a_number(capsys) -> None:
     assert np.linalg.norm(ends[0] - ends[1]) > 0.1
 
 
-@pytest.mark.parametrize("name", ["ppr", "planar3r", "panda", "so100"])
+@pytest.mark.parametrize("name", some(["ppr", "planar3r", "panda", "so100"], "ppr", "so100"))
 def test_a_regular_drift_is_a_number(name: str, capsys) -> None:
     """For so100 the drift on the default circle is 6e-7 rad, not far above the errors."""
     found = followed(capsys, name)

@@ -291,7 +291,7 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
         "by <hand>": lambda q, xdot: np.linalg.lstsq(task.jacobian(q), xdot)[0],
         "M": rp.WeightedInverse(task, "inertia"),
     }
-    study = rp.study(robot, controls=own, cycles=2, steps=60, degree=1)
+    study = rp.study(rp.Problem(robot, region=0.2), controls=own, cycles=2, steps=60, degree=1)
     assert [row.key for row in study.rows] == [
         "pseudoinverse",
         "posture",
@@ -323,6 +323,7 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
 
 def test_controls_that_cannot_be_used_are_named() -> None:
     other = rp.Pseudoinverse(rp.Robot.load("panda").task("panda_hand_tcp", "position"))
+    problem = rp.Problem("panda", region=0.2)
     for controls, words in (
         ({"repeatable": other}, "'repeatable' is taken"),
         ({"J⁺": other}, "'J⁺' is taken"),
@@ -336,7 +337,7 @@ def test_controls_that_cannot_be_used_are_named() -> None:
         ({"mine": lambda q, xdot: q[:3]}, "must be 7 finite numbers"),
     ):
         with pytest.raises(rp.InputError, match=words):
-            rp.study("panda", controls=controls, cycles=1, steps=20, degree=1)
+            rp.study(problem, controls=controls, cycles=1, steps=20, degree=1)
 
 
 def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
@@ -362,7 +363,7 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
 def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
     """so100 turns about a vertical axis and folds in a plane: by symmetry a level loop encloses
     nothing there."""
-    level = rp.study("so100", cycles=1, steps=100, degree=1)
+    level = rp.study(rp.Problem("so100", region=0.2), cycles=1, steps=100, degree=1)
     plain = rp.Pseudoinverse(level.task)
     assert level.path.name.endswith("xy") and level.row("pseudoinverse").motion.drift[0] < 1e-6
     (note,) = [note for note in level.notes if "hardly drifts" in note]
@@ -370,7 +371,7 @@ def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
     assert (
         f"small loops in yz it drifts by {rate[1, 2]:.2g} rad per m²" in note and rate.argmax() == 5
     )
-    upright = rp.study(rp.Problem("so100", plane="yz"), cycles=1, steps=100, degree=1)
+    upright = rp.study(rp.Problem("so100", plane="yz", region=0.2), cycles=1, steps=100, degree=1)
     assert upright.row("pseudoinverse").motion.drift[0] > 0.05
     assert not [note for note in upright.notes if "hardly" in note]
 

@@ -7,5 +7,5 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def quick(quick_choices: None, blank_pictures: None, no_tours: None) -> None:
+def quick(quick_module: None, blank_pictures: None, no_tours: None) -> None:
     """Save half the time of a study."""

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import catalogue
+from arms import KINDS, catalogue
+from controls import some
 from lxml import etree
 from numpy.typing import NDArray
 
@@ -57,7 +58,7 @@ JOINTS = {
 }
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", some(catalogue(), *KINDS))
 def test_every_robot_is_what_it_promises(name: str) -> None:
     machine = rp.Robot.load(name)
     entry, row = machine.entry, catalogue()[name]
@@ -80,7 +81,9 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
         assert any(a and b for a, b in zip(dexterous, roomy, strict=True)), frame
 
 
-@pytest.mark.parametrize("name", [name for name, row in catalogue().items() if "posture" in row])
+@pytest.mark.parametrize(
+    "name", some([name for name, row in catalogue().items() if "posture" in row], *KINDS)
+)
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     machine = rp.Robot.load(name)
     values = dict(zip(machine.joint_names, machine.reference, strict=True))
@@ -131,7 +134,7 @@ def test_names_and_aliases() -> None:
         rp.Robot.load("pandda")
 
 
-@pytest.mark.parametrize("name", ["panda", "talos", "so100", "planar3r"])
+@pytest.mark.parametrize("name", some(["panda", "talos", "so100", "planar3r"], "so100", "planar3r"))
 def test_meshes_are_found(name: str) -> None:
     machine = rp.Robot.load(name)
     assert machine.warnings == ()

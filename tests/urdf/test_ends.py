@@ -11,8 +11,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import catalogue
+from arms import KINDS, catalogue
 from commands import main
+from controls import some
 
 import repctl_pin as rp
 
@@ -222,7 +223,7 @@ def test_locked_joints_and_a_base_are_heeded(tmp_path: Path) -> None:
         load(tmp_path, two_arms(), base="left_")
 
 
-@pytest.mark.parametrize("name", list(catalogue()))
+@pytest.mark.parametrize("name", some(catalogue(), *KINDS))
 def test_every_known_arm_is_found_without_what_the_catalogue_knows(name: str) -> None:
     """Oracle: the catalogue's frames, chosen by hand; the frame found is one of them, or fixed to
     one."""

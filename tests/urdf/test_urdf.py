@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from controls import some
 from lxml import etree
 
 import repctl_pin as rp
@@ -745,13 +746,17 @@ def test_namespaces_and_foreign_elements_are_left_behind(tmp_path: Path) -> None
     assert pin.buildModelFromXML(d.xml).nq == 1
 
 
-def test_every_real_robot_passes_and_stays_what_it_was() -> None:
-    """All 68 files that Pinocchio builds pass; only ur3.urdf, an empty shell, is refused."""
+@pytest.mark.parametrize("every", some([1, 6], 6))
+def test_every_real_robot_passes_and_stays_what_it_was(every: int) -> None:
+    """All 68 files that Pinocchio builds pass; only ur3.urdf, an empty shell, is refused.
+
+    Quickly, each sixth file, and that one."""
     refused = []
     data = rp.Robot.load("panda").description.path.parents[2]
     files = sorted(data.rglob("*.urdf"))
     assert len(files) >= 69
-    for path in files:
+    empty = [path for path in files if path.name == "ur3.urdf"]
+    for path in sorted({*files[::every], *empty}):
         try:
             d = rp.Robot.load(path).description
         except rp.UrdfError as error:
@@ -784,7 +789,10 @@ def sorted_as(model: pin.Model, d: object) -> list:
     return sorted(d.joints, key=lambda j: order.get(j.name, -1))
 
 
-def test_what_passes_pinocchio_reads(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("count", some([60, 200], 60))
+def test_what_passes_pinocchio_reads(
+    count: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     """Law, on damaged real files: refused in one line, or built by Pinocchio, which has no
     complaint."""
     dice = random.Random(33)
@@ -806,7 +814,7 @@ def test_what_passes_pinocchio_reads(tmp_path: Path, capfd: pytest.CaptureFixtur
     sources = [rp.Robot.load(name).description.path for name in ("prr", "panda")]
     trees = [etree.parse(str(source)).getroot() for source in sources]
     outcomes = {"refused": 0, "built": 0}
-    for _ in range(200):
+    for _ in range(count):
         root = copy.deepcopy(dice.choice(trees))
         for _ in range(dice.choice((1, 1, 2))):
             element = dice.choice([e for e in root.iterdescendants() if isinstance(e.tag, str)])
@@ -834,4 +842,4 @@ def test_what_passes_pinocchio_reads(tmp_path: Path, capfd: pytest.CaptureFixtur
         assert model.njoints == 1 + sum(j.kind != "fixed" for j in d.joints)
         complaints = [c for c in capfd.readouterr().err.splitlines() if c.startswith("Error")]
         assert not complaints, etree.tostring(root)
-    assert min(outcomes.values()) > 30, outcomes
+    assert min(outcomes.values()) > 0.15 * count, outcomes
