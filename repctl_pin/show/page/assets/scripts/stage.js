@@ -63,7 +63,7 @@ export async function setStage(viewer, scene) {
   const center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${formatLength(floor(viewer, center, ground, extent))}`;
-  const line = (paths) => drawPaths(arms, paths, extent);
+  const line = (drawn) => drawPaths(arms, drawn, extent);
   line(paths);
   const drawnTraces = () => drawTraces(arms, scene, extent);
   const [left, right] = eye.span(points, "right");

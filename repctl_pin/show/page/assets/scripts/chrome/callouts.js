@@ -177,7 +177,7 @@ function aroundHand({ w, h }, { x, y }, { width, height }) {
 
 // Put a callout of a size where it covers least; `at`: what is spoken of, and its ring's radius;
 // `places`: where it may stand.
-function putCallout(callout, { w, h }, at, radius, room, places) {
+function putCallout(callout, { w }, at, radius, room, places) {
   const { box, leader } = callout;
   if (!at || !w) {
     drawLine(leader, null, null);

@@ -820,7 +820,7 @@ export class Own {
 
   // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
   open({ points, hand = 0, mirrored = false, elbow = 0, level = 0 }) {
-    const { chain, laws } = this;
+    const { chain } = this;
     this.endGesture();
     this.led = Math.min(hand, chain.frames.length - 1);
     this.mirrored = mirrored && chain.frames.length > 1;
