@@ -34,7 +34,7 @@ class Pose(ctypes.Structure):
 
 def in_c(folder: Path) -> ctypes.CDLL:
     """Compile an exported folder as a library."""
-    run(["cc", "-std=c99", "-O1", "-fPIC", "-shared", "arm.c", "-o", "arm.so", "-lm"], folder)
+    run(["cc", "-std=c99", "-O0", "-fPIC", "-shared", "arm.c", "-o", "arm.so", "-lm"], folder)
     return ctypes.CDLL(str(folder / "arm.so"))
 
 
