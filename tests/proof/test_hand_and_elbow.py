@@ -191,14 +191,16 @@ def test_bad_and_far_levels_are_refused_in_one_line() -> None:
         rp.prove(design, leaf=0.1, closes=False)
 
 
+@pytest.mark.parametrize("share", [1.0, 0.98])
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("angles", [[0.1, 1.5, 0.7], [0.1, 1.5, 0.7, 2.5]])
 def test_levels_of_a_linear_arm_cost_exactly_their_motion(
-    angles: list[float], side: int, tmp_path: Path
+    angles: list[float], side: int, share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With q = q0 + G Δx + N Δc, joint i is within |G_i| ρ + |N_i| γ of its start, and no less.
 
-    The start is nearer to the faces of Ω that the joints reach at one end of the levels.
+    The start is nearer to the faces of Ω that the joints reach at one end of the levels. A solver
+    that goes only a share of the way to a level changes nothing.
     """
     task, wide, leaf = sliders_task(angles, tmp_path), 0.3, 0.1
     n, r, center = task.n, task.r, np.full(task.n, 0.4)
@@ -209,6 +211,13 @@ def test_levels_of_a_linear_arm_cost_exactly_their_motion(
     G, N = np.linalg.norm(both[:, :2], axis=1), both[:, 2:]
     start = center + 0.02 * side * np.sign(N[:, 0])
     cycle = rp.paths.task_path.Cycle(start, rp.circle(task, start, 0.01), 1.0)
+    solve = rp.RepeatableInverse.solve
+
+    def short(self: rp.RepeatableInverse, x: pin.SE3, q: np.ndarray, *, leaf: np.ndarray) -> object:
+        c = self.leaf(start)
+        return solve(self, x, q, leaf=c + share * (leaf - c))
+
+    monkeypatch.setattr(rp.RepeatableInverse, "solve", short)
     left = wide - np.abs(start - center) - leaf * np.abs(N).sum(axis=1)
 
     def closes(half: np.ndarray | float, at: np.ndarray, leaf: float) -> rp.ClosingRadius:
