@@ -243,6 +243,8 @@ def test_levels_of_a_linear_arm_cost_exactly_their_motion(
     found, exact = closes(wide, center, leaf), (left / G).min()
     assert 0.85 * exact < found.metres <= exact
     assert found.metres == pytest.approx(closes(left, start, 0.0).metres, rel=1e-6)
+    beyond = closes(wide, center, 1.3 * leaf / part)
+    assert beyond.metres == 0 and beyond.reason.endswith("may leave Ω")
 
 
 @pytest.mark.parametrize(
