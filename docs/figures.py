@@ -15,7 +15,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from PIL import Image
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.cell_design import slices
+from repctl_pin.extensions.cells.cell_design_result import slices
 from repctl_pin.extensions.cells.show.cell_plots import cell_figure
 from repctl_pin.show.palette import BLUE, GREEN, VERMILLION
 from repctl_pin.show.plots.cycles import orbit

@@ -12,7 +12,7 @@ from .base.fit_options import FitOptions as FitOptions
 from .design import Design as Design
 from .design import SingularRegionError as SingularRegionError
 from .design.nearest import nearest_repeatable as nearest_repeatable
-from .extensions.cells.cell_design import CellDesign as CellDesign
+from .extensions.cells.cell_design_result import CellDesign as CellDesign
 from .extensions.cells.cell_file import load_cell as load_cell
 from .extensions.cells.fit.nearest_function import NoFunctionError as NoFunctionError
 from .extensions.cells.fit.nearest_function import (

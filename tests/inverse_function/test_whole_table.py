@@ -14,13 +14,9 @@ from commands import refused, told
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.fit.trimming import near_all_round, turned
+from repctl_pin.extensions.cells.fit import trimming
 from repctl_pin.extensions.cells.geometry.cut import cut_sides
-from repctl_pin.extensions.cells.table import whole_table
-from repctl_pin.extensions.cells.table.approach import approach_axis, with_approach
-from repctl_pin.extensions.cells.table.flood import rectangles
-from repctl_pin.extensions.cells.table.windows import STEP, Shut, windows
-from repctl_pin.model.bodies import bodies_of
+from repctl_pin.extensions.cells.table import approach, flood, whole_table, windows
 
 FEW = rp.FitOptions(samples=128, held_out=256)
 
@@ -44,7 +40,7 @@ def largest_by_hand(mask: NDArray[np.bool_]) -> int:
 def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
     rng = np.random.default_rng(0)
     masks = rng.random((20, 6, 7)) < 0.8
-    found = rectangles(masks)
+    found = flood.rectangles(masks)
     for mask, area, first, last in zip(masks, *found, strict=True):
         assert area == largest_by_hand(mask)
         assert mask[first[0] : last[0] + 1, first[1] : last[1] + 1].all()
@@ -55,8 +51,8 @@ def test_a_window_has_the_nodes_that_are_free_at_all_its_angles() -> None:
     rng = np.random.default_rng(7)
     near, out = rng.random((2, 16, 4, 5)) < 0.12
     out[:3] = True
-    found = windows(Shut(near, out))
-    angles = STEP * np.arange(16)
+    found = windows.windows(windows.Shut(near, out))
+    angles = windows.STEP * np.arange(16)
     masks = [mask.tobytes() for mask in found.mask]
     assert len(set(masks)) == len(masks) and (np.diff(found.half) <= 0).all()
     for middle, half, mask in zip(*found, strict=True):
@@ -75,7 +71,7 @@ def test_bodies_that_a_joint_does_not_move_are_as_near_at_every_angle(tmp_path: 
         "utf-8",
     )
     task = rp.Robot.load("panda", surroundings=wall).task()
-    bodies, joint = bodies_of(task), 0
+    bodies, joint = rp.Bodies(task), 0
     Q = np.random.default_rng(1).uniform(task.lower, task.upper, (60, task.n))
     moved = bodies._moved_by(joint)
     (around,) = (one for one in whole_table._symmetries(task)[1] if one.joint == joint)
@@ -83,14 +79,16 @@ def test_bodies_that_a_joint_does_not_move_are_as_near_at_every_angle(tmp_path: 
     assert 0 < steady.sum() < len(Q) and moved.any() and not moved.all()
     always, ever = np.ones(len(Q), bool), np.zeros(len(Q), bool)
     for angle in np.linspace(-np.pi, np.pi, 13)[1::2]:
-        there = turned(task, Q, around, angle)
+        there = trimming.turned(task, Q, around, angle)
         inside = there[:, joint] <= task.upper[joint]
         near = bodies.distances(there) < 0.02
         assert (near[steady]).all()
         assert ((bodies._nearer(there, 0.02, moved) | steady) == near).all()
         always &= near | ~inside
         ever |= near & inside
-    assert (near_all_round(task, Q, 0.02, around) == always).all() and (ever & ~always).any()
+    assert (trimming.near_all_round(task, Q, 0.02, around) == always).all() and (
+        ever & ~always
+    ).any()
 
 
 @pytest.mark.parametrize("k", [1, 2, 4])
@@ -116,7 +114,7 @@ def test_a_cut_prefers_the_coordinate_that_counts_less() -> None:
 def test_a_posture_of_a_flood_is_turned_inside_the_limits(name: str) -> None:
     """Law: the frame turns about the arm's axis and its own approach axis, and nothing else."""
     task = rp.Robot.load(name).task()
-    task = with_approach(task, approach_axis(task))
+    task = approach.with_approach(task, approach.approach_axis(task))
     line, symmetries = whole_table._symmetries(task)
     rng = np.random.default_rng(5)
     for q in rng.uniform(task.reference - 1, task.reference + 1, (5, task.n)):
@@ -345,9 +343,9 @@ def test_the_approach_axis_is_found(name: str, axis: str, why: str) -> None:
     """55.4: the axis of the last joint, on the side of the tool, by hand."""
     robot = rp.Robot.load(name)
     task = robot.task(robot.default_frame, "axis")
-    found = approach_axis(task)
+    found = approach.approach_axis(task)
     assert found.axis == axis and why in found.why
-    turned = with_approach(task, found)
+    turned = approach.with_approach(task, found)
     q = np.array(task.reference)
     own = task.placement(q).rotation @ found.rotation
     assert np.allclose(turned.placement(q).rotation, own, atol=1e-12)

@@ -13,24 +13,33 @@ import pytest
 from terminals import terminal_of
 
 import repctl_pin as rp
+from repctl_pin.show.text import numbers
 from repctl_pin.show.text.headline import headline_of
 from repctl_pin.show.text.lines import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.motion_summary import MotionSummary
-from repctl_pin.show.text.numbers import metres, number, percent, radians
 from repctl_pin.show.text.parts import part_name
 
 # ---- numbers and lines --------------------------------------------------------------------------
 
 
 def test_numbers_are_written_one_way() -> None:
-    assert [number(v) for v in (1.7495, 0.0238, 2.1e-11, 0.0, 1234.5, np.inf)] == [
+    assert [numbers.number(v) for v in (1.7495, 0.0238, 2.1e-11, 0.0, 1234.5, np.inf)] == [
         "1.75", "0.0238", "2e-11", "0", "1234", "–",
     ]  # fmt: skip
-    assert [metres(v) for v in (9e-10, 9e-6, 9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == [
+    assert [numbers.metres(v) for v in (9e-10, 9e-6, 9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == [
         "0", "9 µm", "0.09 mm", "2.6 mm", "45 cm", "1 m", "1.2 m",
     ]  # fmt: skip
-    assert [radians(v) for v in (9e-4, 0.0213, 3.719)] == ["9e-4 rad", "0.021 rad", "3.7 rad"]
-    assert [percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == ["0 %", "+0.3 %", "−1.0 %", "+25 %"]
+    assert [numbers.radians(v) for v in (9e-4, 0.0213, 3.719)] == [
+        "9e-4 rad",
+        "0.021 rad",
+        "3.7 rad",
+    ]
+    assert [numbers.percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == [
+        "0 %",
+        "+0.3 %",
+        "−1.0 %",
+        "+25 %",
+    ]
 
 
 def test_what_stands_behind_a_label_goes_on_below_itself() -> None:

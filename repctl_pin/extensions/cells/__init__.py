@@ -6,5 +6,5 @@ EXTENSION = Extension(
     __name__,
     commands={"cell": "cell_command"},
     files={"repctl cell": "cell_file"},
-    parts={"problem": "cell_design:PROBLEM"},
+    parts={"problem": "cell_design_result:PROBLEM"},
 )

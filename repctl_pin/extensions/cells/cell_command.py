@@ -538,7 +538,7 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     period of the motion was increased or the motion failed.
     """
     from ...show.plots.motions import png
-    from .cell_design import slices
+    from .cell_design_result import slices
     from .show.cell_page import cell_page
     from .show.cell_plots import cell_figure
 
@@ -563,7 +563,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     from ...base.defaults import PERIOD
     from ...studies.period import choose_period
     from ...studies.quantities import LABELS
-    from .cell_design import tour
+    from .cell_design_result import tour
 
     path, failed = tour(design.cell), {}
 

@@ -44,7 +44,7 @@ from ...saving.schema import (
     proof_of,
 )
 from ...saving.task_identity import configurations, require_masses, require_ranges
-from .cell_design import CellDesign, function_of
+from .cell_design_result import CellDesign, function_of
 from .chart.chart import Chart
 from .chart.monomials import Monomials
 from .evaluate.cell_evaluation import Evaluation

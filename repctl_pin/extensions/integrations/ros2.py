@@ -32,7 +32,7 @@ from ...base.errors import InputError, unknown
 from ...design.design_result import Design
 from ...model.bodies import Bodies, bodies_of
 from ...motion.limits import Limits
-from ..cells.cell_design import CellDesign
+from ..cells.cell_design_result import CellDesign
 from ..cells.function import InverseFunction
 from ..runtime.clutch import Clutch
 from .position_ik import answer

@@ -24,7 +24,7 @@ from ...model.several_frames import one_frame
 from ...model.tool import require_pose, rigid
 from ...motion.limits import Limits, joint_limits
 from ...strategies.elbow import ElbowLevel
-from ..cells.cell_design import CellDesign
+from ..cells.cell_design_result import CellDesign
 from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status
 from .elbow_thread import ElbowSearch

@@ -21,12 +21,12 @@ from ...potentials.basis import Potentials
 from ...regions import Region, Tube, WorkspaceBox
 from ...regions.region import A_REGION
 from .boxes import cover, enclosing, limit_margin
-from .branch_and_bound import bound_leaf_margin
 from .closing_radius import closing_radius
 from .leaf_margin_bounds import leaf_margin_of
+from .leaf_margin_search import bound_leaf_margin
 
 if TYPE_CHECKING:
-    from ..cells.cell_design import CellDesign
+    from ..cells.cell_design_result import CellDesign
 
 _SHRINKING_SECONDS = 0.2
 """Processor time for each smaller Ω that is tried where there is a singularity, s."""
@@ -113,7 +113,7 @@ def prove(
     True
     """
     if not isinstance(what, Design):
-        from ..cells.cell_design import CellDesign  # a study has no need of it
+        from ..cells.cell_design_result import CellDesign  # a study has no need of it
 
         if not isinstance(what, CellDesign):
             raise InputError(

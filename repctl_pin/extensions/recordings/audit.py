@@ -23,6 +23,7 @@ from ...motion.body_displacement import LinkPoints
 from ...motion.motion import CLOSED
 from ...studies.task_choice import choose_task
 from .joint_log import JointLog, joint_log, read_joint_log
+from .log_checks import unit_notes
 from .verdict import DRIFTS, LATER, NO_RETURN, REPEATS, Trend, Verdict, trend, verdict
 from .visits import Visits, find_visits
 
@@ -30,10 +31,6 @@ _FEWEST = 3
 """Minimum number of visits of a pose for differences to be measured."""
 
 _MOST_ROWS = 200_000
-_DEGREE = np.pi / 180
-_SLIGHT = 0.01
-_SOME = 0.3
-_TOO_FAST = 5.0
 _CLOCKS = ((3600.0, "hour"), (60.0, "minute"), (1.0, "second"))
 
 
@@ -302,13 +299,13 @@ def audit(
     if tolerance is not None:
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
-    units = np.where(task.revolute & degrees, _DEGREE, 1.0)
+    units = np.where(task.revolute & degrees, np.pi / 180, 1.0)
     if isinstance(log, tuple) and len(log) == 2:
         given = joint_log(*log, units)
     else:
         given = read_joint_log(log, task, units)
     notes = [given.read] if given.read else []
-    notes += _units(task, given)
+    notes += unit_notes(task, given)
     if given.dropped:
         notes.append(
             f"{given.dropped} rows were left out: a number is missing, or the time is that before"
@@ -338,64 +335,6 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
             )
         return robot
     return choose_task(robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind)
-
-
-def _units(task: Task, log: JointLog) -> list[str]:
-    """Check the units, times and joint order of a log; return notes, which are sentences.
-
-    Values that look like degrees, or do not fit this arm, raise an InputError, because a verdict on
-    them would be wrong. Slight violations of joint limits, and speeds far above the limits, only
-    give a note.
-    """
-    lower, upper, q = task.lower, task.upper, log.q
-    beyond = _beyond(task, q)
-    if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
-        return []
-    worst = int(np.argmax(beyond))
-    value = float(q[np.argmax(np.abs(q[:, worst])), worst])
-    found = (
-        f"{log.name}: {task.joint_names[worst]} reaches {value:.4g}, but its limits are "
-        f"{lower[worst]:.3g} and {upper[worst]:.3g}"
-    )
-    if beyond[worst] <= _SLIGHT:
-        found = f"{log.name}: the joints are far faster than their speed limits"
-    turned = q * np.where(task.revolute, _DEGREE, 1.0)
-    within = (_beyond(task, turned) <= _SOME).all()
-    if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
-        raise InputError(f"{found}: the values look like degrees", remedy="pass degrees=True")
-    if beyond[worst] <= _SLIGHT:
-        return [f"{found}; check the times"]
-    if beyond[worst] < _SOME:
-        return [f"{found} (rad or m)"]
-    orders = {
-        "reversed": np.arange(task.n)[::-1],
-        "alphabetical": np.argsort(np.argsort(task.joint_names)),  # as ROS sorts them
-    }
-    for name, order in orders.items():
-        if not log.by_name and (_beyond(task, q[:, order]) <= _SOME).all():
-            raise InputError(
-                f"{found}: the joints seem to be in {name} order",
-                remedy="name the columns after the joints",
-            )
-    raise InputError(
-        f"{found}: the values are not those of this arm",
-        remedy="check the order of the joints, and their units",
-    )
-
-
-def _speed_ratio(task: Task, t: Array, q: Array) -> float:
-    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint.
-
-    If times are in a wrong unit, the ratio is far too large; a few outliers of the log have no such
-    effect.
-    """
-    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
-    return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.velocity_limit))
-
-
-def _beyond(task: Task, q: Array) -> Array:
-    """Compute the largest excess of each joint over its limits (n,), rad or m; 0 if none."""
-    return np.maximum(-task.limit_margin(q).min(axis=0), 0.0)
 
 
 def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:

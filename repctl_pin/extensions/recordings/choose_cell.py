@@ -18,7 +18,7 @@ from ...base.errors import InputError
 from ...base.fit_options import FitOptions
 from ...model.task import Task
 from ...strategies import Pseudoinverse
-from ..cells.cell_design import CellDesign
+from ..cells.cell_design_result import CellDesign
 from ..cells.fit.nearest_function import nearest_inverse_function
 from ..cells.function import InverseFunction
 from ..cells.geometry.cell import Cell

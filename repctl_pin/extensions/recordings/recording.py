@@ -39,7 +39,7 @@ from .checks import (
     require_radians,
 )
 from .data_sets.data_set import DataSet, is_data_set
-from .data_sets.further_joints import ACTIONS, Joints, further_joints, require_positions
+from .data_sets.further_columns import ACTIONS, Joints, further_joints, require_positions
 from .data_sets.joints import joints_of, open_data_set, places_of, require_known
 from .data_sets.lerobot import labels_of, read_info
 

@@ -20,7 +20,7 @@ from ...base.arguments import Array, file_name, flag_or_function, read_only, req
 from ...base.errors import InputError
 from ...base.fit_options import FitOptions, fit_options
 from ...base.tables import write_table
-from ..cells.cell_design import CellDesign
+from ..cells.cell_design_result import CellDesign
 from ..cells.function import InverseFunction
 from ..cells.targets import homogeneous
 from .ambiguity import Ambiguity, ambiguity

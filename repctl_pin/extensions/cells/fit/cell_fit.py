@@ -19,7 +19,7 @@ from ....base import progress as reporting
 from ....base.arguments import Array
 from ....redundancy import leaf_margin
 from ....strategies.strategy import Inverse
-from ..cell_design import CellDesign
+from ..cell_design_result import CellDesign
 from ..chart.chart import Chart
 from ..chart.monomials import Monomials
 from ..evaluate.cell_evaluation import evaluate_cell

@@ -26,7 +26,7 @@ from ....base.errors import InputError
 from ....base.fit_options import FitOptions, fit_options
 from ....base.threads import one_blas_thread
 from ....strategies.strategy import AN_INVERSE, Inverse
-from ..cell_design import CellDesign
+from ..cell_design_result import CellDesign
 from ..evaluate.cell_failures import FailureReason, round_the_base
 from ..evaluate.reach import rays
 from ..evaluate.turning import reduced

@@ -19,7 +19,7 @@ from ....base.arguments import Array
 from ....base.errors import InputError
 from ....model.bodies import bodies_of
 from ....model.task import Task
-from ..cell_design import CellDesign
+from ..cell_design_result import CellDesign
 from ..chart.chart import Chart
 from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
 from ..evaluate.margins import CandidateFunction, nearest_by_pair

@@ -25,7 +25,7 @@ from ....show.text.lines import Span, capital
 from ....show.text.numbers import metres
 from ....show.text.parts import redundant_part
 from ....strategies import Pseudoinverse
-from ..cell_design import CellDesign
+from ..cell_design_result import CellDesign
 from ..geometry.cell import Cell
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ....show.palette import INK, VERMILLION
 from ....show.plots.motions import titled
-from ..cell_design import CellDesign, Slice
+from ..cell_design_result import CellDesign, Slice
 
 _WHAT = {
     "limit_margin": ("limit margin", "viridis", 1.0),

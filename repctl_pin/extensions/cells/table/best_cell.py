@@ -28,7 +28,7 @@ from ....model.several_frames import one_frame
 from ....model.task import Task, require_task
 from ....strategies import Pseudoinverse
 from ....strategies.strategy import Inverse
-from ..cell_design import CellDesign
+from ..cell_design_result import CellDesign
 from ..evaluate.cell_failures import FailureReason
 from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 from ..fit.cell_fit import CellFit

@@ -23,7 +23,7 @@ from ....model.bodies import bodies_of
 from ....model.task import Task
 from ....motion.solve_ik import random_configurations
 from ....strategies import Pseudoinverse
-from ..cell_design import CellDesign
+from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.turning import reduced
 from ..fit.cell_fit import CellFit

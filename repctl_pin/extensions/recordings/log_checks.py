@@ -1,0 +1,80 @@
+"""Plausibility checks of a joint log: units, times, and order of the joints.
+
+A log in degrees, or with its columns in another order, would give a wrong verdict without an error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...base.arguments import Array
+from ...base.errors import InputError
+from ...model.task import Task
+from .joint_log import JointLog
+
+_SLIGHT = 0.01
+"""Distance beyond a joint limit that is not mentioned, rad or m."""
+
+_WRONG = 0.3
+"""Distance beyond a joint limit from which the values are not those of the arm, rad or m."""
+
+_TOO_FAST = 5.0
+"""Ratio of joint speed and speed limit from which times are mentioned."""
+
+
+def unit_notes(task: Task, log: JointLog) -> list[str]:
+    """Check the units, times and joint order of a log; return notes, which are sentences.
+
+    Values that look like degrees, or do not fit this arm, raise an InputError, because a verdict on
+    them would be wrong. Slight violations of joint limits, and speeds far above the limits, only
+    give a note.
+    """
+    lower, upper, q = task.lower, task.upper, log.q
+    beyond = _beyond(task, q)
+    if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
+        return []
+    worst = int(np.argmax(beyond))
+    value = float(q[np.argmax(np.abs(q[:, worst])), worst])
+    found = (
+        f"{log.name}: {task.joint_names[worst]} reaches {value:.4g}, but its limits are "
+        f"{lower[worst]:.3g} and {upper[worst]:.3g}"
+    )
+    if beyond[worst] <= _SLIGHT:
+        found = f"{log.name}: the joints are far faster than their speed limits"
+    turned = q * np.where(task.revolute, np.pi / 180, 1.0)
+    within = (_beyond(task, turned) <= _WRONG).all()
+    if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
+        raise InputError(f"{found}: the values look like degrees", remedy="pass degrees=True")
+    if beyond[worst] <= _SLIGHT:
+        return [f"{found}; check the times"]
+    if beyond[worst] < _WRONG:
+        return [f"{found} (rad or m)"]
+    orders = {
+        "reversed": np.arange(task.n)[::-1],
+        "alphabetical": np.argsort(np.argsort(task.joint_names)),  # as ROS sorts them
+    }
+    for name, order in orders.items():
+        if not log.by_name and (_beyond(task, q[:, order]) <= _WRONG).all():
+            raise InputError(
+                f"{found}: the joints seem to be in {name} order",
+                remedy="name the columns after the joints",
+            )
+    raise InputError(
+        f"{found}: the values are not those of this arm",
+        remedy="check the order of the joints, and their units",
+    )
+
+
+def _speed_ratio(task: Task, t: Array, q: Array) -> float:
+    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint.
+
+    If times are in a wrong unit, the ratio is far too large; a few outliers of the log have no such
+    effect.
+    """
+    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
+    return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.velocity_limit))
+
+
+def _beyond(task: Task, q: Array) -> Array:
+    """Compute the largest excess of each joint over its limits (n,), rad or m; 0 if none."""
+    return np.maximum(-task.limit_margin(q).min(axis=0), 0.0)
