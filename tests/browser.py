@@ -55,9 +55,12 @@ viewer.scene.traverse((node) => { if (node.isLight) node.castShadow = false; });
 viewer.render = () => {};
 repctl.picture = () => { viewer.render = draw;
   try { return picture(); } finally { viewer.render = () => {}; } };
+repctl.placed = () => { window.awake = false;
+  try { draw.call(viewer); } finally { window.awake = true; } };
 """
 """A picture costs a second in software: none is drawn but those that are asked for, and without
-shadows."""
+shadows. ``repctl.placed()`` does what a picture does, rings and labels included, but draws no
+shape."""
 
 
 def require_browser() -> None:

@@ -17,7 +17,7 @@ import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, spatial_urdf, upright_urdf
 from cell_functions import f_in_numpy, panda, tour
 from commands import main, without_pictures
-from controls import in_numpy, some
+from controls import evaluate_cells_quickly, in_numpy, some
 from design_file import checksum
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -976,6 +976,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[rp.CellDesign, Path
     few = ["--start", ",".join(6 * ["0.4"]), "--degree", "1", "--held-out", "64"]
     with pytest.MonkeyPatch.context() as patch:
         figures = without_pictures(patch)
+        evaluate_cells_quickly(patch)
         assert main([*arm, "--sector", *sizes, *few, "--out", str(folder)]) == 0
     task = rp.Robot.load(folder / "arm.urdf").task("tool", "axis")
     design = rp.load(folder / "cell.json", task)

@@ -311,6 +311,7 @@ def test_a_cut_of_a_box_that_turns_keeps_the_middle_of_the_rotation(panda_pose: 
     assert np.abs(part.solve(U).Q - whole.Q).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_singularity_is_no_fold() -> None:
     """55.1: joints 3 and 5 at 0 cover this sector, but at q = 0 J of xarm7 has no full rank."""
     task = rp.Robot.load("xarm7").task()
@@ -374,7 +375,16 @@ def test_each_axis_of_a_frame_can_point_down(axis: str, tmp_path: Path, quick_pl
         assert np.allclose(task.placement(q).translation, place.cell.at(u).translation, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", "x, the axis of joint6"),
+        pytest.param("--approach -x", "-x, as given", marks=pytest.mark.slow),
+    ],
+)
 def test_an_approach_axis_is_said_and_checked(
+    more: str,
+    said: str,
     capsys: pytest.CaptureFixture[str],
     blank_pictures: None,
     no_tours: None,
@@ -387,9 +397,8 @@ def test_an_approach_axis_is_said_and_checked(
     with pytest.raises(rp.InputError, match="leaves the rotation free"):
         rp.best_cell(rp.Robot.load("z1").task(None, "position"), 0.04, approach="x")
     options = f"--task axis --size 0.04 --down --degree 1 --held-out 64 --out {tmp_path}"
-    for more, said in (("", "x, the axis of joint6"), ("--approach -x", "-x, as given")):
-        notes = told(capsys, "cell", "z1", *options.split(), *more.split())["notes"]
-        assert f"the approach axis of the tool is {said}" in notes[1]
+    notes = told(capsys, "cell", "z1", *options.split(), *more.split())["notes"]
+    assert f"the approach axis of the tool is {said}" in notes[1]
     assert "--approach requires" in refused(capsys, "cell", "z1", "--approach", "x")
 
 

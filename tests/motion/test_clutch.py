@@ -62,7 +62,8 @@ def test_turns_beyond_half_a_turn_go_on() -> None:
         before = target.rotation
 
 
-def test_the_elbow_is_engaged_without_a_jump_and_scaled_as_the_hand() -> None:
+@pytest.mark.parametrize("rounds", some([2, 4], 2))
+def test_the_elbow_is_engaged_without_a_jump_and_scaled_as_the_hand(rounds: int) -> None:
     """Item 30.2: the level for the first point is that of the arm, wherever the elbow is."""
     axes, dt = pin.exp3(np.array([0.4, -1.0, 0.3])), 0.004
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
@@ -81,7 +82,7 @@ def test_the_elbow_is_engaged_without_a_jump_and_scaled_as_the_hand() -> None:
         Q.append(q)
         return status
 
-    for _ in range(2):
+    for _ in range(rounds):
         hand, elbow = pose(), RNG.normal(size=3)
         before = governor.q
         own = inverse.elbow(before)

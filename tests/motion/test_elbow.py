@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA
 from cell_functions import function_of
-from controls import NEEDS_C, control, iiwa
+from controls import NEEDS_C, control, iiwa, some
 
 import repctl_pin as rp
 from repctl_pin.redundancy.nullspace import nullspace
@@ -45,11 +45,12 @@ def test_the_elbow_of_another_configuration_at_the_pose_is_found(make: object, q
 
 
 @ARMS
-def test_no_elbow_of_the_self_motion_is_nearer(make: object, q0: object) -> None:
+@pytest.mark.parametrize("points", some([2, 4], 2))
+def test_no_elbow_of_the_self_motion_is_nearer(make: object, q0: object, points: int) -> None:
     """Points out of reach; the way along the self-motion is searched by steps of 0.01 rad."""
     inverse, rng = make(), np.random.default_rng(1)  # type: ignore[operator]
     task = inverse.task
-    for _ in range(2):
+    for _ in range(points):
         point = inverse.elbow(q0) + rng.normal(size=3) * 0.2
         found = inverse.leaf_toward(q0, elbow=point)
         assert np.abs(task.error(found.q, task.placement(q0))).max() < 1e-12

@@ -125,14 +125,25 @@ def boxes(k: int, width: float, count: int = 8, seed: int = 0) -> tuple[Any, Any
     return Uc, width * rng.uniform(0.3, 1, Uc.shape)
 
 
+def enclosed(chart: Any, size: float) -> None:
+    problem = cells.CellProof(turned(chart, size))
+    for width in (0.1, 1e-3):
+        ratio, share = used(problem, *boxes(chart.cell.k, width), trials=2)
+        assert ratio <= 1
+    assert share == 1
+
+
 def test_gradients_stay_in_their_enclosures(every: dict[str, Any]) -> None:
     for name, chart in every.items():
-        for size in (0.05,) if name != "sector" else (0.0,):
-            problem = cells.CellProof(turned(chart, size))
-            for width in (0.1, 1e-3):
-                ratio, share = used(problem, *boxes(chart.cell.k, width), trials=2)
-                assert ratio <= 1, name
-            assert share == 1, name
+        enclosed(chart, 0.05 if name != "sector" else 0.0)
+
+
+@pytest.mark.slow
+def test_gradients_of_two_charts_at_a_second_size_stay_in_their_enclosures(
+    every: dict[str, Any],
+) -> None:
+    enclosed(every["pose"], 0.0)
+    enclosed(every["sector"], 0.05)
 
 
 def scenarios(every: dict[str, Any]) -> Any:

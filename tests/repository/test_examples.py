@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cell_functions import function_of
+from controls import some
 from loading import EXAMPLES, PAPER, example
 from shown import FIGURES, likeness, steady
 
@@ -175,10 +176,13 @@ def test_weld(run: Run) -> None:
     assert np.ptp(slow, axis=0).max() < np.radians(8)  # of 13° without the weight
 
 
-def test_a_short_teleoperation(monkeypatch: pytest.MonkeyPatch, quick_choices: None) -> None:
-    """What the slow test holds of three cycles of both arms, of a short one."""
+@pytest.mark.parametrize("cycles", some([1, 2], 1))
+def test_a_short_teleoperation(
+    cycles: int, monkeypatch: pytest.MonkeyPatch, quick_choices: None
+) -> None:
+    """What the slow test holds of three cycles of both arms, of short ones of a panda."""
     module = example("teleoperation")
-    monkeypatch.setattr(module, "CYCLES", 1)
+    monkeypatch.setattr(module, "CYCLES", cycles)
     monkeypatch.setattr(module, "PERIOD", 3.0)
     task, q0, limits = module.arms()["panda"]
     log = module.drive(module.designed(task, q0), q0, limits)

@@ -278,8 +278,8 @@ def page(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def hand(driver: Any) -> tuple[int, int]:
-    """Where the first ring is, after a picture has put it there."""
-    driver.execute_script("repctl.picture()")
+    """Where the first ring is, after it was put there."""
+    driver.execute_script("repctl.placed()")
     ring = driver.find_element("class name", "ring").rect
     assert ring["width"] == ring["height"] == 44
     return round(ring["x"] + 22), round(ring["y"] + 22)
@@ -356,12 +356,17 @@ def test_a_loop_is_drawn_by_a_pointer(
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', again)
     (speed,) = re.findall(r'<p id="notes"><span>(.*?\(root mean square\)\.)', again)
     told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
-    again = "repctl.picture(); repctl.own.repeat(); return repctl.time"
+    again = "repctl.placed(); repctl.own.repeat(); return repctl.time"
     assert driver.execute_script(again) == 1, "on from the end of cycle 1"
     driver.execute_script("repctl.seek(10); repctl.own.report(10)")
     assert said(driver).partition(". ")[2] == told != ""
     notes = driver.execute_script("return document.getElementById('notes').textContent")
-    assert notes.startswith(speed) and "over all 10 cycles" in speed
+    # the same words; samples differ, and with them the last digit
+    digits = r"\d[\d.]*(?=\N{NO-BREAK SPACE}%)"
+    alike = re.escape(re.sub(digits, "#", speed)).replace(r"\#", digits)
+    assert re.match(alike, notes) and "over all 10 cycles" in speed, notes
+    numbers = [[float(v) for v in re.findall(digits, text)] for text in (speed, notes)]
+    assert np.allclose(numbers[0], numbers[1][: len(numbers[0])], atol=0.11)
     address = driver.execute_async_script(
         "const done = arguments[0]; repctl.pause(); setTimeout(() => done(location.href), 600)"
     )
@@ -399,7 +404,7 @@ def test_notes_take_the_room_of_what_they_say(driver: Any, page: Path) -> None:
         for dx, dy in ARC:
             led.w3c_actions.pointer_action.move_to_location(round(x + dx), round(y + dy))
         led.perform()
-        driver.execute_script("repctl.picture()")
+        driver.execute_script("repctl.placed()")
         assert driver.execute_script("return repctl.own.state") == "leading"
         assert driver.execute_script(_ROOM)[0] == before
         ActionChains(driver).release().perform()
@@ -698,20 +703,29 @@ return [...new Set(found.map(String))];
 """
 
 
-@pytest.mark.parametrize(
-    "size",
-    some([(900, 700), (720, 620), (1280, 800), (390, 844), (320, 640)], (900, 700), (320, 640)),
-)
-def test_rings_lines_and_labels_do_not_overlap(
-    driver: Any, two_hands: Path, size: tuple[int, int]
-) -> None:
-    """28.1: of two hands, at the end of every cycle, in every pane; nothing is cut."""
-    schemes(driver, width=size[0], height=size[1])
-    open_page(driver, two_hands)
+def nothing_overlaps(driver: Any) -> None:
     for cycle in (0, 1, 2):
-        driver.execute_script("repctl.seek(arguments[0]); repctl.picture()", cycle)
+        driver.execute_script("repctl.seek(arguments[0]); repctl.placed()", cycle)
         assert driver.execute_script(_WHAT_OVERLAPS) == [], cycle
     assert errors(driver) == []
+
+
+def test_rings_lines_and_labels_do_not_overlap(driver: Any, two_hands: Path) -> None:
+    """28.1: of two hands, at the end of every cycle, in every pane; nothing is cut, of a window
+    that was made small, either."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, two_hands)
+    nothing_overlaps(driver)
+    schemes(driver, width=320, height=640)
+    nothing_overlaps(driver)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(720, 620), (1280, 800), (390, 844), (320, 640)])
+def test_nothing_overlaps_at_any_size(driver: Any, two_hands: Path, size: tuple[int, int]) -> None:
+    schemes(driver, width=size[0], height=size[1])
+    open_page(driver, two_hands)
+    nothing_overlaps(driver)
 
 
 _LEAD = """

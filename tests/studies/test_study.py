@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from arms import planar_urdf
 from commands import main, printed
+from controls import some
 from matplotlib.colors import to_hex
 from page_file import read
 from said import reads
@@ -133,12 +134,14 @@ def test_the_default_start_and_circle_show_the_drift(robot: str) -> None:
     assert chosen.drift[0] > 5 * given.drift[0] and chosen.first_violation is None
 
 
-def test_the_default_region_holds_the_motion() -> None:
-    """The tube is laid round a linear design's motion, which this square's leaves for a tenth of
-    its time."""
-    study = rp.study(rp.Problem("panda", path="square:0.3", plane="xy"), cycles=1, steps=100)
-    # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
-    assert study.task.joint_names[study.elbow] in ("panda_joint3", "panda_joint4")
+@pytest.mark.parametrize("name", some(["panda", "planar4r"], "planar4r"))
+def test_the_default_region_holds_the_motion(name: str) -> None:
+    """The tube is laid round a linear design's motion, which a panda's on this square leaves for a
+    tenth of its time."""
+    study = rp.study(rp.Problem(name, path="square:0.3", plane="xy"), cycles=1, steps=100)
+    if name == "panda":
+        # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
+        assert study.task.joint_names[study.elbow] in ("panda_joint3", "panda_joint4")
     tube, motion = study.region, study.row("repeatable").motion
     off = np.abs(motion.q[:, None] - tube.samples) / tube.radius  # (T + 1, S, n)
     assert off.max(axis=2).min(axis=1).max() <= 1
