@@ -160,6 +160,21 @@ def sliding_task(folder: Path) -> rp.Task:
     return rp.Robot.load(file).task("l5", "xy")
 
 
+def sliders_task(angles: Sequence[float], folder: Path) -> rp.Task:
+    """An arm of prismatic joints alone, at these angles in a plane; its ``xy`` task is linear."""
+    text = '<robot name="sliders"><link name="l0"/>'
+    for i, angle in enumerate(angles):
+        text += (
+            f'<joint name="j{i}" type="prismatic"><parent link="l{i}"/><child link="l{i + 1}"/>'
+            f'<axis xyz="{np.cos(angle)} {np.sin(angle)} 0"/>'
+            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+            f'<link name="l{i + 1}"/>'
+        )
+    file = folder / "sliders.urdf"
+    file.write_text(text + "</robot>", encoding="utf-8")
+    return rp.Robot.load(file).task(f"l{len(angles)}", "xy")
+
+
 def chain_with_bodies(folder: Path) -> Path:
     """Three unit links in a plane; balls of 0.1 m at the root and at the tip, and a mesh that is
     not there."""

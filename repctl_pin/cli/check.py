@@ -72,6 +72,7 @@ def add_options(parser: Parser) -> None:
     add("--seed", type=natural, default=0, help="random seed of the configurations (default 0)")
     prove = "prove a lower bound of a saved design's leaf margin over its region, or over its cell"
     add("--prove", action="store_true", help=prove)
+    parser.levels("; requires --prove (default: as in the file's certificate)")
     parser.json()
 
 
@@ -86,6 +87,8 @@ def run(options: Options) -> int:
 
     if options.prove:
         return _prove(options, say)
+    if options.leaf:
+        raise InputError("--leaf requires --prove")
     case = _saved(options) if options.saved else _named(options)
     task, q0 = case.strategy.task, case.problem.start
     region = case.problem.region
@@ -132,12 +135,14 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
     design = options.load_saved()
     held = design.proof
     of_cell = held is not None and isinstance(design, rp.CellDesign)
+    radius = None if held is None else held.closes
     proof = rp.prove(
         design,
         margin=None if held is None else held.leaf_margin,
         limit_margin=held.limit_margin
         if held is not None and of_cell and np.isfinite(held.limit_margin)
         else None,
+        leaf=options.leaf or (0.0 if radius is None else radius.leaf),
         progress=in_percent(say),
     )
     against = "" if held is None or proof else _against(held, proof)

@@ -93,6 +93,7 @@ def add_options(parser: Parser) -> None:
         action="store_true",
         help="prove a lower bound of the leaf margin over Ω, for at most a minute",
     )
+    parser.levels("; requires --prove")
     add(
         "--out",
         metavar="FOLDER",
@@ -131,7 +132,7 @@ def run(options: Options) -> int:
     design, more = _with_cycle(design, problem)
     notes.extend(more)
     if options.prove:
-        design = proved(design, say)
+        design = proved(design, say, leaf=options.leaf or 0.0)
         notes.extend(_unproved(design))
 
     say("comparing and drawing")
@@ -250,6 +251,8 @@ def _check(options: Options, degree: Any) -> None:
         raise InputError("--workspace and --path are mutually exclusive")
     if options.plane is not None and options.path is None:
         raise InputError("--plane requires --path")
+    if options.leaf and not options.prove:
+        raise InputError("--leaf requires --prove")
 
 
 def _problem(options: Options, degree: Any) -> rp.Problem:

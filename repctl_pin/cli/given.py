@@ -325,14 +325,14 @@ def _named(text: str | None, option: str) -> str | list[float] | None:
     return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")
 
 
-def proved(design: D, say: Callable[[str], None]) -> D:
+def proved(design: D, say: Callable[[str], None], leaf: float = 0.0) -> D:
     """Add to a design a proof with the largest bounds that can be found in a minute.
 
     The proof bounds the leaf margin, the distance from an algorithmic singularity, over the whole
     region. A proof that was not reached is also added; it gives the reason. ``say`` receives the
-    progress.
+    progress; the levels of closed paths are within ``leaf`` of the start's.
     """
-    proof = rp.prove(design, progress=in_percent(say))
+    proof = rp.prove(design, leaf=leaf, progress=in_percent(say))
     return replace(design, proof=proof)
 
 

@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 from ..base.errors import printable, unknown
 from ..show.text.lines import fitted, terminal_width
-from .given import Options
+from .given import Options, positive
 
 KINDS = "pose, axis, position, xy, xz or yz"
 """Kinds of task, for the help of ``--task``; ``model/kind.py`` takes too long to import."""
@@ -18,7 +18,7 @@ _GROUPS = {
     "path": "path plane through blend cycles steps period acceleration jerk tool-speed keep-times "
     "rate",
     "design": "strategy potentials region shrink keep degree fourier basis weight best-leaf "
-    "limit-margin body-distance sigma-min samples held-out seed prove",
+    "limit-margin body-distance sigma-min samples held-out seed prove leaf",
     "output": "out csv yaml profile allow-violations report full json quiet",
 }
 """Groups of options, in the order of the help; other options come first."""
@@ -233,6 +233,11 @@ class Parser(argparse.ArgumentParser):
         add("--jerk", metavar="J", help=f"limit jerk too, in {jerks}; requires --acceleration")
         speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
+
+    def levels(self, default: str = "") -> None:
+        """Add --leaf, how far levels may move in a proof; ``default`` ends its help."""
+        what = "prove closed paths of hand and elbow, their levels h(q) within C of the start's"
+        self.add_argument("--leaf", type=positive, metavar="C", help=what + default)
 
     def weight(self) -> None:
         """Add --weight, the joint weights that select the inverse to check or to approximate."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import planar_task, spatial_task
+from arms import planar_task, sliders_task, spatial_task
 from controls import some
 from proofs import design_of, near_null_space, regular_start
 
@@ -189,3 +189,88 @@ def test_bad_and_far_levels_are_refused_in_one_line() -> None:
         rp.prove(design, leaf=0.1, closes=rp.circle(task, q0, 0.05))
     with pytest.raises(rp.InputError, match="requires"):
         rp.prove(design, leaf=0.1, closes=False)
+
+
+@pytest.mark.parametrize(
+    ("angles", "part", "share"),
+    [
+        ([0.1, 1.5, 0.7], 0.2, 1.0),
+        ([0.1, 1.5, 0.7], 0.2, 0.98),
+        ([0.1, 1.5, 0.7], 0.7, 1.0),
+        ([0.1, 1.5, 0.7, 2.5], 0.2, 1.0),
+        ([0.1, 1.5, 0.7, 2.5], 0.2, 0.98),
+    ],
+)
+@pytest.mark.parametrize("side", [1, -1])
+def test_levels_of_a_linear_arm_cost_exactly_their_motion(
+    angles: list[float],
+    side: int,
+    part: float,
+    share: float,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With q = q0 + G Δx + N Δc, joint i is within |G_i| ρ + |N_i| γ of its start, and no less.
+
+    The start is nearer to the faces of Ω that the joints reach at one end of the levels. A solver
+    that goes only a share of the way to a level changes nothing. The levels go a part of the way to
+    the face.
+    """
+    task, wide = sliders_task(angles, tmp_path), 0.3
+    n, r, center = task.n, task.r, np.full(task.n, 0.4)
+    V = np.linalg.svd(task.jacobian(center))[2][-r:].T + 0.2 * np.eye(n)[:, :r]
+    field = rp.Polynomial(center, 1, 1.0).weighted(V)
+    J_V = np.concatenate([task.jacobian(center), field.gradients(center[None])[0].T])
+    both = np.linalg.inv(J_V)
+    G, N = np.linalg.norm(both[:, :2], axis=1), both[:, 2:]
+    start = center + 0.02 * side * np.sign(N[:, 0])
+    cycle = rp.paths.task_path.Cycle(start, rp.circle(task, start, 0.01), 1.0)
+    solve = rp.RepeatableInverse.solve
+
+    def short(self: rp.RepeatableInverse, x: pin.SE3, q: np.ndarray, *, leaf: np.ndarray) -> object:
+        c = self.leaf(start)
+        return solve(self, x, q, leaf=c + share * (leaf - c))
+
+    monkeypatch.setattr(rp.RepeatableInverse, "solve", short)
+    left = wide - np.abs(start - center)
+    leaf = part * float((left / np.abs(N).sum(axis=1)).min())
+    left -= leaf * np.abs(N).sum(axis=1)
+
+    def closes(half: np.ndarray | float, at: np.ndarray, leaf: float) -> rp.ClosingRadius:
+        design = replace(design_of(task, field, rp.Box(at, half)), cycle=cycle)
+        return rp.prove(design, leaf=leaf, seconds=10).closes
+
+    found, exact = closes(wide, center, leaf), (left / G).min()
+    assert 0.85 * exact < found.metres <= exact
+    assert found.metres == pytest.approx(closes(left, start, 0.0).metres, rel=1e-6)
+    beyond = closes(wide, center, 1.3 * leaf / part)
+    assert beyond.metres == 0 and beyond.reason.endswith("may leave Ω")
+
+
+@pytest.mark.parametrize(
+    ("side", "wide"), [(1, 0.3), (-1, 0.3), pytest.param(1, 7.0, marks=pytest.mark.slow)]
+)
+def test_a_solver_that_jumps_to_another_configuration_is_noticed(
+    side: int, wide: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A turn of the first joint keeps pose and levels, and J_V is regular; the joints differ."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    q0, turn = np.array([0.3, 0.9, -0.4]), np.array([2 * np.pi, 0, 0])
+    waves = rp.Fourier(3, 1)
+    null = np.linalg.svd(task.jacobian(q0))[2][-1]
+    A = np.linalg.lstsq(waves.gradients(q0[None])[0], null, rcond=None)[0]
+    design = design_of(task, waves.weighted(A[:, None]), rp.Box(q0, wide))
+    before, solve = rp.prove(design, leaf=0.01, seconds=0.1).closes, rp.RepeatableInverse.solve
+    assert not before.reason.startswith("levels")
+
+    calls = iter(range(25))  # 5 cells, then 17
+
+    def jumping(self: rp.RepeatableInverse, x: pin.SE3, q: np.ndarray, *, leaf: float) -> object:
+        if next(calls, None) is None:
+            raise rp.InputError("the solver gives up")
+        found = solve(self, x, q, leaf=leaf)
+        return found + turn * (side * (leaf - self.leaf(q0))[0] > 0.0075)
+
+    monkeypatch.setattr(rp.RepeatableInverse, "solve", jumping)
+    closes = rp.prove(design, leaf=0.01, seconds=0.1).closes
+    assert closes.metres == 0 and closes.reason.endswith("not reached: the solver gives up")

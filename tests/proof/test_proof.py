@@ -233,12 +233,19 @@ def test_the_commands_prove_and_check_what_they_saved(
         "--held-out",
         "256",
     )
-    assert main(["design", *start, "--prove", "--out", str(tmp_path / "out")]) == 0
+    made = str(tmp_path / "out" / "design.json")
+    asked = ["--prove", "--leaf", "0.02", "--out", str(tmp_path / "out")]
+    assert main(["design", *start, *asked]) == 0
     said = capsys.readouterr().out
     assert "proved: planar3r" in said and "at worst, proved > " in said
-    assert main(["check", str(tmp_path / "out" / "design.json"), "--prove"]) == 0
-    said = capsys.readouterr().out
-    assert "(asked: " in said and said.startswith("proved")
+    assert "of hand and elbow within" in said and "0.02 of its levels close" in said
+    for options, leaf in (([], 0.02), (["--leaf", "0.01"], 0.01)):
+        assert main(["check", made, "--prove", *options]) == 0
+        said = capsys.readouterr().out
+        assert "(asked: " in said and said.startswith("proved")
+        assert f"{leaf} of its levels close" in said
+    for command in (["check", file], ["design", *start]):
+        assert "--leaf requires --prove" in refused(capsys, *command, "--leaf", "0.1")
     assert "mutually exclusive" in refused(capsys, "check", file, "--prove", "--region", "0.1")
     assert "requires a saved design" in refused(capsys, "check", "panda", "--prove")
 

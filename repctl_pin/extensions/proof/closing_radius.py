@@ -5,6 +5,8 @@ Within this distance, each closed path of the frame ends in the configuration it
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ...base.arguments import Array
@@ -103,11 +105,7 @@ def _at_start(
     """Enclose the joints at the pose of the start, whose levels change by ``leaf`` at most."""
     if leaf == 0:
         return Enclosure(start[None], np.zeros((1, design.task.n)), True, "")
-    found = level_boxes(design.inverse, problem, start, leaf)
-    why = found.reason
-    if not why and not (found.box < _clearance(region, found.Q)).all():
-        why = f"levels within {leaf:g} of the start's may leave Ω"
-    return Enclosure(found.Q, found.half, True, why)
+    return level_boxes(design.inverse, problem, start, leaf, partial(_clearance, region))
 
 
 def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:

@@ -59,7 +59,9 @@ _TURN, _BATCH = 0.5, 512
 @dataclass(frozen=True, eq=False)
 @read_only
 class Enclosure:
-    """Motion along a closed path: samples, and bounds on its distance from each until the next.
+    """Motion along a closed path, or joints at the levels around a start: samples, and boxes.
+
+    The boxes bound the distance from each sample until the next.
 
     Attributes
     ----------

@@ -14,17 +14,17 @@ common faces: one continuous function F(x₀, c). The theory, "Hand and elbow", 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from itertools import product
 
 import numpy as np
 
-from ...base.arguments import Array, read_only
+from ...base.arguments import Array
 from ...base.errors import InputError, SingularityError
 from ...model.joint_chain import joint_chain
 from ...strategies import RepeatableInverse
 from .chain import frames_of
-from .enclosure import ROUND, LiftBoxes
+from .enclosure import ROUND, Enclosure, LiftBoxes
 from .leaf_margin_bounds import LeafMarginProblem
 
 _CELLS = (5, 17, 65, 257, 1025)
@@ -36,40 +36,24 @@ _OVERLAP = 4.0
 """Half-width, in those of a cell, of the levels in whose box Φ is injective."""
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class Levels:
-    """Configurations at the pose of a start, one per cell of levels, and boxes around them.
-
-    Attributes
-    ----------
-    Q : (K, n) array
-        Configurations in the middles of the cells; neighbouring rows are neighbouring cells.
-    half : (K, n) array
-        Half-widths of boxes that contain F(x₀, c) for all levels c of the cell, rad or m.
-    box : (K, n) array
-        Half-widths of boxes in which Φ was bounded; they must be inside Ω.
-    reason : str
-        Reason why F(x₀, c) is not proved for all levels; empty if it is proved.
-    """
-
-    Q: Array
-    half: Array
-    box: Array
-    reason: str
-
-
 @np.errstate(all="ignore")
 def level_boxes(
-    inverse: RepeatableInverse, problem: LeafMarginProblem, start: Array, most: float
-) -> Levels:
+    inverse: RepeatableInverse,
+    problem: LeafMarginProblem,
+    start: Array,
+    most: float,
+    clearance: Callable[[Array], Array],
+) -> Enclosure:
     """Enclose the joints F(x₀, c) for all levels c within ``most`` of the start's, at its pose x₀.
 
-    The cells become smaller until each is proved. The start (n,) is in the middle of the first one.
+    The cells become smaller until each is proved, and its box is inside Ω: ``clearance`` bounds how
+    far each joint may move from configurations Q (K, n) within Ω. The start (n,) is in the middle
+    of the first cell. In the result, neighbouring rows of Q are neighbouring cells, and ``half``
+    contains F(x₀, c) for all levels c of the cell.
     """
     r = inverse.task.r
     why = f"levels within {most:g} of the start's"
-    Q = start[None]
+    Q, leaves = start[None], False
     for count in _CELLS:
         if count**r > _MOST_CELLS:
             break
@@ -78,14 +62,21 @@ def level_boxes(
         except (InputError, SingularityError) as error:
             return _refused(start, f"{why} are not reached: {error}")
         found = _proved(inverse, problem, start, cells, Q, most / count)
-        if found is not None:
-            return Levels(Q, *found, "")
+        if found is None:
+            continue
+        half, box = found
+        if (box < clearance(Q)).all():
+            return Enclosure(Q, half, True, "")
+        leaves = True
+        if not (clearance(Q) > 0).all():
+            break
+    if leaves:
+        return _refused(start, f"{why} may leave Ω")
     return _refused(start, f"{why} are not proved to be regular in {len(Q)} cells")
 
 
-def _refused(start: Array, why: str) -> Levels:
-    none = np.zeros((1, len(start)))
-    return Levels(start[None], none, none, why)
+def _refused(start: Array, why: str) -> Enclosure:
+    return Enclosure(start[None], np.zeros((1, len(start))), True, why)
 
 
 def _solved(
