@@ -240,7 +240,7 @@ class Bodies:
             return ""
         lost = any("/" in name for name in self.missing)
         remedy = "; meshes missing: --package-dir DIR" if lost else ""
-        return f"{count} {'body' if count == 1 else 'bodies'} without a shape{remedy}"
+        return f"{count} {'body' if count == 1 else 'bodies'} without a collision shape{remedy}"
 
     def hull_distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum distance between convex hulls at every row of Q (K, n): (K,), m.

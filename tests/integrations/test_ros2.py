@@ -327,7 +327,9 @@ def test_links_without_a_shape_are_refused_unless_allowed(
     few = rp.FitOptions(samples=64, held_out=64)
     design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1, options=few)
     given = ["--ros-args", "-p", "acceleration:=panda", "-p", "body_distance:=0.01"]
-    with pytest.raises(rp.InputError, match="1 body without a shape.*: panda_link5;.*unchecked"):
+    with pytest.raises(
+        rp.InputError, match="1 body without a collision shape.*: panda_link5;.*unchecked"
+    ):
         spin(design, given, threading.Event())
     stop = threading.Event()
     stop.set()

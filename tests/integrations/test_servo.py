@@ -683,7 +683,7 @@ def test_links_without_a_shape_are_refused_unless_allowed(tmp_path: Path) -> Non
         rp.Pseudoinverse(task), None, rp.Box(Q_PANDA, 0.1), degree=1, options=FEW
     )
     limits, bodies = rp.Limits(acceleration="panda"), rp.Bodies(task)
-    with pytest.raises(rp.InputError, match="1 body without a shape.*: panda_link5;"):
+    with pytest.raises(rp.InputError, match="1 body without a collision shape.*: panda_link5;"):
         Servo(design, RATE, limits, bodies=bodies)
     Servo(design, RATE, limits, bodies=bodies, unchecked="allow")
 

@@ -291,7 +291,9 @@ def test_links_without_a_shape_are_refused_unless_allowed(lacking: rp.Task) -> N
     """Item 26.5: a link whose mesh is missing was accepted in silence."""
     bodies = rp.Bodies(lacking)
     assert bodies.unchecked == ("l2",)
-    with pytest.raises(rp.InputError, match="1 body without a shape.*: l2; .*unchecked") as caught:
+    with pytest.raises(
+        rp.InputError, match="1 body without a collision shape.*: l2; .*unchecked"
+    ) as caught:
         governed(lacking, bodies=bodies)
     assert "\n" not in str(caught.value)
     with pytest.raises(rp.InputError, match="unchecked"):

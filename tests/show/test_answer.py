@@ -72,7 +72,7 @@ def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
         assert value_of(said) == pytest.approx(share, abs=5.01e-4)
     assert none == "–"
     assert answered(answer, "limits") == ["kept"] * 3 and "!" not in answer
-    assert "\nnot checked: 5 bodies without a shape\n" in answer  # issue 37, item 16
+    assert "\nnot checked: 5 bodies without a collision shape\n" in answer  # issue 37, item 16
     closes = study.design.proof.closes
     assert closes and f"\n{closes.words}: proved\n" in answer
     assert re.match(
@@ -224,7 +224,7 @@ def two_hands(file: Path) -> None:
 
 def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     """Issue 37, items 15 and 16: what the waist moves besides is measured and named, and the arm's
-    own part is not sought on the other arm; bodies without a shape are counted."""
+    own part is not sought on the other arm; bodies without a collision shape are counted."""
     two_hands(tmp_path / "two.urdf")
     robot = rp.Robot.load(tmp_path / "two.urdf")
     start = [0.1, 0.3, 0.5, 0.4]
@@ -247,7 +247,8 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     rows = two.as_dict()["strategies"]["pseudoinverse"]
     assert rows["other_ends"] == {"right_hand": pytest.approx(away, rel=1e-9)}
     assert not rows["farthest"]["link"].startswith("right_")
-    assert "not checked: 7 bodies without a shape; meshes missing: --package-dir DIR" in text
+    lacking = "7 bodies without a collision shape; meshes missing: --package-dir DIR"
+    assert f"not checked: {lacking}" in text
     assert len(two.as_dict()["not_checked"]) == 7
 
 

@@ -220,12 +220,14 @@ def test_a_winding_path_is_said_first() -> None:
 
 def test_what_is_not_checked_for_collisions_is_said() -> None:
     """Issue 37, item 16."""
-    blind = replace(USUAL, unchecked="8 bodies without a shape")
+    blind = replace(USUAL, unchecked="8 bodies without a collision shape")
     assert words(headline_of([blind, CLOSED], 10))[1].endswith(
-        "Collisions not checked: 8 bodies without a shape."
+        "Collisions not checked: 8 bodies without a collision shape."
     )
-    told = str(headline_of([replace(USUAL, unchecked="1 body without a shape"), CLOSED], 10))
-    assert told.endswith("Collisions not checked: 1 body without a shape.")
+    told = str(
+        headline_of([replace(USUAL, unchecked="1 body without a collision shape"), CLOSED], 10)
+    )
+    assert told.endswith("Collisions not checked: 1 body without a collision shape.")
 
 
 def test_a_lost_path_is_not_called_back() -> None:

@@ -513,7 +513,7 @@ def _distance(one: MotionSummary) -> str:
 
 
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write how many bodies without a shape are not checked for collisions.
+    """Write how many bodies without a collision shape are not checked for collisions.
 
     Otherwise the user could believe that such bodies are free of collisions. The list has one text;
     it is empty if all bodies are checked.

@@ -230,4 +230,4 @@ def _unchecked(study: Study) -> list[tuple[str, list[str]]]:
     The list has one row, a name and its values; it is empty if all bodies are checked.
     """
     count = len(bodies_of(study.task).unchecked)
-    return [("bodies without a shape", [f"{count}"] * len(study.rows))] * (count > 0)
+    return [("bodies without a collision shape", [f"{count}"] * len(study.rows))] * (count > 0)

@@ -60,7 +60,7 @@ export class Callouts {
     if (leading === "slides") return `from the start${grey}`;
     if (leading && arm.repeats) return "the other is measured from here";
     if (this.narrow.matches || this.panes.place(k).width < SHORT)
-      return this.isFromGrey(arm) ? `from the ${this.other(arm)} arm` : "from cycle\u00a01";
+      return this.isFromGrey(arm) ? `from the ${this.other(arm)} one` : "from cycle\u00a01";
     const first = "its place in cycle\u00a01";
     if (arm.repeats) return `from ${first}`;
     return `from ${this.isFromGrey(arm) ? "the repeatable arm" : first}${grey}`;
