@@ -20,7 +20,8 @@ _DPI = 96
 """Pixels of the page per inch of a figure."""
 
 _TABLE = (
-    "margin: 16px 24px; overflow-x: auto; font: 12px/1.4 ui-monospace, Menlo, Consolas, monospace"
+    "margin: 16px 24px; overflow-x: auto; white-space: pre; "
+    "font: 12px/1.4 ui-monospace, Menlo, Consolas, monospace"
 )
 
 

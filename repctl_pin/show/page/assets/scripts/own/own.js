@@ -895,6 +895,7 @@ export class Own {
       return { w: ring.firstChild.offsetWidth, h: ring.firstChild.offsetHeight };
     });
     if (sizes[0].w) this.inviting = sizes;
+    this.reach = ring.offsetWidth / 2 + 2; // px from the hand to the words
     const proved = this.chain.proved ? PROVED_WORDS : "";
     for (const id of ["verdict", "notes"]) {
       const text = this.looped ? LOOP_WORDS[id] + (id === "notes" ? proved : "") : LEAD_WORDS[id];
@@ -939,7 +940,7 @@ export class Own {
   // Put the words "Drag me" at a ring where they cover least, fewer if there is no room for more;
   // those of another hand only where they cover nothing.
   invite(ring, f, { x, y }, room) {
-    const out = ring.offsetWidth / 2 + 2;
+    const out = this.reach; // reading it here would lay out the page at each picture
     const places = this.inviting.flatMap(({ w, h }, short) =>
       [
         ["right", x + out, y - h / 2],
