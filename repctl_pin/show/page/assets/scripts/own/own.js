@@ -894,8 +894,10 @@ export class Own {
       ring.classList.toggle("short", short);
       return { w: ring.firstChild.offsetWidth, h: ring.firstChild.offsetHeight };
     });
-    if (sizes[0].w) this.inviting = sizes;
-    this.reach = ring.offsetWidth / 2 + 2; // px from the hand to the words
+    if (sizes[0].w) {
+      this.inviting = sizes;
+      this.reach = ring.offsetWidth / 2 + 2; // px from the hand to the words
+    }
     const proved = this.chain.proved ? PROVED_WORDS : "";
     for (const id of ["verdict", "notes"]) {
       const text = this.looped ? LOOP_WORDS[id] + (id === "notes" ? proved : "") : LEAD_WORDS[id];
