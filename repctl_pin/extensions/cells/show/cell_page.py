@@ -178,7 +178,8 @@ def _covered(design: CellDesign) -> str:
     found = design.evaluation
     if found.everywhere:
         shape = "sector" if isinstance(design.cell, Sector) else "box"
-        return f"Every pose in the {shape} has one {redundant_part(design.task)}. "
+        part = redundant_part(design.task)
+        return f"Every pose in the {shape} has one {part}, however the hand gets there. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
     most = max(causes, key=lambda stop: stop.share, default=None)
     why = "" if most is None else f": {most.what}"
@@ -195,7 +196,7 @@ def _cost(design: CellDesign) -> Span:
         for share in (design.extra_speed, design.extra_speed_worst)
     )
     return Span(
-        f"Its joint speed is {mean} above that of the {_usual(design)} control on average, "
+        f"For this, joint speed is {mean} above that of the {_usual(design)} control on average, "
         f"{worst} at worst. "
     )
 
@@ -225,8 +226,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     kept = f"kept by {least:.2g} {unit} or more{short}"
     kept = kept if np.isfinite(least) else "kept"
     ends = _turned_to_the_end(design)
-    turn = "turn up to their limits" if len(ends) > 1 else "turns up to its limits"
-    but = f"; {' and '.join(ends)} {turn}" if ends else ""
+    use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
+    but = f"; {' and '.join(ends)} {use}" if ends else ""
     if not (np.isfinite(least) or ends):
         return Span("The joints have no limits.")
     return Span(f"Joint limits {kept}{but}.")
