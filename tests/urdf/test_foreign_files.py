@@ -377,7 +377,7 @@ def test_a_cell_says_which_bodies_are_not_checked_as_a_study_does(tmp_path: Path
     robot = load(tmp_path, *lost)
     bodies = rp.Bodies(robot.task(None, "position"))
     assert len(bodies.unchecked) == 7
-    words = "not checked: 7 bodies without a shape; meshes missing: --package-dir DIR"
+    words = "not checked: 7 bodies without a collision shape; meshes missing: --package-dir DIR"
     path, out = str(tmp_path / "made.urdf"), ["--task", "position", "--out", str(tmp_path)]
     assert main(["study", path, *out, "--cycles", "1", "--steps", "40", "--degree", "1"]) == 0
     assert words in " ".join(capsys.readouterr().out.split())
