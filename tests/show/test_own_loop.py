@@ -1040,6 +1040,10 @@ return out;
 def test_the_ring_stays_at_the_torch_while_the_plate_turns(driver: Any, weld_page: Path) -> None:
     schemes(driver, width=1100, height=760)
     open_page(driver, weld_page)
+    driver.execute_script("repctl.own.slide(3)")  # the torch moves with the plate, and rests on it
+    assert "at its place on the workpiece while the arm moves" in said(driver)
+    assert driver.execute_script("return repctl.own.part") != "hand"
+    driver.execute_script("repctl.own.endGesture(); repctl.own.stand(0)")
     driver.execute_script("repctl.own.grab(0, 7, null)")
     home = np.array(driver.execute_script("return repctl.own.chain.homes[0]"))
     goals = [home + [x, y, 0] for x, y in ((0.03, 0.02), (0.08, 0.06), (0.1, 0.0), (0.05, -0.05))]

@@ -204,15 +204,20 @@ export class Own {
     for (const law of laws) law.stand(qs[zero + this.elbowAt]);
     byId("elbow").value = this.elbowAt;
     byId("level").value = this.level;
-    byId("elbow").setAttribute("aria-valuetext", this.elbowWords());
-    byId("elbow-off").textContent = formatLength(this.elbowOff());
+    const off = formatLength(this.elbowOff());
+    byId("elbow").setAttribute("aria-valuetext", `${this.part} ${off} from the start of the study`);
+    byId("elbow-off").textContent = off;
   }
 
-  // Name the slider after the part of the arm that moves most along it.
+  // Name the slider after the part of the arm that moves most along it; not after a hand, which
+  // rests, also if the workpiece on which it rests moves.
   nameSlider() {
     const { chain, arms, selves } = this;
-    const ends = [selves.qs[0], selves.qs.at(-1)].map((q) => bodiesOff(chain, arms[0], q));
-    const off = ends[0].map((v, k) => Math.max(v, ends[1][k]));
+    const [one, other] = [selves.qs[0], selves.qs.at(-1)].map((q) => bodiesOff(chain, arms[0], q));
+    const hands = chain.frames.map(({ hand }) => hand);
+    const off = arms[0].moving.map(({ shape }, k) =>
+      chain.links[shape] && hands.includes(chain.links[shape][1]) ? 0 : Math.max(one[k], other[k]),
+    );
     const most = arms[0].moving[off.indexOf(Math.max(...off))];
     this.part = most ? chain.links[most.shape][1] : "arm";
     byId("elbow-name").textContent = `Move ${shortName(this.part)}`;
@@ -222,10 +227,6 @@ export class Own {
   elbowOff() {
     const { chain, arms, laws, part } = this;
     return Math.max(0, ...bodiesOff(chain, arms[0], laws[0].start, part));
-  }
-
-  elbowWords() {
-    return `${this.part} ${formatLength(this.elbowOff())} from the start of the study`;
   }
 
   isOf(part) {
@@ -247,9 +248,11 @@ export class Own {
     this.stand(i);
     this.lead.qs = this.laws.map((law) => law.start);
     this.drawArms();
-    const text = this.chain.frames.length > 1 ? "The hands stay" : "The hand stays";
+    const { frames } = this.chain;
+    const text = frames.length > 1 ? "The hands stay" : "The hand stays";
+    const where = frames[0].base ? "at its place on the workpiece" : "at rest";
     this.write(
-      [[`${text} at rest while the arm moves: this is what redundancy is.`]],
+      [[`${text} ${where} while the arm moves: this is what redundancy is.`]],
       [["Let go, and both arms follow the path from here, the repeatable one on the leaf chosen."]],
       `${this.part} moved`,
     );
