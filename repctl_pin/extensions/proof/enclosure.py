@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,23 +183,35 @@ class _Samples(NamedTuple):
         Q: Array,
     ) -> _Samples:
         """Bound the arcs of a path from s_i to s_(i+1), and the errors of its samples Q_i."""
-        task = inverse.task
         arcs = np.array(
             [[one.arc(a, b) for one in paths_of(path) if one.arc] for a, b in pairwise(s.tolist())]
         )
-        reach = max(
-            float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames_of(task)
-        )
-        errors = task.errors(Q, [path.placement(float(x)) for x in s[:-1]])
-        off = np.linalg.norm(errors, axis=1) + ROUND * (1 + reach + np.abs(Q).max(axis=1))
-        levels = np.array([inverse.leaf(q) for q in Q])
-        size = problem.features.size + problem.round[-task.r :]
-        rounding = ROUND * size * (1 + np.abs(Q).sum(axis=1))[:, None]
-        return cls(Q, arcs * (1 + ROUND), off, np.abs(levels - levels[0]) + rounding)
+        places = [path.placement(float(x)) for x in s[:-1]]
+        off = errors_of(inverse, problem, Q, places, inverse.leaf(Q[0]))
+        return cls(Q, arcs * (1 + ROUND), *off)
 
     def part(self, at: NDArray[np.intp]) -> _Samples:
         """Select the samples with the given indices."""
         return _Samples._make(values[at] for values in self)
+
+
+def errors_of(
+    inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array, places: list[Any], c: Array
+) -> tuple[Array, Array]:
+    """Bound the errors of pose (K,) and level (K, r) at samples Q (K, n), with their rounding.
+
+    The samples should be at ``places`` and at the levels c, (r,) or (K, r).
+    """
+    task = inverse.task
+    reach = max(
+        float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames_of(task)
+    )
+    off = np.linalg.norm(task.errors(Q, places), axis=1)
+    off += ROUND * (1 + reach + np.abs(Q).max(axis=1))
+    size = problem.features.size + problem.round[-task.r :]
+    rounding = ROUND * size * (1 + np.abs(Q).sum(axis=1))[:, None]
+    levels = np.array([inverse.leaf(q) for q in Q])
+    return off, np.abs(levels - c) + rounding
 
 
 class _ProvedArcs(NamedTuple):

@@ -21,10 +21,8 @@ import numpy as np
 
 from ...base.arguments import Array
 from ...base.errors import InputError, SingularityError
-from ...model.joint_chain import joint_chain
 from ...strategies import RepeatableInverse
-from .chain import frames_of
-from .enclosure import ROUND, Enclosure, LiftBoxes
+from .enclosure import ROUND, Enclosure, LiftBoxes, errors_of
 from .leaf_margin_bounds import LeafMarginProblem
 
 _CELLS = (5, 17, 65, 257, 1025)
@@ -87,9 +85,7 @@ def _solved(
     Return the cells' indices (K, r), counted from the cell of the start, in an order in which
     neighbouring rows are neighbouring cells; and the configurations (K, n).
     """
-    task, c = inverse.task, inverse.leaf(start)
-    place = task.placements(start)
-    x = place if len(place) > 1 else place[0]
+    task, c, x = inverse.task, inverse.leaf(start), inverse.task.placements(start)
     width, side = 2 * most / count, count // 2
     solved = {(0,) * task.r: start}
     for cell in sorted(product(range(-side, side + 1), repeat=task.r), key=_far):
@@ -136,18 +132,9 @@ def _proved(
     ``cells`` (K, r) and Q (K, n) are as in :func:`_solved`.
     """
     task, bounds = inverse.task, LiftBoxes(inverse, problem, Q)
-    # how far each middle is from its pose and level
-    reach = max(
-        float(np.linalg.norm(joint_chain(part).p, axis=1).sum()) for part in frames_of(task)
-    )
-    place = task.placements(start)
-    x = place if len(place) > 1 else place[0]
-    off = np.linalg.norm(task.errors(Q, [x] * len(Q)), axis=1)
-    off += ROUND * (1 + reach + np.abs(Q).max(axis=1))
-    levels = np.array([inverse.leaf(q) for q in Q])
-    size = problem.features.size + problem.round[-task.r :]
-    level_off = np.abs(levels - inverse.leaf(start) - 2 * width * cells)
-    level_off += ROUND * size * (1 + np.abs(Q).sum(axis=1))[:, None]
+    c = inverse.leaf(start) + 2 * width * cells
+    places = [task.as_target(task.placements(start))] * len(Q)
+    off, level_off = errors_of(inverse, problem, Q, places, c)
     poses = np.repeat(off[:, None, None], 2, axis=2)
 
     # the box of the lifts in a cell, and the wider box in which Φ is injective
