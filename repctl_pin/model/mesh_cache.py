@@ -74,8 +74,9 @@ def _kept(path: Path, variant: str) -> Path | None:
         return None
     try:
         content = read_bytes(path, _LARGEST)
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        base = base if base.is_absolute() else Path.home() / ".cache"
     except (InputError, RuntimeError):  # too large; there is no home folder
         return None
     key = hashlib.sha256(f"{_VERSION} {kind} {variant} ".encode() + content).hexdigest()
-    return Path(base) / "repctl_pin" / "meshes" / f"{key}.npz"
+    return base / "repctl_pin" / "meshes" / f"{key}.npz"

@@ -438,6 +438,11 @@ def test_hulls_are_read_from_the_cache_and_never_from_a_broken_one(
         assert distance(f"damaged {k}") == first and kept.read_bytes() == whole
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
     assert distance("no cache") == first
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # the specification has it ignored
+    assert distance("at home") == first and not (tmp_path / "relative").exists()
+    assert (tmp_path / "home" / ".cache" / "repctl_pin" / "meshes" / kept.name).exists()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert distance("another mesh", radius=0.25) == pytest.approx(first - 0.05, abs=0.01)
 

@@ -327,9 +327,7 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
     """
     cell = candidate.chart.cell
     bodies, rng = bodies_of(cell.task), np.random.default_rng(seed)
-    U = cell.sample(_SAMPLED, seed)
-    U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
-    at, inside = _inside(candidate, np.concatenate([U, cell.corners()]))
+    at, inside = _inside(candidate, with_edges(cell, _SAMPLED, seed, rng))
     at = rows_of(at, inside)
     bounds = bodies._pair_bounds(at.Q)
     starts, pairs = [at.U[:0]], []
@@ -355,6 +353,17 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
         step *= rng.random(step.shape) < 0.5  # some coordinates stay, such as those at an edge
         tried = np.clip(best[:, None] + step, -1, 1)
     return best[least < np.inf]
+
+
+def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> Array:
+    """Sample poses of a cell, many of them at its edges, where bodies are nearest: (K, k).
+
+    The first ``count`` are Sobol points, of whose coordinates a third is moved to the nearer end;
+    the others are the corners.
+    """
+    U = cell.sample(count, seed)
+    U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
+    return np.concatenate([U, cell.corners()])
 
 
 def _inside(candidate: CandidateFunction, U: Array) -> tuple[Points, NDArray[np.bool_]]:

@@ -22,7 +22,7 @@ from ....model.task import Task
 from ..cell_design_result import CellDesign
 from ..chart.chart import Chart
 from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
-from ..evaluate.margins import CandidateFunction, nearest_by_pair
+from ..evaluate.margins import CandidateFunction, nearest_by_pair, with_edges
 from ..evaluate.reach import rays
 from ..evaluate.turning import expanded, narrowed
 from ..geometry.cell import Cell
@@ -355,9 +355,7 @@ def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.b
     """
     whole = expanded(chart)
     candidate = CandidateFunction.zero(whole)
-    U = whole.cell.sample(_TURNED, seed)
-    ends = np.random.default_rng(seed).random(U.shape) < 1 / 3  # bodies are nearest at the edges
-    U = np.concatenate([np.where(ends, np.sign(U), U), whole.cell.corners()])
+    U = with_edges(whole.cell, _TURNED, seed, np.random.default_rng(seed))
     near = _nearer(candidate, U, distance)
     if np.isfinite(distance) and not near.any():
         more = nearest_by_pair(candidate, seed, distance)
