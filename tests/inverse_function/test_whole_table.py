@@ -46,6 +46,26 @@ def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
         assert mask[first[0] : last[0] + 1, first[1] : last[1] + 1].all()
 
 
+def test_a_flood_with_locked_joints_contains_no_jump() -> None:
+    """A joint that winds once around a hole: floods from both sides meet at a jump."""
+
+    def solved(nodes, Q, held, iterations):
+        x, y = (nodes - 15.0).T
+        wound = np.arctan2(y, x)
+        turns = np.round((Q[:, 0] - wound) / (2 * np.pi))
+        return (wound + 2 * np.pi * turns)[:, None], np.hypot(x, y) > 4
+
+    table = SimpleNamespace(shape=(31, 31), task=SimpleNamespace(n=1), solved=solved)
+    start = np.array([[15, 25]]), np.array([[np.pi / 2]])
+    largest = []
+    for locked in (True, False):
+        (found,) = flood.flooded(table, *start, np.array([[locked]]))
+        steps = np.concatenate([np.diff(found[..., 0], axis=k).ravel() for k in (0, 1)])
+        largest.append(np.nanmax(np.abs(steps)))
+        assert np.isfinite(found[..., 0]).mean() > 0.9
+    assert largest[0] < 0.45 and largest[1] > 6  # without a lock, the self-motion can avoid it
+
+
 def test_a_window_has_the_nodes_that_are_free_at_all_its_angles() -> None:
     """Law: bodies are apart at each angle of a window, and no wider window has the same nodes."""
     rng = np.random.default_rng(7)

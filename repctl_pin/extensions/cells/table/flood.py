@@ -150,7 +150,8 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
     """Flood a table from S seeds: configurations (S, I, J, n), NaN where not reached.
 
     ``nodes`` (S, 2) and Q (S, n) are the nodes and configurations of the seeds; ``held`` (S, n) is
-    True for joints that are locked.
+    True for joints that are locked. With locked joints, a node joins a flood only if the step from
+    each of its neighbours is short: such an arm cannot avoid a jump by its self-motion.
     """
     found = np.full((len(Q), *table.shape, table.task.n), np.nan)
     seed = np.arange(len(Q))
@@ -164,9 +165,24 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
         before = found[start[:, 0], start[:, 1], start[:, 2]]
         Q, good = table.solved(beside[:, 1:], before, held[beside[:, 0]], _ITERATIONS)
         good &= np.abs(Q - before).max(axis=1) < _STEP
-        front = beside[good]
-        found[front[:, 0], front[:, 1], front[:, 2]] = Q[good]
+        front, Q = beside[good], Q[good]
+        found[front[:, 0], front[:, 1], front[:, 2]] = Q
+        jumps = held[front[:, 0]].any(axis=1) & ~_near_neighbours(found, front, Q)
+        found[front[jumps, 0], front[jumps, 1], front[jumps, 2]] = np.nan
+        front = front[~jumps]
     return found
+
+
+def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
+    """Test at which nodes (K, 3) of floods Q (K, n) is one short step from all neighbours: (K,)."""
+    near = np.ones(len(nodes), bool)
+    for way in _WAYS:
+        beside = nodes + (0, *way)
+        inside = ((beside[:, 1:] >= 0) & (beside[:, 1:] < found.shape[1:3])).all(axis=1)
+        there = found[tuple(beside[inside].T)]
+        # where a neighbour is not reached, NaN compares as near
+        near[inside] &= ~(np.abs(Q[inside] - there).max(axis=1) >= _STEP)
+    return near
 
 
 def _neighbours(found: Array, front: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
