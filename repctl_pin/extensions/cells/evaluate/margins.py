@@ -58,7 +58,8 @@ minimum."""
 
 _SAMPLED, _EDGES, _LIKELY = 4096, 1 / 3, 128
 """Number of poses at which the distances of pairs of bodies are bounded; share of their coordinates
-that are at an end; and number of poses per pair at which its distance is computed."""
+that are at an end; and number of poses with small bounds, and of others, at which the distance of a
+pair is computed."""
 
 _STARTS, _SPREAD = 3, 0.3
 """Number of poses per pair from which nearer ones are searched for, and their least difference."""
@@ -332,7 +333,8 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
     bounds = bodies._pair_bounds(at.Q)
     starts, pairs = [at.U[:0]], []
     for pair in np.flatnonzero(bounds.min(axis=0, initial=np.inf) < distance):
-        likely = np.argsort(bounds[:, pair])[:_LIKELY]
+        # the smallest bounds, which may all be on one side, and as many others with the corners
+        likely = np.union1d(np.argsort(bounds[:, pair])[:_LIKELY], np.arange(len(at.Q))[-_LIKELY:])
         found = bodies._of_pairs(at.Q[likely], np.full(len(likely), pair))
         likely = likely[np.argsort(found)]
         if found.min() < distance + _FARTHER:
